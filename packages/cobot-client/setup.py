@@ -1,10 +1,10 @@
-"""Takes the client out of the tree that this folder is in.
+"""Builds the client from the source tree that contains this folder.
 
-A package `cobot` is in the service's distribution as well. Two distributions that put the same files into one
-place break each other: the later one overwrites, and with the first that is removed the files of both are
-gone. So this one brings its `cobot` in a folder of its own, and a file `.pth` by which Python looks there for
-what it finds nowhere else: next to the service, in whatever order they came, the service's `cobot` counts,
-which has all of this and more.
+The service's distribution also has a package `cobot`. Two distributions that install the same files break
+each other: the later one overwrites them, and removing one removes the files of both. So this distribution
+installs its `cobot` in a folder of its own, with a `.pth` file that appends this folder to Python's search
+path. If the service is installed too, in either order, Python finds the service's `cobot` first, which
+includes the client.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
 
 
 class Take(build_py):
-    """In the place of the packages that setuptools would look for here."""
+    """Collects the files of the client, instead of the packages that setuptools would find here."""
 
     def run(self) -> None:
         into = Path(self.build_lib)

@@ -13,20 +13,21 @@ from cobot.types import Array, Pose
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 OFF_M, OFF_RAD = 0.005, 0.02
-"""Allowed difference between the two: more than the calibration of an arm, less than any wrong axis or
-link."""
+"""Allowed difference between the two poses, m and rad: more than the calibration error of an arm, less than
+the error of any wrong axis or link.
+"""
 REDUCED_M_S = 0.25
-"""Maximum speed of the TCP when it is moved by hand: the reduced speed of ISO 10218-1."""
+"""Maximum speed of the TCP in manual operation, m/s: the reduced speed of ISO 10218-1."""
 REDUCED_SHARE = 0.9
-"""Maximum fraction of it that a motion uses."""
+"""Maximum share of the reduced speed that a motion uses."""
 POSES = 500
 
 
 def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted | Rejected:
-    """Whether model and device may be the same arm.
+    """Check whether model and device can be the same arm.
 
     Args:
-        joints: as the device measures them, shape (dof,), rad.
+        joints: joint positions measured by the device, shape (dof,), rad.
         flange: pose of the flange that the device reports for them, in its base frame.
     """
     ours = model.forward(joints) @ model.flange_in_tcp()
@@ -35,15 +36,15 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
     if off_m <= OFF_M and off_rad <= OFF_RAD:
         return ACCEPTED
     return Rejected(
-        f"the device says that its flange is at {_said(flange)} m, the model of robot.model has it at "
+        f"the device reports its flange at {_said(flange)} m, the model of robot.model has it at "
         f"{_said(ours)} m with the same joints: {fixed(1e3 * off_m, 1)} mm and {np.degrees(off_rad):.1f} "
-        f"degrees apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Another arm, "
-        "zero position or base; robot.backend.check_pose: false leaves this out"
+        f"degrees apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Arm, zero "
+        f"position or base differ; robot.backend.check_pose: false disables this check"
     )
 
 
 def fastest(model: RobotModel) -> tuple[float, float]:
-    """Maximum speed of the TCP, m/s and rad/s, at the joints' full speed in any posture."""
+    """Maximum speed of the TCP with the joints at full speed, in any posture, m/s and rad/s."""
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
     low = np.maximum(limits.min_position, -np.pi)
@@ -58,7 +59,9 @@ def fastest(model: RobotModel) -> tuple[float, float]:
 
 
 def reduced_share(moves_m_s: float) -> float:
-    """The fraction of the joints' speed at which a TCP with this full speed keeps the reduced speed."""
+    """The share of the joints' speed at which the TCP keeps the reduced speed. `moves_m_s` is its speed at
+    full joint speed.
+    """
     return min(1.0, REDUCED_SHARE * REDUCED_M_S / moves_m_s)
 
 

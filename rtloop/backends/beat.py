@@ -1,4 +1,4 @@
-"""Assignment of packets to cycles: the newest packet counts, and a lost packet still takes its time."""
+"""Assignment of packets to cycles. The newest packet counts, and a lost packet still takes its time."""
 
 from __future__ import annotations
 
@@ -10,31 +10,34 @@ import numpy as np
 from cobot.types import Array
 
 MAX_CATCH_UP_S = 0.1
-"""Longest gap that is made up for at once; after a longer one the path continues where it was."""
+"""Maximum gap that is caught up with at once, s. After a longer one the path continues where it was."""
 OVERTAKEN = 20
-"""Number of packets behind the newest up to which a packet was overtaken. Further back, the controller has
-restarted its count."""
+"""Maximum distance behind the newest packet at which a packet counts as out of order. Further back, the
+controller has restarted its count.
+"""
 VELOCITY_S = 0.005
-"""Time constant with which the velocity, which such devices do not report, follows the measured positions."""
+"""Time constant of the filter that calculates velocities from the measured positions, s. Such devices do not
+report velocities.
+"""
 _COUNTER = 1 << 32
 PacketT = TypeVar("PacketT")
 
 
 def ahead(counter: int, of: int) -> int:
-    """By how much a sequence counter of 32 bits is ahead of another, -2**31 to 2**31 - 1."""
+    """Difference of two 32-bit sequence counters, -2**31 to 2**31 - 1. Positive if the first is ahead."""
     return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
 
 
 class Beat(Generic[PacketT]):
     """The controller's values, period by period.
 
-    If packets were lost, or have piled up while this computer was busy, the cycles between them run with
+    If packets were lost, or have accumulated while this computer was busy, the cycles between them use
     positions on a straight line between the known ones. So the path follows the device's time.
 
     Attributes:
         newest: the newest packet, None before the first.
-        position, velocity: of this cycle, shape (dof,), rad and rad/s.
-        lost: number of packets that were lost or came too late.
+        position, velocity: values of this cycle, shape (dof,), rad and rad/s.
+        lost: number of packets that were lost or arrived too late.
         due: number of cycles to run, including the one of the newest packet.
     """
 
@@ -48,12 +51,7 @@ class Beat(Generic[PacketT]):
         self._target = np.zeros(dof)
 
     def take(self, packet: PacketT, sequence: int, position: Sequence[float] | Array) -> bool:
-        """Add a packet; False for one that is older than the newest.
-
-        Args:
-            sequence: number of the packet, modulo 2**32.
-            position: measured position of the joints, shape (dof,), rad.
-        """
+        """Add a packet. Returns False for one that is older than the newest."""
         periods = 1
         if self.newest is not None:
             periods = ahead(sequence, self._sequence)
@@ -100,11 +98,11 @@ class CommandTransition:
         self._passed_s = self.FADE_S
 
     def forget(self) -> None:
-        """Forget the commands: the controller has ended its motion."""
+        """Forget the commands, because the controller has ended its motion."""
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """Continue the commands from this position, whatever they are."""
+        """Continue the commands from the interpolator's position, whatever the commands are."""
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0
 

@@ -1,8 +1,8 @@
 """The simulated arm in a cell: with a hand, parts, fixtures, belts, switches, inputs and outputs.
 
-The drives compute with the arm's own model, as they do without a cell. What is stepped is another model, the
-plant: torques go from the drives to the plant, positions and velocities come back. So the drives feel the
-hand, its load and contacts as those of a real arm do: as what their model does not explain.
+The drives compute with the arm's own model, as they do without a cell. The simulation steps another model,
+the plant. Torques go from the drives to the plant; positions and velocities come back. So the hand, its load
+and contacts appear to the drives as external effects that their model does not include, as on a real arm.
 """
 
 from libc.string cimport memcpy
@@ -124,7 +124,7 @@ cdef class CellBackend(MujocoBackend):
         self._devices.c_sense()
 
     cdef void _take_over(self) noexcept nogil:
-        """Have the arm's model go on from where the plant is."""
+        """Set the arm's model to the positions and velocities of the plant."""
         cdef size_t size = self._dof * sizeof(double)
         memcpy(self._c_data.qpos, self._c_plant.qpos, size)
         memcpy(self._c_data.qvel, self._c_plant.qvel, size)

@@ -1,4 +1,6 @@
-"""What acts and senses in a simulated cell besides the arm: the hand or cup, the belts and the switches."""
+"""The actuators and sensors in a simulated cell besides the arm: the hand or cup, the belts and the
+switches.
+"""
 
 from libc.math cimport fabs
 from libc.stdint cimport uintptr_t
@@ -48,8 +50,8 @@ cdef double OPEN_S = 0.01
 
 
 cdef class CellDevices:
-    """The hand or the cup, the belts and the switches of a plant, and their inputs and outputs. Methods that
-    begin with `c_` run in the cycle.
+    """The hand or the cup, the belts and the switches of a plant, and their inputs and outputs. Methods with
+    the prefix `c_` run in the cycle.
     """
 
     def __init__(self, plant, data, double period_s):
@@ -89,7 +91,7 @@ cdef class CellDevices:
         self.reset()
 
     cdef _add_hand(self, object plant):
-        """Prepare the drives of the hand, and how its width depends on them."""
+        """Prepare the drives of the hand, and the relation between their positions and the width."""
         hand, model = plant.hand, plant.mj
         turns = isinstance(hand, TurningHand)
         self._stroke_m, self._closed_m = hand.stroke_m, hand.closed_m
@@ -107,7 +109,7 @@ cdef class CellDevices:
         self._per_travel = 1.0 / sum(model.joint(name).range[1] for name in names)
 
     cdef _add_switches(self, object plant):
-        """Prepare the switches; their rays are in the world."""
+        """Prepare the switches. Their rays are given in the world frame."""
         cdef Switch* made
         base, body_of = plant.base, plant.mj.body
         self._switches = len(plant.cell.switches)
@@ -129,7 +131,7 @@ cdef class CellDevices:
                 made.ray.origin[axis], made.ray.direction[axis] = start[axis], direction[axis]
 
     def reset(self):
-        """Give all outputs and counters their first values."""
+        """Reset all outputs and counters to their initial values."""
         for index, point in enumerate(self._points):
             self._values[index] = point.first
         self._reported = None
@@ -155,7 +157,7 @@ cdef class CellDevices:
         """Set an output.
 
         Raises:
-            BackendError: there is none of this name, or the value is out of its range.
+            BackendError: there is no such output, or the value is out of range.
         """
         index = self._index_of(name)
         point = self._points[index]
@@ -185,8 +187,8 @@ cdef class CellDevices:
             self._model.geom_surfacevel[6 * self._belt_geom[index]] = self._values[self._belt_point[index]]
 
     cdef void _drive_hand(self) noexcept nogil:
-        """The reference of the width moves to the goal at the speed of the output, at most so far ahead of
-        the fingers that the full force acts.
+        """Move the reference of the width to the goal at the speed of the output. The reference leads the
+        fingers at most so far that the full force acts.
         """
         cdef double* position = self._data.qpos
         cdef double* velocity = self._data.qvel
@@ -219,7 +221,7 @@ cdef class CellDevices:
             self._data.qfrc_applied[dof] = min(max(pull, -limit), limit)
 
     cdef double _opening(self) noexcept nogil:
-        """How far the fingers are open: 0 is closed, 1 is open."""
+        """The opening of the fingers: 0 is closed, 1 is open."""
         cdef double moved = 0.0
         cdef int drive
         for drive in range(self._drives):
@@ -227,7 +229,7 @@ cdef class CellDevices:
         return moved * self._per_travel
 
     cdef int _step_at(self, double opening) noexcept nogil:
-        """The place in the list of widths before an opening."""
+        """The last index in the list of widths whose opening is below this one."""
         return <int>min(max(opening * self._last_width, 0.0), self._last_width - 1.0)
 
     cdef double _width(self) noexcept nogil:
@@ -245,10 +247,10 @@ cdef class CellDevices:
         ) / self._last_width
 
     cdef void _suck(self) noexcept nogil:
-        """Change the vacuum, and press the cup and what it sits on against each other.
+        """Update the vacuum, and press the cup and the body under it against each other.
 
-        The air presses on both in the middle of the lip, whose contacts carry this force. So a part comes off
-        where the arm pulls harder, and slides where friction is too small.
+        The air pressure acts on both in the middle of the lip, whose contacts carry this force. So a part
+        comes off if the arm pulls with a larger force, and slides if friction is too small.
         """
         cdef int body = -1, balls = self._covered(&body)
         cdef double share = self._values[VACUUM] / self._full_kpa, aim = 0.0, time_s = OPEN_S
@@ -267,7 +269,7 @@ cdef class CellDevices:
             self._press(body, -share * self._holding_n)
 
     cdef int _covered(self, int* body) noexcept nogil:
-        """How many balls of the lip the body touches that touches most, and which body that is."""
+        """The number of balls of the lip that touch the body with most contacts, and that body."""
         cdef const int* body_of = self._model.geom_bodyid
         cdef int touched[LIP_BALLS]
         cdef int index, ball, side, other, count, most = 0
@@ -287,7 +289,7 @@ cdef class CellDevices:
         return most
 
     cdef void _press(self, int body, double force_n) noexcept nogil:
-        """Set a force on a body, along the cup's axis, in the middle of its lip."""
+        """Apply a force to a body along the cup's axis, in the middle of the cup's lip."""
         cdef const double* turn = self._data.xmat + 9 * self._cup
         cdef const double* cup = self._data.xpos + 3 * self._cup
         cdef double* force = self._data.xfrc_applied + 6 * body
@@ -301,11 +303,12 @@ cdef class CellDevices:
         force[5] = lever[0] * force[1] - lever[1] * force[0]
 
     cdef void c_keep_grasp(self) noexcept nogil:
-        """Have held parts turn with the hand: between the two halves of a step of the plant.
+        """Make held parts turn with the hand. Called between the two halves of a step of the plant.
 
-        A contact of MuJoCo ends sliding through the acceleration J dv/dt of one body against the other. The
-        true one is J dv/dt + dJ/dt v, and in a hand on an arm dJ/dt v is the centripetal acceleration, some
-        m/s². Left out, it makes the part creep outwards, by some 0.1 mm in each transport.
+        A contact of MuJoCo controls sliding through the acceleration J dv/dt of one body relative to the
+        other. The true acceleration is J dv/dt + dJ/dt v. In a hand on an arm, dJ/dt v is the centripetal
+        acceleration, some m/s². If it is neglected, the part creeps outwards by about 0.1 mm in each
+        transport.
         """
         cdef const int* body_of = self._model.geom_bodyid
         cdef int index, first, second
@@ -320,11 +323,12 @@ cdef class CellDevices:
                 self._keep(&self._data.contact[index])
 
     cdef void _keep(self, const mjContact* contact) noexcept nogil:
-        """Take the share of dJ/dt v off a contact's reference that makes up for it.
+        """Subtract a share of dJ/dt v from a contact's reference acceleration, so that the part does not
+        slide.
 
         A contact damps sliding u = J v by the rate b: J v after a step of h is u - h (b u + share dJ/dt v),
-        and dJ/dt v adds h dJ/dt v to u before the next one. In the middle of a step nothing slides, once
-        this is steady, if the share is 1 - h b / 2.
+        and dJ/dt v adds h dJ/dt v to u before the next one. In the steady state there is no sliding in the
+        middle of a step if the share is 1 - h b / 2.
         """
         cdef double step = self._model.opt.timestep
         # b = 2 / (dmax timeconst), as MuJoCo computes it, whose time constant is never below two steps.
@@ -391,7 +395,7 @@ cdef class CellDevices:
         self._values[MOVING] = self._still_cycles < self._cycles_to_rest
 
     cdef double _look(self, const Ray* ray) noexcept nogil:
-        """The distance to what is in front, m; the ray's length if nothing is nearer."""
+        """The distance to the nearest body along the ray, m; the ray's length if there is none."""
         cdef int geom = -1
         cdef double found = mj_ray(
             self._model, self._data, ray.origin, ray.direction, NULL, 1, -1, &geom, NULL

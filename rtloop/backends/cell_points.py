@@ -1,4 +1,4 @@
-"""The inputs and outputs of a simulated cell: their names, kinds, ranges and first values."""
+"""The inputs and outputs of a simulated cell: their names, kinds, ranges and initial values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from cobot.cell.cell import COUNT, CUP, HAND, SPEED, SUCTION, VACUUM, Cell, Dist
 from cobot.robot.io_points import MAX_DIGITAL, IoKind, IoPoint
 
 HAND_POINTS = 6
-"""Points of the hand, which are the first: width, speed, force; measured width, measured force, moving."""
+"""Number of points of the hand, which come first: width, speed, force; measured width, measured force,
+moving.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +19,7 @@ class CellPoint:
     """An input or output of the cell.
 
     Attributes:
-        first: its value at the start.
+        first: initial value.
         low, high: range of an output.
     """
 

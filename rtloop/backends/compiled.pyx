@@ -1,4 +1,6 @@
-"""What the cycle and a compiled backend share: the measured values, reading and writing without Python."""
+"""The common parts of the cycle and a compiled backend: the measured values, and reading and writing without
+Python.
+"""
 
 from types import FunctionType
 
@@ -46,7 +48,9 @@ cdef class CompiledBackend:
         return self.c_write(doubles(command, 3 * self._dof)) == 0
 
     cdef double* _values_of(self, Measured measured) except NULL:
-        """Raises ValueError: they are those of an arm with other joints."""
+        """The values as an array in C. Raises ValueError: they belong to an arm with another number of
+        joints.
+        """
         if measured.dof != self._dof:
             raise ValueError(f"measured values of {measured.dof} joints, not {self._dof}")
         return measured.c_values

@@ -1,5 +1,6 @@
-"""Inputs and outputs of a device that takes whole motions: the thread that polls the device passes them
-on."""
+"""Inputs and outputs of a device that executes whole motions. The thread that polls the device passes them
+on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DrivenIo:
-    """A `HasIo` that never makes a cycle wait."""
+    """A `HasIo` that never delays a cycle."""
 
     def __init__(self, device: HasIo) -> None:
         self._device = device
@@ -29,7 +30,9 @@ class DrivenIo:
         self._wanted.append((name, value))
 
     def ask(self) -> None:
-        """One turn of the thread. If the device refuses or does not report them, the reason is logged."""
+        """One iteration of the thread. If the device rejects or does not report the inputs and outputs, the
+        reason is logged.
+        """
         try:
             while self._wanted:
                 self._device.set_output(*self._wanted.popleft())

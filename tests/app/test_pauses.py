@@ -80,7 +80,7 @@ def test_a_motion_that_was_being_planned_does_not_begin_later(
         assert answer.json()["code"] == "planning_timeout"
     else:
         assert answer.status_code == 503
-        assert "stood still" in answer.json()["detail"]
+        assert "was suspended" in answer.json()["detail"]
 
 
 def test_a_stop_is_carried_out_whenever_it_was_asked_for(service: VirtualService) -> None:

@@ -141,8 +141,7 @@ class PositionService:
             return f"has {len(position.joints)} joints, this arm has {dof}"
         if not all(map(math.isfinite, position.joints)):
             return f"has joints that are not numbers: {shown(position.joints)}"
-        return "" if position.name == name else f"has the name {shown(position.name)}, which another "
-        f"position has too"
+        return "" if position.name == name else f"has the other name {shown(position.name)} inside"
 
     def _set_aside(self, why: str) -> None:
         aside = next(

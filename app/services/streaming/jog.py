@@ -1,13 +1,13 @@
-"""Jogging: the arm moves while the client repeats its request several times a second, as far as is safe.
+"""Jogging: the arm moves while the client repeats its request several times a second, within safe limits.
 
-Each frame asks for velocities, of the joints or of the TCP. They become joint targets of a streaming session,
-so that all that keeps a stream within limits keeps a jog too. Before that, here, the velocity is made smaller
-the nearer a joint is to its limit, or the arm to something: with what is left of the way, exponentially, so
-that neither is reached. All joints are slowed down alike, which keeps the direction.
+Each frame requests velocities of the joints or of the TCP. They become joint targets of a streaming session,
+so all limits of streaming sessions apply. In addition, this module reduces the velocity the nearer a joint is
+to its limit, or the arm to an obstacle. The approach is exponential, so neither is reached. All joints are
+slowed down by the same factor, which keeps the direction.
 
-The session ends, and the arm with it, when it is let go, when the client is silent for `SILENCE_S`, and when
-the session is ended by others. In the last case the client has to let go before it can begin again: a button
-that is still held must not restart what a stop has ended.
+The session ends and the arm stops when the client releases it, when no frame arrives for `SILENCE_S`, and
+when the session is ended from outside. In the last case the client has to release before it can begin again,
+because a button that is still held must not restart the arm after a stop.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from cobot.types import Array
 SILENCE_S = 0.2
 """Time without a frame of the client after which the jog ends, s."""
 PERIOD_S = 0.02
-"""A target follows the last one after this time."""
+"""Interval between targets, s."""
 MAX_STEP_S = 0.05
-"""When the service itself was late, the way of no more than this is caught up with."""
+"""Maximum time that one target covers, s, if the service itself was late."""
 SMOOTHING_S = 0.15
-"""Time constant with which the velocity follows what is asked for."""
+"""Time constant with which the velocity follows the requested one, s."""
 MAX_LEAD_RAD = 0.1
-"""Maximum lead of the targets over the arm, rad or m; then the targets wait for the arm."""
+"""Maximum lead of the targets over the arm, rad or m. Beyond it the targets wait for the arm."""
 LET_GO = "the client has let go"
 SILENT = f"no jog frame for {SILENCE_S:g} s: let go, then press again"
 
 
 @dataclass(frozen=True, slots=True)
 class JogCommand:
-    """What is asked for: velocities of the joints, or of the TCP.
+    """A jog command: velocities of the joints, or of the TCP.
 
     Attributes:
         joints: velocities of the joints, shape (dof,), rad/s or m/s; None: `twist` moves the TCP.
         twist: velocity of the TCP, shape (6,), m/s and rad/s; used if there are no joints.
-        in_tool: the twist's axes are the TCP's, not those of the base frame.
+        in_tool: whether the twist is given along the axes of the TCP frame; if not, of the base frame.
     """
 
     joints: Array | None
@@ -59,11 +59,11 @@ class JogCommand:
 
 @dataclass(frozen=True, slots=True)
 class JogAnswer:
-    """How it goes.
+    """The state of a jog.
 
     Attributes:
-        share: of the velocity that was asked for, as the arm is asked to move.
-        limited_by: why that is not all of it; "" if it is.
+        share: commanded velocity as a share of the requested one.
+        limited_by: reason why the share is below 1; "" if it is not.
     """
 
     share: float
@@ -80,7 +80,7 @@ class Jog:
         streams: StreamService,
         ended: Callable[[str], None],
     ) -> None:
-        """ended: told why, when a jog has ended and the arm rests."""
+        """ended: called with the reason when a jog has ended and the arm is at rest."""
         self._link = link
         self._streams = streams
         self._ended = ended
@@ -95,14 +95,14 @@ class Jog:
         self._let_go = False
 
     async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
-        """Go on with this velocity for `SILENCE_S`; the first one begins a session.
+        """Jog with this velocity for `SILENCE_S`. The first command begins a session.
 
         Args:
-            name: of the client, for people.
-            timeout_s: for rtloop's answer.
+            name: displayed name of the client.
+            timeout_s: timeout for rtloop's answer, s.
 
         Raises:
-            InputError: not as many joints as the robot has.
+            InputError: the number of joints is wrong.
             ConflictError, NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         self._limits.check(command.joints)
@@ -111,7 +111,7 @@ class Jog:
             return JogAnswer(0.0, self._spent)
         if self._task is not None:
             if self._session is not None and self._session.over:
-                return JogAnswer(0.0, "the arm comes to rest first")
+                return JogAnswer(0.0, "the arm must come to rest first")
             self._command = command
             return self._answer
         request = nominal_session(self._streams.info)
@@ -131,19 +131,19 @@ class Jog:
         return self._answer
 
     def release(self) -> None:
-        """The client has let go: the arm comes to rest."""
+        """End the jog, because the client has released it. The arm stops."""
         self._spent = ""
         self._let_go = True
         if self._session is not None:
             self._session.end(LET_GO)
 
     def close(self) -> None:
-        """The client has gone."""
+        """End the jog, because the client has disconnected."""
         if self._session is not None:
             self._session.end("the connection to the client was lost")
 
     async def _run(self, session: StreamSession) -> None:
-        """Sends targets until the session is over, then waits until the arm rests."""
+        """Send targets until the session ends, then wait until the arm is at rest."""
         try:
             sequence, before_s = 0, self._link.clock.now_s()
             while True:
@@ -167,7 +167,7 @@ class Jog:
         self._ended("" if reason == LET_GO else reason)
 
     def _step(self, session: StreamSession, sequence: int, step_s: float) -> None:
-        """The next target."""
+        """Send the next target."""
         assert self._command is not None
         wanted = self._limits.wanted(self._command.joints, self._command.twist, self._position, self._in_tool)
         gain = step_s / (SMOOTHING_S + step_s)
@@ -190,11 +190,11 @@ class Jog:
         self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
 
     def _obstacle(self, here: Array) -> str:
-        """What the real-time loop slows the arm down for, in words."""
+        """The reason in words why the real-time loop slows the arm down."""
         section = self._streams.section
         within_m = section.collision_margin_m + section.slow_down_m
         near = self._limits.nearest(here, self._velocity, within_m)
-        return near or "something slows it down or holds it"
+        return near or "an unknown cause slows it down or holds it"
 
     @property
     def _in_tool(self) -> bool:

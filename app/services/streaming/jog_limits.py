@@ -1,4 +1,6 @@
-"""How fast a jog may be where the arm is: the joints' limits, the TCP's speed, singularities, obstacles."""
+"""Maximum speed of a jog at the arm's position: limits of the joints and of the TCP's speed, singularities,
+obstacles.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +18,23 @@ JOINT_SHARE = 0.5
 """Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
 """Maximum velocity towards a limit, as a multiple of the distance that is left: an exponential approach, the
-velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away, where that would take too much
-acceleration, the deceleration is constant."""
+velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away this would require too much deceleration,
+so the deceleration is constant there.
+"""
 JOINT_ROOM = 0.01
-"""From a joint's limit, rad or m, this much stays free, so that a planned motion may begin there."""
+"""Distance from a joint's limit that is kept free, rad or m, so that a planned motion can begin there."""
 OBSTACLE_ROOM_M = 0.003
-"""Likewise, beyond the margin of planned motions."""
+"""Distance from obstacles that is kept free in addition to the margin of planned motions, m."""
 FAR_M = 0.3
-"""What is further is no obstacle at the velocities of a jog."""
+"""Distance above which an obstacle is ignored, m, because of the low velocities of a jog."""
 LOOK_S = 0.01
-"""How far ahead it is looked to see what comes nearer, and how fast."""
+"""Look-ahead time for which the approach to obstacles is calculated, s."""
 APPROACH_M_S = 1e-3
-"""What comes nearer more slowly does not come nearer."""
+"""Approach speed up to which an obstacle counts as not approaching, m/s."""
 SINGULAR = 0.06
-"""Below it a singular value of the Jacobian is damped, m/rad or 1."""
+"""Threshold of the singular values of the Jacobian, m/rad or 1. Smaller ones are damped."""
 SLOWED = 0.98
-"""What is less than this share is worth a reason."""
+"""Share below which a reason is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,8 @@ class LimitedVelocity:
 
     Attributes:
         velocity: shape (dof,), rad/s or m/s.
-        share: of what was asked for.
-        reason: why it is not all of it, "" if it is.
+        share: velocity as a share of the requested one.
+        reason: reason why the share is below 1, "" if it is not.
     """
 
     velocity: Array
@@ -53,15 +56,15 @@ class JogLimits:
     """Limits of a jog of one robot. They use the model's scratch memory, like the service's kinematics."""
 
     def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
-        """stream: limits of the session's joints; those of the robot if None."""
+        """stream: limits of the session's joints; None: those of the robot."""
         self._robot = robot
         self._rates = stream or robot.limits
 
     def check(self, joints: Array | None) -> None:
-        """Refuse velocities of another number of joints.
+        """Reject velocities with a wrong number of joints.
 
         Raises:
-            InputError: with how many there are.
+            InputError: the number is wrong; the error has the right one.
         """
         if joints is not None:
             vector(joints, self._robot.limits.dof, name="joints")
@@ -69,11 +72,11 @@ class JogLimits:
     def wanted(
         self, joints: Array | None, twist: Array | None, position: Array, in_tool: bool
     ) -> LimitedVelocity:
-        """What is asked for as joint velocities, slowed down to the speed limits where it is too fast.
+        """The joint velocities for a request, reduced to the speed limits.
 
         Args:
             joints, twist, in_tool: see `JogCommand`.
-            position: of the joints, shape (dof,).
+            position: joint positions, shape (dof,).
 
         Raises:
             InputError: neither joints nor a twist.
@@ -91,14 +94,14 @@ class JogLimits:
             size = max(float(np.dot(asked, asked)), 1e-300)
             share = float(np.clip(np.dot(done, asked) / size, 0.0, 1.0))
             if share < SLOWED:
-                reason = "the arm is near a singularity, where it cannot move like that"
+                reason = "the arm is near a singularity, where it cannot move in this direction"
         else:
             raise InputError("a jog frame has joints or a twist")
         fast = self._too_fast(velocity, jacobian)
         return LimitedVelocity(velocity * fast, share * fast, reason)
 
     def _too_fast(self, velocity: Array, jacobian: Array) -> float:
-        """The share of it that is within the speed limits."""
+        """The share of a velocity that is within the speed limits."""
         fastest = np.minimum(JOINT_SHARE * self._robot.limits.max_velocity, self._rates.max_velocity)
         of_joints = (np.abs(velocity) / fastest).max()
         of_tcp = np.linalg.norm(jacobian[:3] @ velocity) / TCP_M_S
@@ -109,7 +112,9 @@ class JogLimits:
         return float(1.0 / max(1.0, (np.abs(acceleration) / self._rates.max_acceleration).max()))
 
     def share(self, position: Array, velocity: Array) -> tuple[float, str]:
-        """How much of a velocity is safe here, 0 to 1, and why it is not all of it, "" if it is."""
+        """The share of a velocity that is safe at this position, 0 to 1, and the reason why it is below 1, ""
+        if it is not.
+        """
         share, reason = self._of_limits(position, velocity)
         near, why = self.of_obstacles(position, velocity)
         if near < share:
@@ -129,7 +134,9 @@ class JogLimits:
         return float(shares[joint]), why
 
     def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
-        """How much of a velocity is safe for the surroundings' sake, and why it is not all of it."""
+        """The share of a velocity that is safe with respect to obstacles, and the reason why it is below
+        1.
+        """
         here, closing = self._approach(position, velocity, FAR_M)
         room = here - self._robot.collision.margin_m - OBSTACLE_ROOM_M
         slowing = (self._rates.max_acceleration / np.maximum(np.abs(velocity), 1e-9)).min()
@@ -142,8 +149,9 @@ class JogLimits:
         return float(shares[pair]), self._distance(pair, here)
 
     def nearest(self, position: Array, velocity: Array, within_m: float) -> str:
-        """The two parts nearest to each other of those that approach each other, and their distance; "" if
-        there are none."""
+        """The nearest pair of parts that approach each other, and their distance, in words; "" if there is
+        none.
+        """
         here, closing = self._approach(position, velocity, within_m)
         distances = np.where(closing > APPROACH_M_S, here, np.inf)
         if not (distances < within_m).any():
@@ -151,7 +159,7 @@ class JogLimits:
         return self._distance(int(distances.argmin()), here)
 
     def _approach(self, position: Array, velocity: Array, farthest_m: float) -> tuple[Array, Array]:
-        """The distance of each pair, m, and how fast it shrinks, m/s."""
+        """The distance of each pair, m, and the speed at which it decreases, m/s."""
         rows = np.stack([position, position + LOOK_S * velocity])
         here, there = self._robot.collision.clearance.distances(rows, farthest_m)
         return here, (here - there) / LOOK_S
@@ -162,7 +170,7 @@ class JogLimits:
 
 
 def allowed_speed(room: Array, deceleration: Array) -> Array:
-    """How fast something may approach what is `room` away, m or rad: see `RATE_PER_S`.
+    """Maximum speed of approach at a distance `room`, m or rad: see `RATE_PER_S`.
 
     The deceleration, in the same unit per s², is never exceeded on the way.
     """
@@ -172,8 +180,8 @@ def allowed_speed(room: Array, deceleration: Array) -> Array:
 
 
 def damped(jacobian: Array, twist: Array) -> Array:
-    """The least joint velocities for a twist, shape (dof,); near a singularity less than that, instead of
-    ever more.
+    """The smallest joint velocities for a twist, shape (dof,). Near a singularity they are damped, because
+    the exact ones would grow without bound.
 
     Args:
         jacobian: shape (6, dof).

@@ -1,8 +1,7 @@
-"""Pulling a link of the simulated arm, as a hand does, while it is guided by hand.
+"""Pulling a link of the simulated arm during freedrive, as a hand pulls a real arm.
 
-A facility of the simulation alone: a real arm is pulled by a real hand. The simulation bounds the force and
-ends each pull by itself `cobot.ipc.layout.PULL_S` after the last frame, whatever has become of client and
-service.
+Only the simulation supports it. The simulation limits the force, and ends each pull `cobot.ipc.layout.PULL_S`
+after the last frame, even if client and service have died.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ class Pulling:
 
         Args:
             link: name of a body that the joints move.
-            point: of the link, in its frame, m.
-            target: where it is pulled to, in the base frame, m.
+            point: point of the link, in the link's frame, m.
+            target: position to which it is pulled, in the base frame, m.
 
         Raises:
             NotSupportedError: the backend moves a real arm, or is another simulation. The error names it.
@@ -47,13 +46,13 @@ class Pulling:
             raise ConflictError(f"the arm cannot be pulled: {exc}") from exc
 
     async def let_go(self) -> None:
-        """End the pull of this client, if it pulls."""
+        """End the pull of this client, if there is one."""
         if self._pulls:
             self._pulls = False
             await self._link.commands.pull("")
 
     def close(self) -> None:
-        """The client has gone."""
+        """End the pull, because the client has disconnected."""
         if self._pulls:
             self._task = asyncio.create_task(self._end(), name="end of a pull")
 
@@ -66,7 +65,9 @@ class Pulling:
     def _require_simulation(self) -> None:
         named = self._link.device()
         if named is None:
-            raise ConflictError("what the robot's backend can do cannot be read: try again in a second")
+            raise ConflictError(
+                "the capabilities of the robot's backend cannot be read: try again in a second"
+            )
         backend, device = named
         if device.capabilities.hardware:
             raise NotSupportedError(

@@ -1,7 +1,8 @@
-"""Paths on which a tool in contact looks for a hole or an edge: offsets from where it touched.
+"""Patterns along which a tool in contact searches for a hole or an edge, as offsets from the place of
+contact.
 
-A pattern is a function of the way that the TCP has gone along it. It answers the offset across the direction
-of the push (m) and the rotation vector of the tool across it (rad), or None where the pattern ends.
+A pattern is a function of the distance along it. It returns the offset across the direction of the push (m)
+and the rotation vector of the tool across it (rad), or None at the end of the pattern.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SearchOffset:
-    """Along the two axes across the direction of the push: m, and a rotation vector in rad."""
+    """An offset along the two axes across the direction of the push, m, and a rotation vector about them,
+    rad.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -23,16 +26,18 @@ class SearchOffset:
 
 Search = Callable[[float], SearchOffset | None]
 LEVER_M = 0.05
-"""A tilt by an angle counts as this lever's way, so that one speed fits all patterns."""
+"""Lever of a tilt, m: tilting by an angle counts as this lever's distance, so that one speed fits all
+patterns.
+"""
 LEANINGS = 12
-"""Directions in which a tilt leans over, one after the other."""
+"""Number of directions into which a tilt leans, one after the other."""
 
 
 def spiral(radius_m: float, pitch_m: float) -> Search:
     """An Archimedean spiral outwards: r = a φ, with a = pitch / 2π.
 
-    A way s reaches φ = √(1 + 2 s / a) - 1. The speed along the spiral is then √(1 + φ²) / (1 + φ) times that
-    of s: from 71 % to 100 %.
+    The distance s reaches φ = √(1 + 2 s / a) - 1. The speed along the spiral is then √(1 + φ²) / (1 + φ)
+    times that of s, which is from 71 % to 100 %.
     """
     last = 2.0 * math.pi * radius_m / pitch_m
 
@@ -47,7 +52,9 @@ def spiral(radius_m: float, pitch_m: float) -> Search:
 
 
 def raster(radius_m: float, pitch_m: float) -> Search:
-    """Lines along x across a square of side 2 · radius, from its corner; first the way to that corner."""
+    """Lines along x across a square of side 2 · radius, from its corner. The pattern begins with a line to
+    that corner.
+    """
     side = 2.0 * radius_m
     lines = math.floor(side / pitch_m) + 1
     to_corner = math.hypot(radius_m, radius_m)
@@ -67,7 +74,7 @@ def raster(radius_m: float, pitch_m: float) -> Search:
 
 
 def tilt(angle_rad: float) -> Search:
-    """Lean over and back in each of `LEANINGS` directions, opposite ones after each other."""
+    """Lean over and back in each of `LEANINGS` directions. Opposite directions follow each other."""
     once = 2.0 * angle_rad * LEVER_M
 
     def offset(way_m: float) -> SearchOffset | None:

@@ -1,7 +1,7 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
-`cobot.servo.protocol` has the protocol's rules, rtloop has the modes, and this module connects them. The life
-of a session is in `servo_sessions`, its points are in `servo_points`, its wrench is in `servo_wrench`.
+This module connects the protocol's rules in `cobot.servo.protocol` with the modes in rtloop. `servo_sessions`
+has the life of a session, `servo_points` its points, `servo_wrench` its wrench.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FAR_POINT = (
 
 
 class ServoService:
-    """One robot's servo sessions: one at a time, and while there is one it owns the motion.
+    """One robot's servo sessions, one at a time. A session holds the claim on the arm.
 
     Attributes:
         rules: the protocol's state and counts.
@@ -59,35 +59,37 @@ class ServoService:
         self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
 
     def restore_limits(self) -> None:
-        """Go by the robot's position limits as they are now."""
+        """Use the robot's present position limits."""
         limits = self._robot.limits
         self.rules.limit_positions(limits.min_position.tolist(), limits.max_position.tolist())
 
     @property
     def active(self) -> bool:
-        """Whether points are taken."""
+        """Whether a session accepts points."""
         return self.rules.active
 
     @property
     def reason(self) -> str:
-        """Why the last session has ended, or could not begin; "" while one is under way."""
+        """Reason why the last session has ended, or could not begin; "" while a session is open."""
         return self._sessions.reason
 
     @property
     def session(self) -> int:
-        """The number of what was asked for last."""
+        """The number of the last requested session."""
         return self._sessions.generation
 
     def holds(self, session: int) -> bool:
-        """Whether this session is still the one that takes points."""
+        """Whether this session is still the one that accepts points."""
         return self.rules.active and self.session == session
 
     async def handle(self, text: str) -> None:
-        """One message of /{robot}/joint_cmd; what is refused is counted, see `feedback`."""
+        """Handle one message of /{robot}/joint_cmd. A rejected one is counted, see `feedback`."""
         self.receive(text)
 
     def receive(self, text: str) -> None:
-        """The same, at once. A session begins in the background; points that come meanwhile wait for it."""
+        """Like `handle`, but without waiting. A session begins in the background; points that arrive
+        meanwhile wait for it.
+        """
         message = self.rules.read(text)
         if not isinstance(message, Point):  # of points, the session has its entries
             audit.note("joint_cmd", message=text)
@@ -116,20 +118,21 @@ class ServoService:
         stops: int | None = None,
         owner: str = "",
     ) -> int:
-        """Begin a session, after the one before has ended at rest; mode 0 only ends that.
+        """Begin a session, after the previous one has ended and the arm is at rest. Mode 0 only ends the
+        previous one.
 
         Args:
-            watchdog_s: without a point for so long, the session ends; 0 for 0.5 s.
-            send_period_s: how often points come; 0 for the control period.
-            stops: `RobotLink.stops` when the session was asked for, if that was not now.
+            watchdog_s: time without a point after which the session ends, s; 0 for 0.5 s.
+            send_period_s: interval between points, s; 0 for the control period.
+            stops: `RobotLink.stops` at the time of the request; None: now.
             owner: the only client that may send its points; "" for any client.
 
         Returns:
-            what `holds` asks for.
+            the number of the session, for `holds`.
 
         Raises:
             InputError: the mode does not exist, or a time is out of range.
-            ConflictError: another client moves the arm, or a stop has overtaken the request.
+            ConflictError: another client moves the arm, or a stop was requested after the session.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         try:
@@ -145,7 +148,7 @@ class ServoService:
         return number
 
     async def end(self, reason: str = "ended by its owner") -> None:
-        """End the session; returns when the arm rests."""
+        """End the session. Returns when the arm is at rest."""
         await self._sessions.end(reason)
 
     async def point(
@@ -158,14 +161,15 @@ class ServoService:
         gain: float = 0.0,
         owner: str = "",
     ) -> None:
-        """A point of the session: joints in rad, or [x, y, z, rx, ry, rz]; 0 is the default for the rest.
+        """Send a point to the session: joint angles in rad, or [x, y, z, rx, ry, rz]. The other values are 0
+        by default.
 
         Args:
             owner: see `begin`.
 
         Raises:
             ConflictError: there is no session, the buffer is full, or another client has control.
-            LimitError, UnreachableError, InputError: the target is impossible, with the reason.
+            LimitError, UnreachableError, InputError: the target is impossible; the error has the reason.
         """
         self._streams.require_control()
         try:
@@ -181,7 +185,9 @@ class ServoService:
             raise _error(exc) from None
 
     def feedback(self) -> dict[str, Any]:
-        """What the session is doing, and what was refused since it began; counts without a session stay."""
+        """State of the session, and the points that were rejected since it began. Without a session, the
+        counts of the last one.
+        """
         rules = self.rules
         counts = dict.fromkeys(("points_taken", "points_dropped", "points_buffered", "underruns"), 0)
         with contextlib.suppress(UnavailableError):
@@ -211,12 +217,12 @@ class ServoService:
         }
 
     def close(self) -> None:
-        """Let go; rtloop ends the session with this process."""
+        """Stop sending points. rtloop ends the session when this process ends."""
         self._sessions.close()
 
 
 def _error(broken: BrokenRule) -> CobotError:
-    """What a caller of `ServoService.point` understands."""
+    """The error for the caller of `ServoService.point`."""
     match broken.kind:
         case Refusal.NOT_ACTIVE | Refusal.OVERRUN:
             return ConflictError(str(broken))

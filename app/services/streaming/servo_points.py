@@ -1,4 +1,6 @@
-"""Servo points on their way to rtloop: inverse kinematics, and the wait for a session that is to begin."""
+"""Servo points on their way to rtloop: inverse kinematics, and the wait for a session that has not begun
+yet.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,13 @@ from cobot.servo.protocol import Point, ServoRules
 from cobot.types import Array
 
 FAILURE_COST = 4.0
-"""Pause after an inverse kinematics that has failed, as a multiple of its duration. Without it, a stream of
-points out of reach would keep the service busy."""
+"""Pause after a failed inverse kinematics, as a multiple of its duration. Without it, many unreachable points
+would keep the service busy.
+"""
 
 
 class PointInverse:
-    """Joint angles of points, each the nearest to those of the point before."""
+    """Inverse kinematics of points. Each solution is the nearest to that of the previous point."""
 
     def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
@@ -36,25 +39,22 @@ class PointInverse:
         self._not_before_s = 0.0
 
     def restart(self) -> None:
-        """The next point is the first one: it continues from where the arm is commanded to be."""
+        """Restart: the next point is the first one and continues from the arm's commanded position."""
         self._before = None
 
     def accept(self, joints: Sequence[float]) -> None:
-        """A point has become a target: the next one continues from it. rad, shape (dof,)."""
+        """Note the accepted joint angles, rad, shape (dof,). The next point continues from them."""
         self._before = np.array(joints)
 
     def joints(self, point: Point) -> Sequence[float]:
-        """rad, shape (dof,).
-
-        Raises:
-            BrokenRule: out of reach, or not tried.
-        """
+        """The joint angles of a point, rad, shape (dof,). Raises BrokenRule: out of reach, or not tried."""
         if not point.cartesian:
             return point.position
         begun_s = time.perf_counter()  # What it costs to compute is no matter of the service's clock.
         if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
-                Refusal.INVERSE_KINEMATICS, "not tried: the inverse kinematics of the point before has failed"
+                Refusal.INVERSE_KINEMATICS,
+                "not tried: the inverse kinematics of the previous point has failed",
             )
         x, y, z, rx, ry, rz = point.position
         try:
@@ -69,7 +69,7 @@ class PointInverse:
 
 
 class ServoPoints:
-    """Takes points, keeps those that come before their session has begun, and counts what is refused."""
+    """Accepts points, keeps those that arrive before their session has begun, and counts rejected ones."""
 
     def __init__(
         self, link: RobotLink, rules: ServoRules, inverse: PointInverse, wrench: ServoWrench
@@ -82,27 +82,27 @@ class ServoPoints:
 
     @property
     def waiting(self) -> int:
-        """How many points wait for the session to begin."""
+        """The number of points that wait for the session to begin."""
         return len(self._waiting)
 
     def drop(self) -> int:
-        """Forget the points that wait; returns how many there were."""
+        """Drop the waiting points, and return their number."""
         dropped = len(self._waiting)
         self._waiting.clear()
         return dropped
 
     def begin(self, session: StreamSession) -> None:
-        """A session has begun: it gets the points that have waited for it."""
+        """Pass the waiting points on to a session that has begun."""
         self._writer.begin(session.number)
         self._wrench.begin(session)
         while self._waiting:
             self._pass_on(*self._waiting.popleft(), session)
 
     def take(self, point: Point, session: StreamSession | None) -> None:
-        """Pass a point on to the session, or have it wait for one.
+        """Pass a point on to the session, or keep it until the session begins.
 
         Raises:
-            BrokenRule: it is refused, and counted.
+            BrokenRule: the point is rejected and counted.
         """
         try:
             if session is not None and session.over:
@@ -121,7 +121,7 @@ class ServoPoints:
         self._rules.accept(point)
 
     def _pass_on(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
-        """A point that has waited, and was accepted."""
+        """Pass on a point that has waited and was already accepted."""
         try:
             self._put(joints, point, session)
         except BrokenRule as exc:

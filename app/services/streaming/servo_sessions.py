@@ -1,4 +1,6 @@
-"""The life of servo sessions: each begins after the one before has come to rest, and ends for one reason."""
+"""The life of servo sessions. Each begins after the previous one has come to rest, and ends for one
+reason.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from cobot.servo.protocol import ServoRules, SetMode
 NAME = "a servo session"
 OPEN_TIMEOUT_S = 2.0
 PATIENCE_S = 0.5
-"""How long a session waits for a motion that has just arrived to let go of the arm."""
+"""Timeout for a motion that has just arrived to release its claim on the arm, s."""
 RETRY_S = 0.02
 FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
 
@@ -30,11 +32,11 @@ log = logging.getLogger("cobot.servo")
 
 
 class ServoSessions:
-    """One robot's servo sessions, one at a time. Each request for one is a generation of its own.
+    """One robot's servo sessions, one at a time. Each request gets a number, its generation.
 
     Attributes:
-        generation: the number of what was asked for last.
-        reason: why the last session has ended, or could not begin; "" while one is under way.
+        generation: number of the last request.
+        reason: reason why the last session has ended, or could not begin; "" while a session is open.
     """
 
     def __init__(
@@ -61,26 +63,27 @@ class ServoSessions:
 
     @property
     def current(self) -> StreamSession | None:
-        """The session that was asked for last, once it has begun; not one that comes to its end."""
+        """The last requested session, once it has begun; None once it is ending."""
         return self._session if self._belongs_to == self.generation else None
 
     @property
     def phase(self) -> str:
-        """In a word, as the feedback has it."""
+        """The phase of the session, as a word of the feedback."""
         if not self._rules.active:
             return "idle" if self._session is None else "closing"
         return "opening" if self.current is None else "active"
 
     def request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
-        """Leave the session, and begin another unless that is mode 0; the task is done when it has begun.
+        """Leave the present session, and begin another one unless the mode is 0. The task is done when the
+        new one has begun.
 
         Args:
-            stops: `RobotLink.stops` when it was asked for; None for now.
+            stops: `RobotLink.stops` at the time of the request; None: now.
             owner: the only client that may send its points; "" for any client.
         """
         before, session = self._task, self._session
         ends = request.mode is ServoMode.NONE
-        self.leave("ended by mode 0" if ends else "another session was asked for")
+        self.leave("ended by mode 0" if ends else "another session was requested")
         if not ends:
             self._rules.begin(request, owner)
             self.reason = ""
@@ -91,7 +94,7 @@ class ServoSessions:
         return self._task
 
     def leave(self, reason: str, *, at_once: bool = True) -> None:
-        """No points are taken any more, and the arm comes to rest: at once, or after the points it has."""
+        """Accept no further points. The arm stops at once, or after the points that it already has."""
         self.generation += 1
         self._points.drop()
         if self._rules.active:
@@ -103,7 +106,7 @@ class ServoSessions:
             self._session.finish(reason)
 
     async def end(self, reason: str) -> None:
-        """End the session; returns when the arm rests."""
+        """End the session. Returns when the arm is at rest."""
         session = self._session
         self.leave(reason)
         if self._task is not None:
@@ -112,7 +115,7 @@ class ServoSessions:
             await asyncio.shield(session.ended)
 
     def close(self) -> None:
-        """Let go; rtloop ends the session with this process."""
+        """Stop sending points. rtloop ends the session when this process ends."""
         for task in (self._task, *self._followers):
             if task is not None:
                 task.cancel()
@@ -137,19 +140,21 @@ class ServoSessions:
         except CobotError as exc:
             if generation == self.generation:
                 self._fail(str(exc))
-            log.warning("%sservo mode %d was refused: %s", self._link.label, request.mode, exc)
+            log.warning("%sservo mode %d was rejected: %s", self._link.label, request.mode, exc)
             raise
         follower = asyncio.create_task(self._follow(session, generation, request.mode))
         self._followers.add(follower)
         follower.add_done_callback(self._followers.discard)
         self._session, self._belongs_to = session, generation
         if generation != self.generation:
-            session.end("another session was asked for, or none")
+            session.end("another session or mode 0 was requested")
             raise ConflictError("the servo session was ended while it began")
         self._points.begin(session)
 
     async def _begin(self, request: SetMode, stops: int) -> StreamSession:
-        """Ask rtloop, which refuses a request overtaken by a stop. Wait for an owner that is releasing."""
+        """Request the session from rtloop, which rejects it if a stop was requested later. First wait for a
+        claim that is being released.
+        """
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
             await self._force.lend()
@@ -169,7 +174,7 @@ class ServoSessions:
             raise
 
     def _fail(self, reason: str) -> None:
-        """Refuse the points that wait for the session, because it could not begin."""
+        """Reject the points that wait for the session, because it could not begin."""
         self.reason = reason
         self._rules.end()
         lost = self._points.drop()
@@ -190,11 +195,11 @@ class ServoSessions:
 
 
 def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) -> np.ndarray:
-    """What rtloop is asked for: a record of `cobot.ipc.layout.session_dtype`.
+    """The request to rtloop: a record of `cobot.ipc.layout.session_dtype`.
 
     Args:
-        info: of `cobot.ipc.layout.info_dtype`.
-        force: served by the modes with force control, while it is enabled.
+        info: record of `cobot.ipc.layout.info_dtype`.
+        force: settings of force control, for the modes with force control while it is enabled.
     """
     asked = nominal_session(info)
     asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s
@@ -207,6 +212,6 @@ def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) ->
 
 
 def _consume_error(task: asyncio.Task[None]) -> None:
-    """Its error was told already."""
+    """Ignore the task's error, which has already been reported."""
     if not task.cancelled():
         task.exception()

@@ -1,4 +1,4 @@
-"""The wrench that force control wants, for the servo sessions that exert one."""
+"""Passes the wrench of force control on to servo sessions with force control."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ServoWrench:
         self._sequence = 0
 
     def begin(self, session: StreamSession) -> None:
-        """Tell a session that has just begun."""
+        """Send the wrench to a session that has just begun."""
         self._told = settings = self._force.settings
         if session.stream is not Stream.CARTESIAN:
             return
@@ -33,6 +33,6 @@ class ServoWrench:
             session.take_setpoint(self._sequence, setpoint)
 
     def update(self, session: StreamSession) -> None:
-        """Tell it again if the settings are others by now."""
+        """Send the wrench again if the settings have changed."""
         if self._force.settings is not self._told:
             self.begin(session)

@@ -1,4 +1,4 @@
-"""Streaming sessions of remote clients: one at a time, and it owns the motion."""
+"""Streaming sessions of remote clients, one at a time. A session holds the claim on the arm."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ from cobot.types import RESTING, LoopMode
 
 MAX_CONNECTIONS = 32
 SHOWN_CYCLES = 2
-"""Cycles after which a state shows a session that rtloop has agreed to, unless it has ended by then."""
+"""Number of cycles after which the state must show an accepted session, unless the session has already
+ended.
+"""
 
 log = logging.getLogger("cobot.streams")
 
@@ -44,12 +46,12 @@ class StreamSession:
     """One session, from its acceptance by rtloop until the arm is at rest.
 
     Attributes:
-        number, stream: those of the session in rtloop.
-        name: its client, for people.
-        setpoint: the newest accepted one.
-        refused: frames that came out of order.
-        over: why targets are no longer followed; "" while they are.
-        ended: done when the arm rests, with the reason.
+        number, stream: number and kind of the session in rtloop.
+        name: displayed name of the client.
+        setpoint: the newest accepted setpoint.
+        refused: number of frames that arrived out of order.
+        over: reason why targets are no longer followed; "" while they are.
+        ended: future that is done when the arm is at rest; its result is the reason.
         tell: called once with a message if the first target is too far from the arm.
     """
 
@@ -69,15 +71,15 @@ class StreamSession:
         self._first = first
 
     def take_setpoint(self, sequence: int, setpoint: np.ndarray) -> None:
-        """Follow this from now on.
+        """Follow this setpoint from now on.
 
         Args:
-            sequence: of the client's frames; it increases.
-            setpoint: `cobot.ipc.layout.setpoint_dtype`.
+            sequence: number of the client's frame, which must increase.
+            setpoint: record of `cobot.ipc.layout.setpoint_dtype`.
 
         Raises:
-            InputError: it makes no sense, with what and why; nothing has changed.
-            MotionStopped: the session is over, with the reason.
+            InputError: the setpoint is invalid; nothing has changed.
+            MotionStopped: the session is over; the error has the reason.
         """
         self._require_next(sequence)
         check_setpoint(setpoint, self.stream)
@@ -88,8 +90,8 @@ class StreamSession:
         self._first.note(setpoint)
 
     def report_refusal(self, state: np.ndarray) -> None:
-        """Tell the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target is
-        refused.
+        """Inform the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target
+        is rejected.
         """
         refusal = self._first.refusal(self.number, state)
         if refusal:
@@ -97,7 +99,7 @@ class StreamSession:
             self.tell(refusal)
 
     def take_chunk(self, sequence: int, chunk: np.ndarray) -> None:
-        """The same, of `cobot.ipc.layout.chunk_dtype`."""
+        """Like `take_setpoint`, with a record of `cobot.ipc.layout.chunk_dtype`."""
         self._require_next(sequence)
         check_chunk(chunk, self.stream)
         chunk["session"] = self.number
@@ -105,7 +107,7 @@ class StreamSession:
         self._writer.chunk(chunk)
 
     def estop(self) -> None:
-        """Have the arm come to rest, latched."""
+        """Latch an e-stop; the arm stops."""
         if self.ended.done():
             raise ConflictError(
                 "the session has ended: only the streaming client may request an e-stop here; use POST /stop"
@@ -113,7 +115,9 @@ class StreamSession:
         self._writer.estop()
 
     def end(self, reason: str = "the client has ended the session") -> None:
-        """Have the arm come to rest; `ended` tells when it does. Nothing happens when it is over."""
+        """End the session; the arm stops. `ended` is set when it is at rest. Does nothing if the session is
+        over.
+        """
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.end()
@@ -133,10 +137,10 @@ class StreamSession:
 
 
 class StreamService:
-    """Begins sessions and sees them to their end, whatever becomes of their clients.
+    """Begins sessions and follows them to their end, even if their clients die.
 
     Attributes:
-        session: the one that is under way, or None.
+        session: the present session, or None.
     """
 
     def __init__(
@@ -155,9 +159,9 @@ class StreamService:
 
     @property
     def info(self) -> np.ndarray:
-        """The robot as rtloop has described it last: the flange changes with the tool.
+        """rtloop's last description of the robot. The flange-to-TCP transform in it changes with the tool.
 
-        Zeros until there is a description, which may be after the service has begun.
+        All zeros until rtloop has written a description, which may be after the start of the service.
         """
         block = self._link.memory.info
         if (sequence := block.sequence) != self._info_sequence:
@@ -179,13 +183,9 @@ class StreamService:
 
     @contextlib.contextmanager
     def connection(self) -> Iterator[None]:
-        """Count a connection.
-
-        Raises:
-            UnavailableError: there are too many.
-        """
+        """Context of a connection, which is counted. Raises UnavailableError: there are too many."""
         if self._connections >= MAX_CONNECTIONS:
-            raise UnavailableError(f"{MAX_CONNECTIONS} connections stream already")
+            raise UnavailableError(f"{MAX_CONNECTIONS} streaming connections are already open, the maximum")
         self._connections += 1
         try:
             yield
@@ -211,18 +211,18 @@ class StreamService:
         """Begin a session.
 
         Args:
-            request: `cobot.ipc.layout.session_dtype`.
-            name: of the client, for people.
-            timeout_s: for rtloop's answer.
-            stops: `RobotLink.stops` when the session was asked for, if that was not now.
+            request: record of `cobot.ipc.layout.session_dtype`.
+            name: displayed name of the client.
+            timeout_s: timeout for rtloop's answer, s.
+            stops: `RobotLink.stops` at the time of the request; None: now.
             caller: the caller of a session that is a job.
 
         Raises:
             InputError: the request is invalid.
             ConflictError: another client moves the arm or streams. The error names it.
-            NotReadyError: ESTOP or FAULT.
-            ExecutionError: rtloop refuses, with its reason.
-            UnavailableError: it does not answer.
+            NotReadyError: the mode is ESTOP or FAULT.
+            ExecutionError: rtloop rejects the session; the error has the reason.
+            UnavailableError: rtloop does not answer.
         """
         check_session(request, self.info)
         last = self.session
@@ -258,7 +258,7 @@ class StreamService:
         return session
 
     def estop(self, session: StreamSession) -> None:
-        """Latch an e-stop on behalf of the streaming client; the arm comes to rest."""
+        """Latch an e-stop on behalf of the streaming client; the arm stops."""
         session.estop()
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
@@ -269,12 +269,12 @@ class StreamService:
         )
 
     def close(self) -> None:
-        """Let go of a session that has not ended; rtloop ends it with this process."""
+        """Leave a session that has not ended. rtloop ends it when this process ends."""
         for task in self._tasks:
             task.cancel()
 
     async def _begin(self, number: int, timeout_s: float) -> None:
-        """Wait until rtloop has agreed, and a state shows it: the session, or that it has ended already."""
+        """Wait until rtloop has accepted the session and a state shows that it has begun or already ended."""
         deadline_s = self._link.clock.now_s() + timeout_s
         agreed_cycle: int | None = None
         while True:
@@ -290,7 +290,7 @@ class StreamService:
             await asyncio.sleep(POLL_S / 2)
 
     async def _follow(self, session: StreamSession, claim: Claim, belongings: contextlib.ExitStack) -> None:
-        reason = "the service ends"
+        reason = "the service is shutting down"
         try:
             with belongings:
                 reason = await self._end(session, claim)
@@ -302,7 +302,7 @@ class StreamService:
             audit.note("session ended", session=session.number, reason=reason)
 
     async def _end(self, session: StreamSession, claim: Claim) -> str:
-        """Why the session has ended, once it has."""
+        """The reason for the end of the session, once it has ended."""
         while True:
             try:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""The columns of observations and actions: the joints, and then the gripper."""
+"""The columns of observations and actions: first the joints, then the gripper."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from cobot.client.states import GripperReading
 SUFFIX = ".pos"
 WIDTH = "gripper.pos"
 OBSERVED = (WIDTH, "gripper.commanded_pos", "gripper.force", "gripper.held")
-"""The gripper in an observation: widths, m; N; 1 while it holds an object, else 0."""
+"""Columns of the gripper in an observation: widths in m, force in N, and 1 while it holds an object,
+otherwise 0.
+"""
 
 
 def observed(reading: GripperReading) -> dict[str, float]:
-    """The columns of a reading. What the gripper does not know is 0."""
+    """The columns of a gripper reading. Values that the gripper does not report are 0."""
     held = float(reading.object.is_held)
     numbers = (reading.known_width, reading.target_width, reading.known_force, held)
     return dict(zip(OBSERVED, numbers, strict=True))

@@ -1,4 +1,4 @@
-"""What LeRobot's command line says of the arm: `--robot.type=cobot --robot.url=...`."""
+"""The configuration of the arm on LeRobot's command line: `--robot.type=cobot --robot.url=...`."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lerobot.robots import RobotConfig
 class CobotRobotConfig(RobotConfig):
     """
     Attributes:
-        url: of the service, or of one of its robots: http://HOST:8007/robots/NAME.
-        token: if it asks for one; without it COBOT_TOKEN counts.
-        joints: the names of its joints, in their order.
-        gripper: its gripper is observed and moved, too; a robot without one cannot be connected then.
-        rate_hz: of LeRobot's loop, 1 to 1000.
-        interpolation: between two actions: quintic, ruckig or linear.
-        cameras: of LeRobot's own kinds, by name.
+        url: URL of the service, or of one of its robots: http://HOST:8007/robots/NAME.
+        token: access token, if the service requires one. Default: the environment variable COBOT_TOKEN.
+        joints: names of the robot's joints, in their order.
+        gripper: whether the gripper is observed and moved too. The robot must then have a gripper.
+        rate_hz: rate of LeRobot's loop, 1 to 1000.
+        interpolation: interpolation between two actions: quintic, ruckig or linear.
+        cameras: LeRobot's camera configurations, by name.
     """
 
     url: str = "http://localhost:8007"

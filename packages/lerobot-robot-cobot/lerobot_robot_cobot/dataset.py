@@ -1,6 +1,6 @@
 """LeRobot's dataset from episodes that cobot has recorded (`python -m cobot.learning record`).
 
-The service's distribution, cobot, has to be installed too: it reads the files.
+The service's distribution, cobot, must be installed too, because it reads the files.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
 
     Args:
         root: a folder that does not exist yet.
-        videos: pictures as videos; else as single files.
+        videos: whether pictures are stored as videos; if not, as single files.
 
     Returns:
         LeRobot's dataset.
 
     Raises:
-        ValueError: there are none, or they do not fit each other, naming the file.
-        cobot.errors.InputError: a file is no episode.
+        ValueError: there are no episodes, or a file does not match the others; the error names it.
+        cobot.errors.InputError: a file is not an episode.
     """
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -70,7 +70,7 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
 
 
 def _numbers(episode: Any, index: int) -> dict[str, Any]:
-    """State and action of a frame: the joints, and then the gripper if the robot has one."""
+    """State and action of a frame: first the joints, then the gripper if the robot has one."""
     state, action = episode.position[index], episode.action[index]
     if episode.gripper:
         seen = episode.gripper[index]
@@ -99,12 +99,16 @@ def _features(episode: Any, videos: bool) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """`cobot-to-lerobot FOLDER EPISODE...`; the exit status."""
+    """`cobot-to-lerobot FOLDER EPISODE...`. Returns the exit status."""
     parser = argparse.ArgumentParser("cobot-to-lerobot", description=__doc__)
-    parser.add_argument("root", type=Path, metavar="FOLDER", help="of the dataset; to be made")
+    parser.add_argument(
+        "root", type=Path, metavar="FOLDER", help="folder of the dataset, which must not exist yet"
+    )
     parser.add_argument("files", type=Path, nargs="+", metavar="EPISODE.mcap")
-    parser.add_argument("--repo-id", default="local/cobot", help="what LeRobot calls it (%(default)s)")
-    parser.add_argument("--images", action="store_true", help="single pictures in place of videos")
+    parser.add_argument(
+        "--repo-id", default="local/cobot", help="LeRobot's name of the dataset (%(default)s)"
+    )
+    parser.add_argument("--images", action="store_true", help="store single pictures instead of videos")
     chosen = parser.parse_args(arguments)
     try:
         dataset = to_dataset(chosen.files, chosen.repo_id, chosen.root, videos=not chosen.images)

@@ -1,8 +1,8 @@
-"""LeRobot's robot: observations are joint angles and pictures, actions are the wanted joint angles, rad.
-With a gripper both have its width, m.
+"""A robot for LeRobot. Observations are joint angles and pictures, actions are target joint angles, rad. With
+a gripper both also have its width, m.
 
-What is sent goes through cobot's stream (docs/streaming.md of cobot): no action makes the arm jerk, leave its
-limits or run into what its service knows.
+Actions are sent through cobot's streaming interface (docs/streaming.md of cobot). Whatever the actions are,
+the arm moves smoothly, stays within its limits and avoids the obstacles in the service's scene.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lerobot_robot_cobot.config_cobot import CobotRobotConfig
 
 
 class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
-    """One arm of a service that runs.
+    """One arm of a running service.
 
     Args:
         connect: makes the streaming client from the URL and the token.
@@ -65,7 +65,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
 
     @property
     def is_calibrated(self) -> bool:
-        """The arm's controller knows its joints."""
+        """Always true: the arm's controller knows its joint positions."""
         return True
 
     def calibrate(self) -> None: ...
@@ -76,11 +76,11 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         """Begin a session with the arm, and open the cameras.
 
         Raises:
-            DeviceAlreadyConnectedError: it is.
-            DeviceNotConnectedError: the service or rtloop refuses, with the reason.
+            DeviceAlreadyConnectedError: the robot is already connected.
+            DeviceNotConnectedError: the service or rtloop rejects the session; the error has the reason.
         """
         if self._robot is not None:
-            raise DeviceAlreadyConnectedError(f"{self} is connected already")
+            raise DeviceAlreadyConnectedError(f"{self} is already connected")
         with self._in_words():
             self._robot = self._connect(self.config.url, self.config.token)
             try:
@@ -112,7 +112,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         """Joint angles, rad, the gripper, and a picture of each camera.
 
         Raises:
-            DeviceNotConnectedError: it is not connected, or the arm does not answer.
+            DeviceNotConnectedError: the robot is not connected, or the arm does not answer.
         """
         with self._in_words():
             state = self._session().get_state()
@@ -120,7 +120,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         if self.config.gripper:
             if state.gripper is None:
                 raise DeviceNotConnectedError(
-                    f"{self.config.url}: the gripper has not been read yet; GET /robot/gripper tells why"
+                    f"{self.config.url}: the gripper has not been read yet; GET /robot/gripper has the reason"
                 )
             seen |= observed(state.gripper)
         for name, camera in self.cameras.items():
@@ -128,11 +128,11 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         return seen
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Aim the joints and the gripper; what they were aimed at.
+        """Set the targets of the joints and the gripper. Returns the targets.
 
         Raises:
-            ValueError: a joint is missing, or is no number.
-            DeviceNotConnectedError: the session has ended, with the reason.
+            ValueError: a joint is missing or not a number.
+            DeviceNotConnectedError: the session has ended; the error has the reason.
         """
         missing = [name for name in self.action_features if name not in action]
         if missing:
@@ -145,7 +145,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         return target
 
     def disconnect(self) -> None:
-        """The arm comes to rest and is free for others; may be called again."""
+        """Stop the arm and release it for other clients. May be called again."""
         robot, self._robot, self._control, self._fingers = self._robot, None, None, None
         if robot is not None:
             robot.close()

@@ -1,9 +1,10 @@
-"""A Franka arm. Its own controller holds joint positions; with an impedance, torques of this backend hold it.
+"""A Franka arm. Without an impedance, its own controller controls the joint positions; with an impedance,
+this backend sends torques.
 
-The robot is externally clocked: it sends its state a thousand times per second and takes the command that
-follows. It replaces a late command by motion at constant acceleration, and `Bridge` continues from there.
-A reflex, the user stop and a lost connection end the control: that is a fault. A reset recovers from it,
-with a new connection if the last one is lost.
+The robot is externally clocked: it sends its state a thousand times per second and expects a command after
+each. It replaces a late command by motion at constant acceleration, and `Bridge` continues from there. A
+reflex, the user stop and a lost connection end the control and cause a fault. A reset recovers from the
+fault, with a new connection if the old one is lost.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.001
 REST_RAD_S = 0.02
-"""Speed below which the arm is at rest."""
+"""Maximum speed of a joint at which the arm counts as at rest, rad/s."""
 
 
 class FrankaBackend:
-    """See `rtloop.backends`: `Backend`, `Paced`, `Reporting`, `Stepwise`, `ImpedanceControlled` and
-    `CarriesTool`.
+    """The backend for a Franka arm. It implements these protocols of `rtloop.backends`: `Backend`, `Paced`,
+    `Reporting`, `Stepwise`, `ImpedanceControlled` and `CarriesTool`.
     """
 
     Options: ClassVar[type[FrankaOptions]] = FrankaOptions
@@ -145,7 +146,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
-        """Its own controller holds the arm; brakes are closed in Desk."""
+        """End the control. The robot's own controller holds the arm; the brakes are closed in Desk."""
         if self._link.control is not None:
             with contextlib.suppress(BackendError), self._link.in_words():
                 self._end()
@@ -157,7 +158,7 @@ class FrankaBackend:
     # Paced, Reporting
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the robot's next state. libfranka waits in its own way, with its own timeout."""
+        """Wait for the robot's next state. libfranka itself waits, with its own timeout."""
         self._receive()
         return True
 
@@ -168,7 +169,7 @@ class FrankaBackend:
         mode = state.robot_mode.name
         return DeviceStatus(
             connection="connected",
-            quality=f"{100.0 * state.control_command_success_rate:.0f} % of the commands come in time",
+            quality=f"{100.0 * state.control_command_success_rate:.0f} % of the commands arrive in time",
             safety_stop=REFUSALS["UserStopped"] if mode == "UserStopped" else "",
             drives=MODES.get(mode, mode),
             packets_lost=self._lost_packets,
@@ -179,8 +180,9 @@ class FrankaBackend:
     # ImpedanceControlled, CarriesTool
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Switch between positions and torques: at rest, the robot's control ends and another begins.
-        Takes some cycles."""
+        """Switch between positions and torques. The arm must be at rest: the robot's control ends and another
+        begins. This takes some cycles.
+        """
         if impedance is not None and self._impedance is not None:
             self._impedance = impedance
             self._giving.use(impedance)
@@ -206,9 +208,12 @@ class FrankaBackend:
         return FrankaRig(settings, limits)
 
     def _prepare(self) -> Iterator[bool]:
-        """One step of making the robot controllable and sending its settings: False if there are more
-        steps. pylibfranka blocks the whole interpreter until the robot has replied, for some tens of
-        milliseconds. So each step is one command, with cycles in between."""
+        """Execute one step of making the robot controllable and sending its settings. Returns False if there
+        are more steps.
+
+        pylibfranka blocks the whole interpreter until the robot has replied, for some tens of milliseconds.
+        So each step is one command, with cycles in between.
+        """
         mode = self._state.robot_mode.name
         if mode in REFUSALS:
             raise BackendError(REFUSALS[mode])
@@ -227,13 +232,13 @@ class FrankaBackend:
         yield False
 
     def _tell_tool(self) -> None:
-        """The load in the frame of the flange, in addition to what Desk calls the end effector."""
+        """Send the load in the flange frame, in addition to the end effector that is set in Desk."""
         tool = self._tool
         inertia = tool.inertia_matrix.ravel(order="F").tolist()
         self._link.robot.set_load(tool.mass, list(tool.centre), inertia)
 
     def _start(self) -> None:
-        """Begin to control the robot from its own reference."""
+        """Begin to control the robot, from its own reference position."""
         if self._impedance is None:
             mode = self._franka.ControllerMode.JointImpedance
             self._link.control = self._link.robot.start_joint_position_control(mode)
@@ -245,7 +250,7 @@ class FrankaBackend:
         self._periods = 1
 
     def _end(self) -> None:
-        """End the control; the arm rests, and the robot holds it."""
+        """End the control. The arm is at rest, and the robot holds it."""
         control, self._link.control = self._link.control, None
         if self._impedance is None:
             last = self._franka.JointPositions(self._bridge.sent[0].tolist())
@@ -259,13 +264,13 @@ class FrankaBackend:
         """Context for settings that the robot accepts only while it is not controlled.
 
         Raises:
-            BackendError: it moves, or refuses.
+            BackendError: the arm moves, or the robot rejects the settings.
         """
         controlled = self._link.control is not None
         with self._link.in_words():
             if controlled:
                 if np.abs(np.array(self._state.dq)).max() > REST_RAD_S:
-                    raise BackendError("the arm moves: this needs an arm at rest")
+                    raise BackendError("the arm moves: this is possible only at rest")
                 self._end()
             yield
             if controlled:
@@ -275,7 +280,7 @@ class FrankaBackend:
         """The newest state, once it has arrived.
 
         Raises:
-            BackendError: the robot is not connected, or has ended the control, with the reason.
+            BackendError: the robot is not connected, or has ended the control; the error has the reason.
         """
         if self._link.robot is None:
             raise BackendError(self._link.lost or "the robot is not connected")
@@ -293,5 +298,5 @@ class FrankaBackend:
         if self._link.lost:
             return self._link.lost
         mode = self._state.robot_mode.name if self._state is not None else "Other"
-        why = in_words(present(self._state)) or REFUSALS.get(mode, "the robot is not controlled: reset")
+        why = in_words(present(self._state)) or REFUSALS.get(mode, "the robot is not under control: reset it")
         return f"the robot is {MODES.get(mode, mode)}: {why}"

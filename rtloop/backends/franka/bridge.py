@@ -2,9 +2,9 @@
 acceleration.
 
 The robot continues at constant acceleration when a command does not reach it (Franka Control Interface,
-"Control Interface Specification and Robot Limits"). A motion must begin at the robot's own reference,
-which is not exactly the measured position. In both cases the next command differs from what the robot
-expects. The difference is added to the commands and fades.
+"Control Interface Specification and Robot Limits"). A motion must begin at the robot's own reference, which
+is not exactly the measured position. In both cases the next command differs from what the robot expects. The
+difference is added to the commands and fades out.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from cobot.types import Array
 MIN_DURATION_S, MAX_DURATION_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
-"""Maximum acceleration and jerk of the fading difference, rad/s², rad/s³. It exceeds them slightly if it
-begins above them."""
+"""Maximum acceleration and jerk of the fading difference, rad/s², rad/s³. They are exceeded slightly if the
+difference begins with higher values.
+"""
 JUMP_RAD = 1e-6
-"""Largest difference between a command and the extrapolation of the one before that is no jump: at least a
-change of acceleration of 1 rad/s² and a jerk of 2000 rad/s³."""
+"""Maximum difference between a command and the extrapolation of the previous one, rad. Above it counts as a
+jump. It corresponds to a change of acceleration of 1 rad/s², or a jerk of 2000 rad/s³.
+"""
 PLACES = np.linspace(0.0, 1.0, 41)
 
 
@@ -42,10 +44,10 @@ class Bridge:
         self._duration_s, self._offset[:] = -1.0, 0.0  # not known before there is a command
 
     def bridge(self, command: Array, periods: int) -> Array:
-        """The command that follows the last one that was sent; keep no reference to it.
+        """The command to send next. The returned array is reused, so keep no reference to it.
 
         Args:
-            periods: number of the robot's periods since then: 1, more if packets were lost.
+            periods: number of the robot's periods since the last command: 1, more if packets were lost.
         """
         if periods > 1 or self._duration_s < 0.0 or self._jumps(command):
             self._take_up(command, periods)
@@ -58,15 +60,16 @@ class Bridge:
         return self.sent
 
     def _jumps(self, command: Array) -> bool:
-        """Whether this does not follow from the last command, with its velocity or the mean of both. After a
-        fault rtloop continues from the present position of the arm."""
+        """Whether the command does not follow from the last one, with the last velocity or the mean of both.
+        After a fault, rtloop continues from the present position of the arm, which is such a jump.
+        """
         step = command[0] - self._last[0]
         by_last = np.abs(step - self._period_s * command[1])
         by_mean = np.abs(step - 0.5 * self._period_s * (self._last[1] + command[1]))
         return bool(np.minimum(by_last, by_mean).max() > JUMP_RAD)
 
     def _take_up(self, command: Array, periods: int) -> None:
-        """Begin to fade from the position that the robot has reached by itself."""
+        """Begin to fade out the difference to the position that the robot has reached by itself."""
         position, velocity, acceleration = self.sent
         ahead_s = periods * self._period_s
         expected = np.array(

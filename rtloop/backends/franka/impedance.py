@@ -12,14 +12,15 @@ from rtloop.backends import Impedance
 from rtloop.backends.springs import Springs
 
 MAX_TORQUE_RATE = 990.0
-"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats more as
-a jump."""
+"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats higher
+rates as a jump.
+"""
 
 
 class GivingWay:
     """
     Attributes:
-        robot: its model.
+        robot: model of the robot.
         nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
     """
 
@@ -39,7 +40,7 @@ class GivingWay:
         self.torque = np.zeros(limits.dof)
 
     def begin(self, impedance: Impedance) -> None:
-        """Begin without torque."""
+        """Begin with zero torque."""
         self.torque[:] = 0.0
         self._springs.use(impedance)
 
@@ -48,11 +49,10 @@ class GivingWay:
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
-        """The torques to command now, shape (dof,), N·m. They exclude gravity, which the robot compensates
-        itself.
+        """The torques to command now, shape (dof,), N·m, without gravity, which the robot compensates itself.
 
-        They never change faster than the robot permits. If a position is not finite, the springs give no
-        torques, and the torques fade.
+        They never change faster than the robot permits. If a position is not finite, the springs have no
+        torque, and the torques fade out.
 
         Args:
             command: shape (3, dof).
@@ -78,7 +78,7 @@ class GivingWay:
         return wanted
 
     def _find_jacobian(self) -> None:
-        """Velocity of the TCP, in the base frame."""
+        """The Jacobian of the TCP, in the base frame."""
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
         turn = self._data.xmat[self._base].reshape(3, 3)
         self._jacobian[:3] = turn.T @ self._jacobian[:3]

@@ -1,4 +1,4 @@
-"""Where a Franka's flange is: as Franka Robotics publishes it, and as the robot says."""
+"""The pose of a Franka's flange: from the published kinematics, and from the robot's state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLANGE_M = 0.107
 
 
 def flange(joints: Sequence[float]) -> Array:
-    """In the base frame, shape (4, 4)."""
+    """The flange in the base frame, shape (4, 4), from the published kinematics."""
     found = np.eye(4)
     for (a, d, alpha), angle in zip(LINKS, joints, strict=True):
         ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
@@ -35,7 +35,9 @@ def flange(joints: Sequence[float]) -> Array:
 
 
 def told_flange(state: Any) -> Pose:
-    """In the base frame, of a state of libfranka's: whatever end effector was set in Desk."""
+    """The flange in the base frame, shape (4, 4), from a state of libfranka. The end effector that is set in
+    Desk is removed.
+    """
     effector, in_flange = (np.array(each).reshape(4, 4, order="F") for each in (state.O_T_EE, state.F_T_EE))
     found = effector @ np.linalg.inv(in_flange)
     return Pose(found[:3, 3], np.array(quaternion.from_matrix(found[:3, :3].ravel().tolist())))

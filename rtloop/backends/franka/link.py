@@ -1,7 +1,7 @@
-"""The connection to the robot: how it is established, and why it ends.
+"""The connection to the robot: its establishment, and the reasons for its end.
 
-libfranka takes a minute to give up and blocks the whole interpreter meanwhile, so that no cycle would run.
-Therefore small steps first find out whether the robot's address answers.
+If the robot does not answer, libfranka blocks the whole interpreter for a minute, so that no cycle runs.
+Therefore small steps first check whether the robot's address answers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Knocking(Protocol):
         """Whether the robot answers; False if it has not answered yet.
 
         Raises:
-            BackendError: the robot does not answer, with the reason.
+            BackendError: the robot does not answer; the error has the reason.
         """
         ...
 
@@ -75,13 +75,13 @@ class Knock:
 
 
 class Link:
-    """Keep the connection to one robot.
+    """The connection to one robot.
 
     Attributes:
         library: pylibfranka.
         robot: its `Robot`, None while it is not connected.
         control: the active control, None without one.
-        lost: why the connection is lost; "" while it is not.
+        lost: reason for the loss of the connection; "" while it is open.
     """
 
     def __init__(self, address: str, realtime: str, library: Any, knock: Callable[[str], Knocking]) -> None:
@@ -94,7 +94,7 @@ class Link:
         self.lost = ""
 
     def is_open(self, wait_s: float = 0.0) -> bool:
-        """Connect, in steps of this duration.
+        """Connect, in steps of this duration. Returns whether the connection is open.
 
         Raises:
             BackendError: the address does not answer, or is not a robot.
@@ -128,11 +128,11 @@ class Link:
             raise BackendError(self.lost) from exc
         except library.RealtimeException as exc:
             raise BackendError(
-                f"{said(exc)}; a kernel with PREEMPT_RT is needed, or robot.backend.realtime: ignore"
+                f"{said(exc)}; use a kernel with PREEMPT_RT, or set robot.backend.realtime: ignore"
             ) from exc
         except (library.CommandException, library.InvalidOperationException, library.FrankaException) as exc:
             self.control = None
-            raise BackendError(f"the robot refuses: {explained(said(exc))}") from exc
+            raise BackendError(f"the robot rejects the command: {explained(said(exc))}") from exc
 
 
 def _installed() -> Any:

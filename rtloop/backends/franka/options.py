@@ -17,14 +17,14 @@ class FrankaOptions(BaseModel):
     """Options of a Franka.
 
     Attributes:
-        address: of the robot's control unit, an IP address or a name.
-        realtime: enforce: refuse a computer whose kernel is not real-time, as Franka Robotics asks for;
-            ignore: for simulations and first steps.
-        contact_torque, contact_force: beyond these, N·m for each joint and N, N·m along each axis, the robot
-            reports contact.
-        collision_torque, collision_force: beyond these a reflex stops it.
+        address: address of the robot's control unit, an IP address or a name.
+        realtime: enforce: reject a computer without a real-time kernel, as Franka Robotics requires; ignore:
+            for simulations and first steps.
+        contact_torque, contact_force: thresholds above which the robot reports contact, N·m for each joint,
+            and N, N·m along each axis.
+        collision_torque, collision_force: thresholds above which a reflex stops the robot.
         check_pose: whether the pose that the robot reports must be that of the model.
-        joint_stiffness: of its own controller, which holds positions, N·m/rad; None: the robot's default.
+        joint_stiffness: stiffness of the robot's own position controller, N·m/rad; None: the robot's default.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""The backend with a stand-in for the robot. The contract drives it and injects faults."""
+"""The backend with a stand-in for the robot. The contract tests drive it and inject faults."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from rtloop.backends.franka.stand_in_library import RobotMode
 from rtloop.contract import FAULTS
 
 LASTING = "joint_position_limits_violation"
-"""A reflex that the robot recovers from only when a person has moved it back."""
+"""A reflex from which the robot recovers only after a person has moved the arm back."""
 
 
 class FrankaRig:
-    """A `ContractRig`. A Franka has no T1, T2 and AUT. libfranka itself drops packets that were overtaken
-    or have piled up."""
+    """A `ContractRig`. A Franka has no modes T1, T2 and AUT. libfranka itself drops packets that are out of
+    order or have accumulated.
+    """
 
     faults = frozenset(FAULTS) - {"operation_mode"}
 

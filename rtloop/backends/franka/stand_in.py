@@ -1,7 +1,7 @@
-"""A stand-in for pylibfranka: a robot that obeys, loses packets and stops on request.
+"""A stand-in for pylibfranka: a robot that executes commands, and loses packets and stops on request.
 
-It has the part of the package that the backend uses, and refuses what a Franka refuses: settings while it is
-controlled, control while it is not ready. Each exchange is one period; it has no clock.
+It has the part of the package that the backend uses. Like a Franka, it rejects settings while it is under
+control, and control while it is not ready. Each exchange is one period; it has no clock.
 """
 
 from __future__ import annotations
@@ -32,23 +32,20 @@ from rtloop.backends.franka.stand_in_library import (
 PERIOD_S = 0.001
 START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
-"""Distance of the robot's own reference from the measured position."""
+"""Distance of the robot's own reference from the measured position, rad."""
 LOST = 20
-"""With losses, one packet in this many is lost."""
+"""With losses, one in this number of packets is lost."""
 
 
 class FrankaStandIn:
     """The state that survives a lost connection.
 
-    Attributes (set by the test that drives it):
-        lose: number of packets that are lost before the next state comes.
-        fail: the next exchange raises this.
-        faults: names of `rtloop.contract.FAULTS` that last.
-        refuses: the kind of control that cannot be begun, "positions" or "torques".
-        real_time: whether the computer is real-time.
-        positions, torques: commands since control began, cycle by cycle; while packets are lost, the robot's
-            own continuation.
-        wire: all positions that it was ever commanded.
+    Attributes (set by the test that drives it): lose: number of packets that are lost before the next state
+        arrives. fail: exception that the next exchange raises. faults: lasting faults, as names of
+        `rtloop.contract.FAULTS`. refuses: the kind of control that is rejected, "positions" or "torques".
+        real_time: whether the computer is real-time. positions, torques: commands since control began, cycle
+        by cycle. While packets are lost, they are the robot's own continuation. wire: all commanded
+        positions.
     """
 
     def __init__(self) -> None:
@@ -88,7 +85,7 @@ class FrankaStandIn:
         return SimpleNamespace(Robot=self.connect, **{kind.__name__: kind for kind in kinds})
 
     def connect(self, address: str, realtime: RealtimeConfig = RealtimeConfig.kEnforce) -> StandInConnection:
-        """A new connection ends the last one, and its control."""
+        """Make a new connection. It ends the last one and its control."""
         if realtime is RealtimeConfig.kEnforce and not self.real_time:
             raise RealtimeException("libfranka: Running kernel does not have realtime capabilities.")
         if "disconnect" in self.faults:
@@ -107,7 +104,7 @@ class FrankaStandIn:
         return True
 
     def stop_by(self, *errors: str) -> None:
-        """A reflex."""
+        """Stop by a reflex."""
         self.let_go()
         self.errors, self.mode = set(errors), RobotMode.Reflex
         listed = ", ".join(f'"{each}"' for each in errors)
@@ -128,7 +125,7 @@ class FrankaStandIn:
         """Begin control of positions or torques."""
 
     def turn(self, torque: Array) -> None:
-        """Under torque control it does not move, as if a person held it."""
+        """One period under torque control. The arm does not move, as if a person held it."""
 
     def move(self, position: Array) -> None:
         self.positions.append(position)

@@ -1,4 +1,4 @@
-"""The part of `import pylibfranka` that the backend uses besides `Robot`, for the stand-in."""
+"""The part of `import pylibfranka`, other than `Robot`, that the backend uses, for the stand-in."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Torques:
 
 
 class State(SimpleNamespace):
-    """A model that computes its matrices when they are read."""
+    """A state of the robot. Its matrices are computed when they are read."""
 
     q: list[float]
 

@@ -1,4 +1,4 @@
-"""Meaning of the robot's reflexes and modes, and their remedies."""
+"""Texts for the robot's reflexes and modes, and for their remedies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_ERRORS = 64
 MOVE_BACK = "move the arm back by hand, or in Desk"
 REFLEXES = {
     "base_acceleration_initialization_timeout": "the acceleration sensor of its base did not start",
-    "base_acceleration_invalid_reading": "the acceleration sensor of its base reads nonsense",
+    "base_acceleration_invalid_reading": "the acceleration sensor of its base has invalid values",
     "cartesian_position_limits_violation": f"the arm has left its permitted space: {MOVE_BACK}",
     "cartesian_reflex": "something pushed the tool harder than the collision thresholds allow",
     "cartesian_velocity_profile_safety_violation": "a safety limit of the TCP's velocity was exceeded",
@@ -21,12 +21,12 @@ REFLEXES = {
     "communication_constraints_violation": "too many commands came too late, or not at all",
     "controller_torque_discontinuity": "the commanded torque jumped",
     "force_control_safety_violation": "a safety limit of force control was exceeded",
-    "instability_detected": "the arm began to swing",
+    "instability_detected": "the arm began to oscillate",
     "joint_motion_generator_acceleration_discontinuity": "the commanded acceleration jumped",
     "joint_motion_generator_position_limits_violation": "a commanded position is beyond a joint's limit",
     "joint_motion_generator_velocity_discontinuity": "the commanded velocity jumped",
     "joint_motion_generator_velocity_limits_violation": "a commanded velocity is beyond a joint's limit",
-    "joint_move_in_wrong_direction": "a joint beyond its limit was moved further out",
+    "joint_move_in_wrong_direction": "a joint beyond its limit was moved further beyond it",
     "joint_position_limits_violation": f"a joint is beyond its limit: {MOVE_BACK}",
     "joint_position_motion_generator_start_pose_invalid": "the motion did not begin where the arm is",
     "joint_reflex": "something pushed a joint harder than the collision thresholds allow",
@@ -34,10 +34,10 @@ REFLEXES = {
     "max_goal_pose_deviation_violation": "the arm was pushed too far from its goal",
     "max_path_pose_deviation_violation": "the arm was pushed too far from its path",
     "power_limit_violation": "the arm took more power than it may",
-    "self_collision_avoidance_violation": "the arm came too close to itself",
+    "self_collision_avoidance_violation": "two parts of the arm came too close to each other",
     "tau_j_range_violation": "a torque sensor is beyond its range",
 }
-"""Texts by the names of libfranka's errors. The names of the other errors are clear enough."""
+"""Texts for the names of libfranka's errors. Errors that are not listed have clear names."""
 MODES = {
     "Idle": "ready",
     "Move": "moving",
@@ -56,7 +56,7 @@ REFUSALS = {
 
 
 def in_words(names: Iterable[str]) -> str:
-    """Errors as one sentence; "" for none."""
+    """The errors as one sentence; "" without errors."""
     known = islice(names, MAX_ERRORS)
     return "; ".join(REFLEXES.get(name) or plain_text(name, MAX_NAME).replace("_", " ") for name in known)
 

@@ -26,8 +26,8 @@ class Answers:
     """Answers to the packets of one session.
 
     Attributes:
-        torque, wrench: added to the position, shapes (dof,) and (6,), N·m and N.
-        outputs: to be set at the cabinet.
+        torque, wrench: torques and wrench that are sent with the position, shapes (dof,) and (6,), N·m and N.
+        outputs: outputs to set at the cabinet.
     """
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
@@ -39,16 +39,17 @@ class Answers:
 
     @property
     def are_begun(self) -> bool:
-        """Whether commands have been sent in this motion of the controller."""
+        """Whether commands have been sent during the controller's present motion."""
         return self._entry.sent is not None
 
     def forget(self) -> None:
-        """Handle the end of the controller's motion: the next one begins at the arm's position then."""
+        """Handle the end of the controller's motion. The next motion begins at the arm's position."""
         self._entry.forget()
 
     def held(self, message: MonitoringMessage) -> tuple[float, ...]:
-        """The position at which the arm stays: the last command in a running motion, else the
-        interpolator."""
+        """The position that the arm holds: the last command in a running motion, otherwise that of the
+        controller's interpolator.
+        """
         sent = self._entry.sent
         if sent is None or message.state != SessionState.COMMANDING_ACTIVE:
             return interpolator(message)
@@ -71,7 +72,7 @@ class Answers:
         """The answer to a packet; b"" if it needs none.
 
         Args:
-            command: shape (dof,), rad; None: the arm is held where the controller has it.
+            command: joint positions, shape (dof,), rad; None: the arm stays at the controller's position.
         """
         position = self.held(message)
         if command is not None:

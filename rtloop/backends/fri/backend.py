@@ -1,6 +1,6 @@
 """KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
 
-This module is long because it holds everything that the cycle asks of this device.
+This module is long because it contains all methods that the cycle calls on this device.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ if TYPE_CHECKING:
 class FriBackend:
     """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
 
-    The session's state decides the answer to each packet: none while the session is monitored, the
-    interpolator's position while a motion waits, commands while the motion runs and the connection is good.
+    The session's state determines the answer to each packet: no command while the session is only monitored,
+    the interpolator's position while a motion waits, commands while the motion runs and the connection is
+    good.
     """
 
     Options = FriOptions
@@ -114,13 +115,16 @@ class FriBackend:
             require_accepted(check_agreement(model, np.array(self._newest.measured_position), flange))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. Only the reduced speed of T1 uses it: the load of the drives is set at the
-        cabinet."""
+        """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
+        cabinet.
+        """
         self._tool = tool
         self._reduce()
 
     def _reduce(self) -> None:
-        """The model's TCP is as fast as it can be, and a tool's turns about it."""
+        """Calculate the reduced speed for the fastest point: the model's TCP, or the tool's TCP, which
+        rotates about it.
+        """
         if self._fastest is None:
             return
         moves_m_s, turns_rad_s = self._fastest
@@ -128,7 +132,9 @@ class FriBackend:
         self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
+        has accumulated.
+        """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
@@ -145,8 +151,8 @@ class FriBackend:
         message = self._beat.newest
         if message is None or self._silence_s > self._options.silence_s:
             raise BackendError(
-                f"no packet from the robot controller that can be used for {self._silence_s:.2f} s: "
-                f"what comes is {self._refused}"
+                f"no usable packet from the robot controller for {self._silence_s:.2f} s: the last one was "
+                f"{self._refused}"
                 if self._refuses
                 else f"no packet from the robot controller for {self._silence_s:.2f} s: its session is "
                 "closed, its program has ended, or the network is down"
@@ -177,11 +183,12 @@ class FriBackend:
             return
         if command[1].any() or not self._may_begin_anew(message):
             self._last_motion = result
-            raise BackendError(f"the robot takes no commands: {result.reason}")
+            raise BackendError(f"the robot accepts no commands: {result.reason}")
 
     def enable(self) -> None:
-        """Enable the drives. Either side may start first: at the start, the first command reports why the
-        robot takes none, and a reset tries again."""
+        """Enable the drives. Either side may start first. At the start, the first command reports why the
+        robot accepts none, and a reset tries again.
+        """
         starts, self._starts = self._starts, False
         self.recover_step()
         nothing = np.zeros((3, self._limits.dof))
@@ -214,12 +221,14 @@ class FriBackend:
         return True
 
     def recover_step(self) -> bool:
-        """The controller's own program recovers the robot. Until then its position is only echoed."""
+        """Wait for the recovery, which the controller's own program executes. Until then its position is only
+        echoed.
+        """
         self._enabled, self._last_motion = False, ACCEPTED
         return True
 
     def disable(self) -> None:
-        """Stop answering with commands: the controller's program decides what happens to its motion."""
+        """Stop sending commands. The controller's program decides what happens to its motion."""
         self._enabled = False
         self._answers.forget()
 
@@ -235,7 +244,7 @@ class FriBackend:
         silent = self._silence_s > self._options.silence_s
         text = f"no packet for {self._silence_s:.1f} s" if silent else self._explain_waiting(message)
         if silent and self._refuses:
-            text = f"no packet that can be used for {self._silence_s:.1f} s: what comes is {self._refused}"
+            text = f"no usable packet for {self._silence_s:.1f} s: the last one was {self._refused}"
         return DeviceStatus(
             connection="SILENT" if silent else message.state.name,
             quality=message.quality.name,
@@ -281,7 +290,7 @@ class FriBackend:
     def _checks_of_enabling(
         self, message: MonitoringMessage, waited_s: float
     ) -> Iterator[Accepted | Rejected]:
-        """The checks that end enabling. A controller that is not ready has `enable_s` to become so."""
+        """The checks that end enabling. A controller that is not ready gets `enable_s` to become ready."""
         yield check_settings(message, self._options, self._period_s)
         yield check_command_mode(message, self._options)
         ready = check_readiness(message)
@@ -294,18 +303,19 @@ class FriBackend:
 
     @staticmethod
     def _explain_waiting(message: MonitoringMessage) -> str:
-        """Why the controller takes no commands; "" if it takes them."""
+        """The reason why the controller accepts no commands; "" if it accepts them."""
         ready = check_readiness(message)
         return ready.reason if isinstance(ready, Rejected) else ""
 
     def _may_begin_anew(self, message: MonitoringMessage) -> bool:
-        """Whether the session may be lost and come back without a fault: shortly after enabling, which may
-        have kept this computer busy, and only while the arm does not move."""
+        """Whether the session may be lost and return without a fault. This is so shortly after enabling,
+        which may have kept this computer busy, and only while the arm does not move.
+        """
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
     def _is_other_version(self, message: MonitoringMessage) -> bool:
-        """Whether the controller's messages have another frame than before, as after a restart."""
+        """Whether the controller's messages have another frame than before, for example after a restart."""
         before = self._beat.newest
         return before is not None and before.framed != message.framed and self._silence_s < RELEASE_S
 
@@ -342,7 +352,7 @@ class FriBackend:
             f"no packet {whom}on UDP port {options.port}: is the controller's program running, and does "
         )
         sentence += "it send to this computer?"
-        return f"{sentence} What has come is {self._refused}" if self._refused else sentence
+        return f"{sentence} The last packet was {self._refused}" if self._refused else sentence
 
     def _take(self, packet: bytes) -> None:
         message = decode_monitoring(packet)

@@ -14,8 +14,7 @@ from rtloop.backends.fri.codec import MAX_PACKET, decode_monitoring
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at once."""
 RELEASE_S = 1.0
-"""Time of silence after which the controller may have restarted and may send from another port, in
-seconds."""
+"""Time without packets after which the controller may have restarted and may send from another port, s."""
 
 
 class PacketChannel(Protocol):
@@ -28,12 +27,13 @@ class PacketChannel(Protocol):
     strangers: int
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All waiting packets, oldest first. Waits for one; returns [] after `timeout_s`, or if all
-        packets came from other addresses."""
+        """All waiting packets, oldest first. Waits for a packet. Returns [] after `timeout_s`, or if all
+        packets came from other addresses.
+        """
         ...
 
     def send(self, packet: bytes) -> None:
-        """Send to the controller."""
+        """Send a packet to the controller."""
         ...
 
     def close(self) -> None: ...
@@ -42,8 +42,8 @@ class PacketChannel(Protocol):
 class UdpChannel:
     """A `PacketChannel`: the socket that a controller sends to.
 
-    The first sender of FRI is the controller, from `address` if there is one. Packets from all other
-    addresses are then ignored.
+    The first sender of an FRI packet is taken for the controller; if `address` is given, only a sender with
+    that address. Packets from all other addresses are then ignored.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class UdpChannel:
         """Open the socket.
 
         Raises:
-            BackendError: the port is taken, or the address is not of this computer.
+            BackendError: the port is taken, or the address is not one of this computer.
         """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._address, self._clock = address, clock
@@ -94,7 +94,9 @@ class UdpChannel:
         self._socket.close()
 
     def _counts(self, packet: bytes, sender: tuple[str, int]) -> bool:
-        """Whether a packet comes from the controller; any sender may be it while it is unknown."""
+        """Whether a packet is from the controller. While the controller is unknown, any sender is
+        accepted.
+        """
         now_s = self._clock()
         if sender != self._controller:
             if self._address not in (None, sender[0]):

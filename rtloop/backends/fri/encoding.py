@@ -1,4 +1,4 @@
-"""The other half of `codec`: messages to bytes."""
+"""Encoding of FRI messages, the counterpart of `codec`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NANOSECONDS = 1_000_000_000
 
 
 def encode_command(message: CommandMessage) -> bytes:
-    """The whole packet."""
+    """The whole packet of a command."""
     content = b""
     if message.position:
         content = _joints(1, message.position)
@@ -36,7 +36,7 @@ def encode_command(message: CommandMessage) -> bytes:
 
 
 def encode_monitoring(message: MonitoringMessage) -> bytes:
-    """Likewise: what is empty or None is left out."""
+    """The whole packet of a monitoring message. Fields that are empty or None are omitted."""
     robot = number_field(1, message.joints) + number_field(2, message.safety)
     for drive in message.drives:
         robot += number_field(5, drive)

@@ -1,4 +1,4 @@
-"""What goes over the wire of KUKA's Fast Robot Interface: monitoring messages and commands."""
+"""The messages of KUKA's Fast Robot Interface: monitoring messages and commands."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from enum import IntEnum
 MONITORING_ID = 0x245142
 COMMAND_ID = 0x34001
 MAX_JOINTS = 16
-"""More than any arm of KUKA's has, and what the compiled core has room for."""
+"""Maximum number of joints: more than any KUKA arm has, and the size of the arrays in the compiled core."""
 MAX_IO = 10
 MAX_NAME = 63
-"""Bytes of the name of an input or output."""
+"""Maximum length of the name of an input or output, bytes."""
 
 FRAMED_VERSION = "2.7"
 """The release of FRI that frames its messages."""
@@ -26,7 +26,9 @@ class SessionState(IntEnum):
 
 
 class Quality(IntEnum):
-    """Of the connection, as the controller sees it; it takes commands from GOOD on."""
+    """Quality of the connection, as the controller reports it. From GOOD on the controller accepts
+    commands.
+    """
 
     POOR = 0
     FAIR = 1
@@ -61,7 +63,7 @@ class ControlMode(IntEnum):
 
 
 class CommandMode(IntEnum):
-    """What the running motion's overlay takes from the client."""
+    """Kind of command that the overlay of the running motion takes from the client."""
 
     NONE = 0
     POSITION = 1
@@ -83,7 +85,7 @@ class IoType(IntEnum):
 
 
 class IoDirection(IntEnum):
-    """As the controller sees it: the client writes what is an OUTPUT."""
+    """Direction from the controller's point of view: the client writes an OUTPUT."""
 
     INPUT = 0
     OUTPUT = 1
@@ -91,9 +93,8 @@ class IoDirection(IntEnum):
 
 @dataclass(slots=True)
 class FriHeader:
-    """Attributes:
-    sequence: of the sender's messages, counted modulo 2**32.
-    reflected: the other side's newest `sequence` that the sender has seen.
+    """Attributes: sequence: number of the sender's message, modulo 2**32. reflected: the newest `sequence` of
+    the other side that the sender has received.
     """
 
     identifier: int
@@ -103,7 +104,7 @@ class FriHeader:
 
 @dataclass(slots=True)
 class IoValue:
-    """An input or output, by the name that the cabinet's program has registered."""
+    """An input or output, under the name that the cabinet's program has registered."""
 
     name: str
     type: IoType
@@ -113,20 +114,20 @@ class IoValue:
 
 @dataclass(slots=True)
 class MonitoringMessage:
-    """FRIMonitoringMessage. Joint values are of as many joints as the arm has, or () where not told.
+    """FRIMonitoringMessage. Joint values have one value for each joint, or are () if not reported.
 
     Attributes:
-        send_period_ms: between two monitoring messages.
+        send_period_ms: interval between two monitoring messages.
         receive_multiplier: number of monitoring messages after which the controller expects an answer.
         measured_position, commanded_position, ipo_position: rad.
         measured_torque, commanded_torque, external_torque: N·m.
-        ipo_position: where the controller's own interpolator is, on which the overlay is laid.
-        tracking_performance: 0 to 1, how well the arm follows; None where not told.
-        time_s: the controller's clock, None where not told.
-        measured_pose: x, y, z in mm and a quaternion, of FRI 2.x alone.
-        external_force: up to six values, N and N·m, of FRI 2.7 alone.
+        ipo_position: position of the controller's own interpolator, to which the overlay is added.
+        tracking_performance: quality with which the arm follows, 0 to 1; None if not reported.
+        time_s: time of the controller's clock, None if not reported.
+        measured_pose: x, y, z in mm and a quaternion, only in FRI 2.x.
+        external_force: up to six values, N and N·m, only in FRI 2.7.
         framed: whether the packet has the frame of FRI 2.7.
-        version: "1.x", "2.x" or "2.7"; "" where the message has nothing that only one of them has.
+        version: "1.x", "2.x" or "2.7"; "" if the message has no field that is specific to one of them.
     """
 
     header: FriHeader
@@ -165,13 +166,13 @@ class MonitoringMessage:
 
 @dataclass(slots=True)
 class CommandMessage:
-    """FRICommandMessage; what is empty is not sent.
+    """FRICommandMessage. Empty fields are not sent.
 
     Attributes:
-        position: of the joints, rad.
-        torque: laid over the joints' own, N·m.
-        wrench: laid over the controller's own, shape (6,), N and N·m.
-        io: outputs to be set.
+        position: joint positions, rad.
+        torque: torques that are added to the joints' own, N·m.
+        wrench: wrench that is added to the controller's own, shape (6,), N and N·m.
+        io: outputs to set.
         framed: whether the packet has the frame of FRI 2.7.
     """
 

@@ -32,17 +32,17 @@ class FriOptions(BaseModel):
     """Options of the Fast Robot Interface.
 
     Attributes:
-        address: of the robot controller; null takes the first one that sends FRI.
-        listen: address of this computer that the controller sends to; 0.0.0.0 for any.
-        port: UDP port of this computer that the controller sends to, in its program `setPortOnRemote`.
-        version: of FRI; 2 includes 2.7, auto accepts each.
-        overlay: type of command of the motion in the cabinet's program.
+        address: address of the robot controller; null: the first one that sends FRI.
+        listen: address of this computer to which the controller sends; 0.0.0.0 for any.
+        port: UDP port of this computer to which the controller sends (`setPortOnRemote` in its program).
+        version: version of FRI; 2 includes 2.7, auto accepts all.
+        overlay: command type of the motion in the cabinet's program.
         connect_s: timeout for the first packet.
-        enable_s: timeout for the controller to take commands.
-        silence_s: time without a packet after which the connection is lost: a fault.
-        entry_rad: largest distance of the arm from the controller's interpolator when commands begin.
+        enable_s: timeout for the controller to accept commands.
+        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        entry_rad: maximum distance of the arm from the controller's interpolator when commands begin.
         check_pose: whether a pose that the controller reports must be that of the model.
-        min_tracking: least tracking performance then, 0 to 1.
+        min_tracking: minimum tracking performance when commands begin, 0 to 1.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

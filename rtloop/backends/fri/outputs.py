@@ -1,4 +1,4 @@
-"""Outputs to be set at the cabinet: sent with the answers until the controller reports them."""
+"""Outputs to set at the cabinet. They are sent with the answers until the controller reports them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage
 
 SENT_S = 1.0
-"""Number of answers with an output that the controller does not report yet, because packets may be lost."""
+"""Time for which an output is sent that the controller does not report yet, s, because packets may be
+lost.
+"""
 UNFIT = "/\ufffd"
 """Character that also replaces bytes that are not UTF-8."""
 KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
 
 
 def point_of(value: IoValue, name: str = "") -> IoPoint:
-    """name: its public name, by default its own."""
+    """name: public name; default: the name in the value."""
     is_output = value.direction == IoDirection.OUTPUT
     return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 
@@ -28,7 +30,7 @@ def points(message: MonitoringMessage) -> list[IoPoint]:
 
 
 def _by_name(message: MonitoringMessage) -> dict[str, IoValue]:
-    """Inputs and outputs by public names, which can be printed and used in an address.
+    """Inputs and outputs by public names, which can be printed and used in URLs.
 
     A slash and unprintable characters become underscores; a name that is taken gets a number.
     """
@@ -49,7 +51,7 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        first: number of the first answer with it, None before.
+        first: number of the first answer with it, None before that.
         left: number of further answers with it.
     """
 
@@ -59,7 +61,7 @@ class _Wanted:
 
 
 class Outputs:
-    """Real-time safe; almost free while no output is to be set."""
+    """Outputs to set. Real-time safe, and almost free of cost while no output is to be set."""
 
     def __init__(self, period_s: float) -> None:
         self._answers = round(SENT_S / period_s)
@@ -78,7 +80,7 @@ class Outputs:
         self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
     def values_in_answer(self, message: MonitoringMessage, number: int) -> list[IoValue]:
-        """The outputs in the answer of this number to a message."""
+        """The outputs to send in the answer with this number."""
         if not self._wanted:
             return []
         reported = {each.name: each.value for each in message.io}

@@ -1,4 +1,4 @@
-"""Meaning of the controller's packets: why it takes no commands, and which settings do not match."""
+"""Evaluation of the controller's packets: why it accepts no commands, and which settings do not match."""
 
 from __future__ import annotations
 
@@ -37,33 +37,34 @@ def takes_commands(message: MonitoringMessage) -> bool:
 
 
 def check_readiness(message: MonitoringMessage) -> Accepted | Rejected:
-    """Whether the controller takes commands."""
+    """Check whether the controller accepts commands."""
     if message.safety != SafetyState.NORMAL_OPERATION:
         return Rejected(STOPPED[message.safety])
     if takes_commands(message):
         return ACCEPTED
     reason = STATES[message.state] or "the controller has a motion with the FRI overlay"
     if message.quality < Quality.GOOD and message.state != SessionState.IDLE:
-        reason += f"; the quality of the connection is {message.quality.name}, it takes commands from GOOD on"
+        reason += f"; the quality of the connection is {message.quality.name}, "
+        reason += "the controller accepts commands from GOOD on"
     mode = message.operation_mode
     if mode in HAND_GUARDED and message.state == SessionState.MONITORING_READY:
-        reason += f"; the operation mode is {mode.name}: a change of it ends the motion, and none begins "
-        reason += "without the enabling switch"
+        reason += f"; the operation mode is {mode.name}: a change of the mode ends the motion, and no motion "
+        reason += "begins without the enabling switch"
     if any(drive == DriveState.OFF for drive in message.drives):
         reason += "; drives are off"
     return Rejected(f"{reason} (session {message.state.name})")
 
 
 def is_version(found: str, wanted: str) -> bool:
-    """Whether a release, "1.x", "2.x" or "2.7", is one of those that an option allows."""
+    """Whether a version, "1.x", "2.x" or "2.7", is one of those that an option allows."""
     return found == wanted or found.split(".")[0] == wanted
 
 
 def check_settings(message: MonitoringMessage, options: FriOptions, period_s: float) -> Accepted | Rejected:
-    """Whether this controller can be driven with these settings."""
+    """Check whether this controller can be driven with these settings."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return Rejected(
-            f"the controller speaks FRI {message.version}, robot.backend.version asks for {options.version}: "
+            f"the controller uses FRI {message.version}, robot.backend.version is {options.version}: "
             "set it to the controller's version or to auto"
         )
     if round(period_s * 1e3, 6) != message.send_period_ms:
@@ -75,18 +76,20 @@ def check_settings(message: MonitoringMessage, options: FriOptions, period_s: fl
 
 
 def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accepted | Rejected:
-    """Whether the controller's motion has the overlay of the settings; accepted while it is not known."""
+    """Check whether the controller's motion has the overlay of the settings. An unknown overlay is
+    accepted.
+    """
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
         return ACCEPTED
     taken = message.command_mode.name
-    return Rejected(f"the controller's motion takes {taken}, robot.backend.overlay is {options.overlay}")
+    return Rejected(f"the controller's motion accepts {taken}, robot.backend.overlay is {options.overlay}")
 
 
 def check_entry(
     message: MonitoringMessage, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> Accepted | Rejected:
-    """Whether the arm is at its held position, so that commands may begin.
+    """Check whether the arm is at its held position, so that commands may begin.
 
     Args:
         held: position of the controller's interpolator, or the last command if a motion is running.
@@ -108,14 +111,16 @@ def check_entry(
 
 
 def interpolator(message: MonitoringMessage) -> tuple[float, ...]:
-    """The position that the controller itself commands; the measured one if the controller does not report
-    it."""
+    """The position of the controller's own interpolator; the measured position if the controller does not
+    report it.
+    """
     return message.ipo_position or message.commanded_position or message.measured_position
 
 
 def drives_in_words(drives: tuple[DriveState, ...]) -> tuple[str, str]:
-    """Drives and brakes. FRI does not report the brakes: those of an LBR are applied when its drives are
-    off."""
+    """Drives and brakes in words. FRI does not report the brakes: those of an LBR are applied when its drives
+    are off.
+    """
     if not drives:
         return "", ""
     if all(drive == DriveState.ACTIVE for drive in drives):

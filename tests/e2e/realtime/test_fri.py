@@ -211,8 +211,8 @@ def test_five_percent_of_loss_ends_no_motion(run: RunOverFri, cabinet: CabinetPr
         ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
         ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
         ({"loss": 1.0}, {"loss": 0.0}, "has given no beat for"),
-        ({"mode": "T2"}, {"mode": "AUT"}, "the robot takes no commands"),
-        ({"close": True}, {}, "the robot takes no commands"),
+        ({"mode": "T2"}, {"mode": "AUT"}, "the robot accepts no commands"),
+        ({"close": True}, {}, "the robot accepts no commands"),
     ],
     ids=["emergency stop", "protective stop", "nan", "frozen", "disconnect", "mode", "session"],
 )

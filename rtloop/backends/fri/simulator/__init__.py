@@ -1,1 +1,1 @@
-"""A controller that speaks FRI without a robot behind it: our own dynamics, and the reflexes of a cabinet."""
+"""A controller that uses FRI without a real robot: cobot's own dynamics, with the reactions of a cabinet."""

@@ -50,7 +50,7 @@ Number = TypeVar("Number", int, float)
 
 
 def main() -> int:
-    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     parser = _parser()
     chosen = parser.parse_args()
     needed = NEEDED_CONTROL.get(OVERLAYS[chosen.overlay])
@@ -119,44 +119,91 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     port, share = _within(int, 0, MAX_PORT), _within(float, 0, 1)
     delay, patience_s = _within(int, 0, MAX_DELAY), _within(float, 0, MAX_PATIENCE_S)
-    add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
-    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
+    add("--robot", metavar="NAME", help="name of a robot in `robots`")
     add(
-        "--client", type=_endpoint, default=("127.0.0.1", 30200), metavar="HOST:PORT", help="where to send to"
+        "--client",
+        type=_endpoint,
+        default=("127.0.0.1", 30200),
+        metavar="HOST:PORT",
+        help="destination of the packets",
     )
-    add("--address", type=_ipv4, default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
+    add(
+        "--address",
+        type=_ipv4,
+        default="0.0.0.0",
+        metavar="IPV4",
+        help="address of this computer from which packets are sent",
+    )
     add("--port", type=port, default=0, metavar="P", help=PORT_HELP)
     add(
         "--control-port",
         type=port,
         default=0,
         metavar="P",
-        help="of the control interface; 0 picks a free one",
+        help="port of the control interface; 0: a free one",
     )
-    add("--period", type=int, metavar="MS", help="send period, 1 to 100 ms; rt.period_s of the settings")
-    add("--multiplier", type=int, default=1, metavar="N", help="an answer is expected every N messages; 1")
+    add(
+        "--period",
+        type=int,
+        metavar="MS",
+        help="send period, 1 to 100 ms; default: rt.period_s of the settings",
+    )
+    add(
+        "--multiplier",
+        type=int,
+        default=1,
+        metavar="N",
+        help="an answer is expected every N messages; default 1",
+    )
     add("--version", choices=["1", "2", "2.7"], default="1", help=VERSION_HELP)
-    add("--mode", choices=[each.name for each in OperationMode], default="AUT", help="operation mode; AUT")
-    add("--overlay", choices=list(OVERLAYS), default="position", help="what its program takes; position")
-    add("--control-mode", choices=list(CONTROLS), help="of the drives; what the overlay needs")
+    add(
+        "--mode",
+        choices=[each.name for each in OperationMode],
+        default="AUT",
+        help="operation mode; default AUT",
+    )
+    add(
+        "--overlay",
+        choices=list(OVERLAYS),
+        default="position",
+        help="command type of its program; default position",
+    )
+    add(
+        "--control-mode",
+        choices=list(CONTROLS),
+        help="control mode of the drives; default: as the overlay requires",
+    )
     add("--io", type=_io, action="append", default=[], metavar="NAME:TYPE:WAY[=VALUE]", help=IO_HELP)
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
-    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
-    add("--delay", type=delay, default=0, metavar="N", help="periods that answers are late")
-    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
+    add(
+        "--reorder",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="share of packets that arrive out of order, 0 to 1",
+    )
+    add("--delay", type=delay, default=0, metavar="N", help="number of periods by which answers are late")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
     add(
         "--priority",
         type=_within(int, 1, 99),
         metavar="P",
-        help="as punctual as a cabinet: SCHED_FIFO 1 to 99, if permitted",
+        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
     )
-    add("--patience", type=patience_s, default=0.0, metavar="S", help="stand still so long for a late answer")
+    add("--patience", type=patience_s, default=0.0, metavar="S", help="maximum wait for a late answer")
     return parser
 
 
-VERSION_HELP = "of FRI: 1 for 1.11 to 1.17, 2 for 2.x before 2.7, or 2.7; default 1"
-PORT_HELP = "to send from; 0: the client's port number if the client has another address, else a free one"
-IO_HELP = "boolean, digital or analog; input or output, as the cabinet sees it; Tool.Open:boolean:output=1"
+VERSION_HELP = "version of FRI: 1 for 1.11 to 1.17, 2 for 2.x before 2.7, or 2.7; default 1"
+PORT_HELP = (
+    "port from which packets are sent; 0: the client's port number if the client has another address, "
+    "otherwise a free one"
+)
+IO_HELP = (
+    "an input or output, as the cabinet sees it, of the type boolean, digital or analog; "
+    "such as Tool.Open:boolean:output=1"
+)
 
 
 def _endpoint(argument: str) -> tuple[str, int]:
@@ -174,7 +221,7 @@ def _ipv4(argument: str) -> str:
 
 
 def _within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
-    """What an argument has to be: a number of that kind in that range."""
+    """The type of an argument: a number of this kind in this range."""
 
     def read(argument: str) -> Number:
         try:

@@ -14,7 +14,7 @@ from rtloop.backends.mujoco import MujocoBackend
 
 STEP_S = 0.001
 STIFFNESS_SHARE = 0.2
-"""Fraction of the stiffest springs, if the cabinet's program has chosen an impedance."""
+"""Stiffness if the cabinet's program has chosen an impedance, as a fraction of the maximum stiffness."""
 DAMPING_RATIO = 0.7
 
 
@@ -22,7 +22,7 @@ class CabinetArm:
     """The simulated arm.
 
     Attributes:
-        limits: of its joints.
+        limits: limits of its joints.
         setpoint: target of the drives, shape (dof,), rad.
         measured: values of its sensors.
         overlay: torques that the client adds to the drives' own, shape (dof,), N·m.
@@ -57,7 +57,9 @@ class CabinetArm:
 
     @property
     def push(self) -> Array:
-        """Wrench of the surroundings at the TCP, shape (6,), N and N·m, base frame; written in place."""
+        """Wrench of the surroundings at the TCP, shape (6,), N and N·m, base frame. Write into this array to
+        push the arm.
+        """
         return self._drives.push
 
     def torque_of(self, wrench: Array) -> Array:
@@ -81,7 +83,7 @@ class CabinetArm:
         return self._jacobian
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
-        """Reach a target, rad, with this velocity, rad/s, in this number of milliseconds."""
+        """Move to a target, rad, with this velocity, rad/s, in this number of milliseconds."""
         time_s = milliseconds * STEP_S
         from_position, from_velocity = self.setpoint, self._velocity
         acceleration = (velocity - from_velocity) / time_s

@@ -111,7 +111,7 @@ def test_every_way_to_move_asks_for_it_and_no_way_to_stop_does(run: VirtualServi
     for path, content in ways:
         refused = run.ask("POST", path, **content)
         assert refused.status_code == 409, path
-        assert "under the control of" in refused.json()["detail"]
+        assert "has control of the robot" in refused.json()["detail"]
     for method, fields in (
         ("moveJoint", {"q": AWAY}),
         ("setServoMode", {"enable": True}),
@@ -121,7 +121,7 @@ def test_every_way_to_move_asks_for_it_and_no_way_to_stop_does(run: VirtualServi
         assert called(run, "MotionControl", method, **fields)["code"] == Code.CONFLICT, method
     with run.connect("/robot/stream") as socket:
         socket.send('{"type": "session"}')
-        assert "under the control of" in heard(socket, "error")["detail"]
+        assert "has control of the robot" in heard(socket, "error")["detail"]
     run.ask("POST", "/trajectory/send", json=POINTS, headers=shown(token)).raise_for_status()
     assert called(run, "MotionControl", "stopJoint")["code"] == 0
     assert run.post("/stop").json()["success"]
@@ -159,7 +159,7 @@ def test_what_decides_how_its_motions_go_is_its_holders_alone(run: VirtualServic
     for robot_class, method, fields in theirs:
         answer = called(run, robot_class, method, **fields)
         assert answer["code"] == Code.CONFLICT, method
-        assert "under the control of anonymous" in answer["message"]
+        assert "has control of the robot" in answer["message"]
         assert called(run, robot_class, method, token=token, **fields)["code"] == 0, method
     # Or its runProgram would run another one.
     assert called(run, "RuntimeMachine", "loadProgram", program="other.lua")["code"] == Code.CONFLICT
@@ -317,14 +317,14 @@ def test_a_client_of_rosbridge_takes_it_is_told_and_lets_go_by_leaving(run: Virt
 def test_a_sequence_moves_for_who_has_started_it_and_its_speed_ends_with_it(run: VirtualService) -> None:
     token = take(run, timeout_s=5.0)
     ownership = run.app.state.services.ownership
-    with pytest.raises(ConflictError, match="under the control of anonymous"):
+    with pytest.raises(ConflictError, match="has control of the robot"):
         ownership.claim_for_sequence("sequence 1", "secret")
     before = CLIENT.set(RequestClient("anonymous", "127.0.0.1", frozenset({token})))
     ownership.claim_for_sequence("sequence 1", "secret")
     CLIENT.reset(before)
     body, own = {"joints": AWAY, "speed": 1.0}, {"X-Motion-Token": "secret"}
     assert run.ask("POST", "/robot/move/joints", json=body, headers=own).json()["success"]
-    assert "under the control of anonymous" in move(run).json()["detail"]
+    assert "has control of the robot" in move(run).json()["detail"]
     path, slower = f"/{run.name}/MotionControl/setSpeedFraction", {"fraction": 0.5}
     assert run.ask("POST", path, json=slower, headers=own).json()["code"] == 0
     run.sleep(20.0)
@@ -340,7 +340,7 @@ def test_the_python_client_holds_it_for_a_block(run: VirtualService) -> None:
         with robot.control(timeout_s=30.0):
             assert robot.who_controls()["how"] == "explicit"
             robot.move_joints(AWAY, speed=1.0)
-            with pytest.raises(ConflictError, match="under the control of anonymous"):
+            with pytest.raises(ConflictError, match="has control of the robot"):
                 other.move_joints(HOME, speed=1.0)
         other.move_joints(HOME, speed=1.0)
         with robot.control(), other.control(force=True):
@@ -422,5 +422,5 @@ def test_points_of_others_do_not_reach_a_session_of_who_has_the_control(run: Vir
     assert called(run, "MotionControl", "servoJoint", token=token, q=HOME)["code"] == 0
     refused = called(run, "MotionControl", "servoJoint", q=HOME)
     assert refused["code"] == Code.CONFLICT
-    assert "under the control of" in refused["message"]
+    assert "has control of the robot" in refused["message"]
     assert called(run, "MotionControl", "setServoMode", token=token, enable=False)["code"] == 0

@@ -162,7 +162,11 @@ GOOD = f'"good": {{"name": "good", "group": "taught", "joints": {HOME}, "descrip
         ("", "invalid JSON", []),
         (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0')}}}", "'bad' has 6 joints, this arm has 7", ["good"]),
         (f"{{{GOOD}, {entry('NaN, 0, 0, 0, 0, 0, 0')}}}", "'bad' has joints that are not numbers", ["good"]),
-        (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0, 0', 'else')}}}", "'bad' is called 'else' too", ["good"]),
+        (
+            f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0, 0', 'else')}}}",
+            "'bad' has the other name 'else' inside",
+            ["good"],
+        ),
     ],
 )
 def test_a_spoilt_file_is_set_aside_and_what_is_good_in_it_stays(

@@ -414,7 +414,10 @@ def test_there_are_only_so_many_connections(run: VirtualService) -> None:
         with pytest.raises(Refused) as refused:
             connect_many()
         assert refused.value.status == 503
-        assert json.loads(refused.value.body)["detail"] == "32 connections stream already"
+        assert (
+            json.loads(refused.value.body)["detail"]
+            == "32 streaming connections are already open, the maximum"
+        )
         assert 30 <= len(clients) <= 32, "other tests may have one"
     finally:
         for each in clients:

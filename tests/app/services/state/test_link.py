@@ -37,7 +37,7 @@ def test_what_a_dead_process_has_published_just_now_is_not_how_the_robot_is(rig:
         pass
     rig.memory.statistics.data["pid"] = process.pid
     rig.memory.statistics.publish()
-    gone = rf"rtloop \(pid {process.pid}\) is gone"
+    gone = rf"rtloop \(pid {process.pid}\) has ended"
     with pytest.raises(UnavailableError, match=gone + "; cobot run restarts it if it has died"):
         asyncio.run(link.await_fresh_state(0.0))
     link.close()

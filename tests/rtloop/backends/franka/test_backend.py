@@ -354,7 +354,7 @@ def test_it_is_told_its_load_while_nobody_controls_it(rig: Rig) -> None:
     assert rig.arm.controlled == "positions"
     assert rig.start(to(rig, GOAL)) == ""
     rig.step(300)
-    with pytest.raises(BackendError, match="this needs an arm at rest"):
+    with pytest.raises(BackendError, match="this is possible only at rest"):
         backend.set_tool(Tool(version=2, mass=0.1))
 
 
@@ -364,7 +364,7 @@ def test_its_state_is_shown_in_words(rig: Rig) -> None:
     rig.step(10)
     status = rig_backend(rig).status()
     assert (status.connection, status.drives, status.packets_lost) == ("connected", "moving", 2)
-    assert status.quality == "99 % of the commands come in time"
+    assert status.quality == "99 % of the commands arrive in time"
     assert status.text == status.safety_stop == ""
 
 

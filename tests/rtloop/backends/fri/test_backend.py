@@ -169,7 +169,7 @@ def test_a_wrong_period_is_named(settings: Settings, robot: RobotDescription) ->
 
 @pytest.mark.parametrize(("spoken", "asked"), [("1.x", "2"), ("2.x", "1"), ("2.7", "1"), ("2.x", "2.7")])
 def test_the_other_version_is_named(make: Make, spoken: str, asked: str) -> None:
-    with pytest.raises(BackendError, match=f"speaks FRI {spoken}, robot.backend.version asks for {asked}"):
+    with pytest.raises(BackendError, match=f"uses FRI {spoken}, robot.backend.version is {asked}"):
         make(CabinetOptions(version=spoken), version=asked)
 
 
@@ -217,7 +217,7 @@ def test_says_that_nobody_is_there_and_what_else_came(settings: Settings, robot:
         False,
         lambda: encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))),
     )
-    with pytest.raises(BackendError, match="What has come is a message 0x34001 instead of 0x245142"):
+    with pytest.raises(BackendError, match="The last packet was a message 0x34001 instead of 0x245142"):
         backend.open(np.zeros(7))
 
 
@@ -693,4 +693,4 @@ def test_what_was_commanded_last_is_held_while_the_quality_is_low(make: Make) ->
     assert isinstance(answer, CommandMessage)
     np.testing.assert_allclose(answer.position, driven.cabinet.arm.setpoint, atol=5e-3)
     assert abs(answer.position[0] - begun) > 0.05
-    assert "takes commands from GOOD on" in driven.problems[-1]
+    assert "accepts commands from GOOD on" in driven.problems[-1]
