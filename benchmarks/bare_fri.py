@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from cobot.config import load_settings
-from rtloop.backends.fri.channel import UdpChannel
+from rtloop.backends.fri.channel import fri_channel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import COMMAND_ID, CommandMessage, FriHeader, MonitoringMessage
@@ -17,7 +17,7 @@ def main() -> None:
     rt = load_settings(None).rt
     prepare(rt.priority, rt.cpu, rt.cpu_latency_us)
     freeze_garbage()
-    channel = UdpChannel("127.0.0.1", int(sys.argv[1]), None)
+    channel = fri_channel("127.0.0.1", int(sys.argv[1]), None)
     sequence = 0
     while True:
         for packet in channel.receive(1.0):

@@ -42,7 +42,7 @@ class RobotSection(Section):
 
 class RtSection(Section):
     clock: Literal["realtime", "fast"]
-    period_s: Annotated[float, Field(ge=0.0005, le=0.01)]
+    period_s: Annotated[float, Field(ge=0.0005, le=0.012)]
     priority: Annotated[int, Field(ge=1, le=98)]
     cpu: Annotated[int, Field(ge=0)] | None
     cpu_latency_us: Annotated[int, Field(ge=0, le=1000)] | None

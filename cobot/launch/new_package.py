@@ -47,7 +47,7 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
     """
     parent = folder.parent
     if folder.exists():
-        raise ConfigError(f"{folder}: exists already; choose another --dir, or remove it")
+        raise ConfigError(f"{folder}: exists already; choose another place, or remove it")
     if not parent.is_dir():
         raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; make it first")
     try:
@@ -60,5 +60,5 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
             inside.rename(folder)
     except OSError as exc:
         raise ConfigError(
-            f"{folder}: cannot be written: {exc.strerror or exc}; choose another --dir"
+            f"{folder}: cannot be written: {exc.strerror or exc}; choose another place"
         ) from exc

@@ -21,6 +21,7 @@ A robot arm behind a REST service.
   cobot acknowledge   let a real robot move faster, once you have inspected it, see docs/safety.md
   cobot check    validate the whole configuration, without starting anything
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
+  cobot simulate rsi   a simulated controller of a KUKA KR for any client of RSI, see docs/kuka-rsi.md
   cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
   cobot backend  list, create and test robot drivers (backends), see docs/your-backend.md
   cobot gripper  list, create and test gripper drivers, see docs/your-gripper.md
@@ -41,7 +42,11 @@ A robot arm behind a REST service.
 
 The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
-SIMULATORS = {"fri": "rtloop.backends.fri.simulator", "robotiq": "cobot.grippers.robotiq.simulator"}
+SIMULATORS = {
+    "fri": "rtloop.backends.fri.simulator",
+    "rsi": "rtloop.backends.rsi.simulator",
+    "robotiq": "cobot.grippers.robotiq.simulator",
+}
 """Modules that `cobot simulate` runs. Each defines its own options."""
 
 
@@ -130,7 +135,9 @@ def _add_clients(commands: Any) -> None:
 def _add_simulate_and_backend(commands: Any) -> None:
     simulate = commands.add_parser("simulate", help="run a simulated robot controller or gripper")
     simulate.add_argument(
-        "device", choices=list(SIMULATORS), help="fri: a KUKA LBR with its FRI; robotiq: a gripper"
+        "device",
+        choices=list(SIMULATORS),
+        help="fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a gripper",
     )
     simulate.add_argument(
         "options",
@@ -161,7 +168,7 @@ def _add_simulate_and_backend(commands: Any) -> None:
             "options",
             nargs=argparse.REMAINDER,
             metavar="...",
-            help="list, new NAME or test NAME; add --help for details",
+            help="list, new NAME or test NAME, of backends also files NAME FOLDER; add --help for details",
         )
 
 

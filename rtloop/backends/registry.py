@@ -19,6 +19,7 @@ REGISTRY = Registry(
         "franka": "rtloop.backends.franka:FrankaBackend",
         "mujoco": "rtloop.backends.mujoco:MujocoBackend",
         "fri": "rtloop.backends.fri:FriBackend",
+        "rsi": "rtloop.backends.rsi:RsiBackend",
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}

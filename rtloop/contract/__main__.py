@@ -1,4 +1,4 @@
-"""`cobot backend`: list, new, test."""
+"""`cobot backend`: list, new, test, files."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pathlib import Path
 
 from cobot.config import load_settings
 from cobot.contract_checks import CheckResult, CheckVerdict
-from cobot.errors import CobotError
+from cobot.errors import CobotError, ConfigError
+from cobot.launch.new_package import write_package
 from cobot.launch.process import in_words
-from rtloop.backends import BackendError
+from cobot.robot.description import load_robot
+from rtloop.backends import BackendError, backend_class
 from rtloop.contract.listing import listed
 from rtloop.contract.new_backend import write_backend
 from rtloop.contract.suite import CHECKS, cell_for, examine
@@ -23,7 +25,7 @@ EXIT_OK, EXIT_FAILED = 0, 1
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 good, 1 a check has failed or cannot be run."""
     chosen = _parser().parse_args(arguments)
-    commands = {"list": _list, "new": _new, "test": _test}
+    commands = {"list": _list, "new": _new, "test": _test, "files": _files}
     try:
         return in_words(lambda: commands[chosen.command](chosen))
     except (CobotError, BackendError) as exc:
@@ -48,6 +50,10 @@ def _parser() -> argparse.ArgumentParser:
         "--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="run only these checks"
     )
     test.add_argument("--json", action="store_true", help="print JSON, for programs")
+    files = commands.add_parser("files", help="write the files that its robot controller needs")
+    files.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
+    files.add_argument("folder", type=Path, metavar="FOLDER", help="to be made")
+    files.add_argument("--config", type=Path, metavar="FILE", help="settings with the arm and its options")
     return parser
 
 
@@ -69,6 +75,23 @@ def _new(chosen: argparse.Namespace) -> int:
     folder = write_backend(chosen.name, chosen.dir, trajectory=chosen.trajectory)
     print(f"{folder} has been made.")
     print(f"Then: pip install -e {folder} and cobot backend test {chosen.name}")
+    return EXIT_OK
+
+
+def _files(chosen: argparse.Namespace) -> int:
+    settings = load_settings(chosen.config)
+    write = getattr(backend_class(chosen.name), "controller_files", None)
+    if write is None:
+        raise ConfigError(f"{chosen.name} has no files for a robot controller")
+    if settings.robot.backend.type != chosen.name:
+        raise ConfigError(
+            f"robot.backend is {settings.robot.backend.type}, not {chosen.name}: name settings with its "
+            "options by --config, because the files depend on them"
+        )
+    files = write(settings, load_robot(settings).limits)
+    write_package(chosen.folder, files)
+    for place in files:
+        print(chosen.folder / place)
     return EXIT_OK
 
 

@@ -22,8 +22,9 @@ from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
 from rtloop.backends.agreement import check_agreement, fastest, reduced_share
 from rtloop.backends.beat import Beat
+from rtloop.backends.channel import RELEASE_S, PacketChannel
 from rtloop.backends.fri.answers import Answers
-from rtloop.backends.fri.channel import RELEASE_S, PacketChannel, UdpChannel
+from rtloop.backends.fri.channel import fri_channel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.messages import MonitoringMessage, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
@@ -99,7 +100,7 @@ class FriBackend:
     def open(self, initial_position: Array) -> None:
         options, robot = self._options, self._robot
         if self._channel is None:
-            self._channel = UdpChannel(options.listen, options.port, options.address)
+            self._channel = fri_channel(options.listen, options.port, options.address)
         model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
         self._fastest, self._tcp = fastest(model), model.file_tcp_in_flange
         self._reduce()

@@ -1,110 +1,27 @@
-"""UDP between this computer and a robot controller."""
+"""The socket that a controller of FRI sends to."""
 
 from __future__ import annotations
 
-import select
-import socket
 import time
 from collections.abc import Callable
-from typing import Protocol
 
-from rtloop.backends import BackendError
+from rtloop.backends.channel import UdpChannel
 from rtloop.backends.fri.codec import MAX_PACKET, decode_monitoring
 
-MAX_AT_ONCE = 256
-"""Maximum number of packets that are read from the socket at once."""
-RELEASE_S = 1.0
-"""Time without packets after which the controller may have restarted and may send from another port, s."""
 
+def fri_channel(
+    listen: str, port: int, address: str | None, *, clock: Callable[[], float] = time.monotonic
+) -> UdpChannel:
+    """Open it; a packet is valid if it is a monitoring message.
 
-class PacketChannel(Protocol):
-    """Source of packets and destination of answers.
-
-    Attributes:
-        strangers: number of ignored packets from other addresses than the controller's.
+    Raises:
+        BackendError: the port is taken, or the address is not one of this computer.
     """
-
-    strangers: int
-
-    def receive(self, timeout_s: float) -> list[bytes]:
-        """All waiting packets, oldest first. Waits for a packet. Returns [] after `timeout_s`, or if all
-        packets came from other addresses.
-        """
-        ...
-
-    def send(self, packet: bytes) -> None:
-        """Send a packet to the controller."""
-        ...
-
-    def close(self) -> None: ...
-
-
-class UdpChannel:
-    """A `PacketChannel`: the socket that a controller sends to.
-
-    The first sender of an FRI packet is taken for the controller; if `address` is given, only a sender with
-    that address. Packets from all other addresses are then ignored.
-    """
-
-    def __init__(
-        self, listen: str, port: int, address: str | None, *, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        """Open the socket.
-
-        Raises:
-            BackendError: the port is taken, or the address is not one of this computer.
-        """
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._address, self._clock = address, clock
-        self._controller: tuple[str, int] | None = None
-        self._heard_s = 0.0
-        self.strangers = 0
-        try:
-            self._socket.bind((listen, port))
-        except OSError as exc:
-            self._socket.close()
-            raise BackendError(f"cannot listen on UDP {listen}:{port}: {exc.strerror}") from exc
-        self._socket.setblocking(False)
-
-    def receive(self, timeout_s: float) -> list[bytes]:
-        packets: list[bytes] = []
-        # Not poll: its whole milliseconds are longer than a period.
-        if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
-            return packets
-        for _ in range(MAX_AT_ONCE):
-            try:
-                packet, sender = self._socket.recvfrom(MAX_PACKET + 1)
-            except OSError:  # no more packets, or an error that an answer to a closed port has left behind
-                break
-            if self._counts(packet, sender):
-                packets.append(packet)
-            else:
-                self.strangers += 1
-        return packets
-
-    def send(self, packet: bytes) -> None:
-        if self._controller is None:
-            return
-        try:
-            self._socket.sendto(packet, self._controller)
-        except OSError as exc:
-            raise BackendError(f"cannot answer {self._controller[0]}: {exc.strerror}") from exc
-
-    def close(self) -> None:
-        self._socket.close()
-
-    def _counts(self, packet: bytes, sender: tuple[str, int]) -> bool:
-        """Whether a packet is from the controller. While the controller is unknown, any sender is
-        accepted.
-        """
-        now_s = self._clock()
-        if sender != self._controller:
-            if self._address not in (None, sender[0]):
-                return False
-            if self._controller is not None and now_s - self._heard_s < RELEASE_S:
-                return False
-            if isinstance(decode_monitoring(packet), str):
-                return self._controller is None  # the report names this packet
-            self._controller, self._address = sender, sender[0]
-        self._heard_s = now_s
-        return True
+    return UdpChannel(
+        listen,
+        port,
+        address,
+        is_valid=lambda packet: not isinstance(decode_monitoring(packet), str),
+        max_packet=MAX_PACKET,
+        clock=clock,
+    )

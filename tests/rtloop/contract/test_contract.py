@@ -13,6 +13,7 @@ from franka_settings import franka_settings
 from cobot.config import Settings
 from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
+from rtloop.backends.rsi.simulator.lockstep import with_options
 from rtloop.contract.__main__ import main
 from rtloop.contract.cell import CheckedBackend
 from rtloop.contract.suite import CHECKS, cell_for, examine
@@ -47,6 +48,14 @@ def fri(settings: Settings) -> CheckedBackend:
     return cell_for(settings.model_copy(update={"rt": rt}), "fri")
 
 
+@pytest.fixture(scope="module", params=[(0.004, "absolute"), (0.012, "relative")])
+def rsi(settings: Settings, request: pytest.FixtureRequest) -> CheckedBackend:
+    period_s, correction = request.param
+    own = with_options(settings, correction=correction)
+    rt = own.rt.model_copy(update={"period_s": period_s})
+    return cell_for(own.model_copy(update={"rt": rt}), "rsi")
+
+
 @pytest.fixture(scope="module")
 def franka() -> CheckedBackend:
     return cell_for(franka_settings(address="robot.test"), "franka")
@@ -64,6 +73,14 @@ def test_the_simulation_keeps_it(mujoco: CheckedBackend, check: str) -> None:
 @pytest.mark.parametrize("check", CHECKS)
 def test_fri_keeps_it_beside_a_simulated_cabinet(fri: CheckedBackend, check: str) -> None:
     result = examine(fri, check)
+    assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
+        result.found
+    )
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_rsi_keeps_it_beside_a_simulated_controller(rsi: CheckedBackend, check: str) -> None:
+    result = examine(rsi, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
         result.found
     )

@@ -29,6 +29,7 @@ from rtloop.backends.fri.options import an_ipv4_address
 from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.control import ControlServer
 from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 from rtloop.backends.fri.simulator.server import CabinetServer
@@ -86,7 +87,7 @@ def main() -> int:
     return 0
 
 
-def _server(chosen: argparse.Namespace) -> CabinetServer:
+def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:
     settings = load_settings(chosen.config).of(chosen.robot)
     robot = load_robot(settings)
     mode = OVERLAYS[chosen.overlay]
@@ -108,6 +109,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
         cabinet,
         network,
         chosen.client,
+        ControlServer,
         address=(chosen.address, chosen.port),
         control_port=chosen.control_port,
         patience_s=chosen.patience,
@@ -117,20 +119,20 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate fri", description=__doc__)
     add = parser.add_argument
-    port, share = _within(int, 0, MAX_PORT), _within(float, 0, 1)
-    delay, patience_s = _within(int, 0, MAX_DELAY), _within(float, 0, MAX_PATIENCE_S)
+    port, share = within(int, 0, MAX_PORT), within(float, 0, 1)
+    delay, patience_s = within(int, 0, MAX_DELAY), within(float, 0, MAX_PATIENCE_S)
     add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
     add("--robot", metavar="NAME", help="name of a robot in `robots`")
     add(
         "--client",
-        type=_endpoint,
+        type=endpoint,
         default=("127.0.0.1", 30200),
         metavar="HOST:PORT",
         help="destination of the packets",
     )
     add(
         "--address",
-        type=_ipv4,
+        type=ipv4,
         default="0.0.0.0",
         metavar="IPV4",
         help="address of this computer from which packets are sent",
@@ -187,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
     add(
         "--priority",
-        type=_within(int, 1, 99),
+        type=within(int, 1, 99),
         metavar="P",
         help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
     )
@@ -206,21 +208,21 @@ IO_HELP = (
 )
 
 
-def _endpoint(argument: str) -> tuple[str, int]:
+def endpoint(argument: str) -> tuple[str, int]:
     host, _, port = argument.rpartition(":")
     if not (host and port.isdigit() and 0 < int(port) <= MAX_PORT):
         raise argparse.ArgumentTypeError(f"{argument!r} is not HOST:PORT with an IPv4 host")
     return host, int(port)
 
 
-def _ipv4(argument: str) -> str:
+def ipv4(argument: str) -> str:
     try:
         return an_ipv4_address(argument)
     except ValueError as exc:
         raise argparse.ArgumentTypeError(str(exc)) from exc
 
 
-def _within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
+def within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
     """The type of an argument: a number of this kind in this range."""
 
     def read(argument: str) -> Number:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
 from cobot.config import Settings
+from cobot.orientations import kuka_angles
 from cobot.robot import quaternion
 from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance, Measured
@@ -77,6 +80,11 @@ class CabinetArm:
         place = 1e3 * turn @ (data.site_xpos[self._flange] - data.xpos[self._base])
         orientation = turn @ data.site_xmat[self._flange].reshape(3, 3)
         return (*place.tolist(), *quaternion.from_matrix(orientation.ravel()))
+
+    def kuka_pose(self) -> tuple[float, ...]:
+        """Pose of the flange in the base frame as KUKA writes it: X, Y, Z in mm, and A, B, C in degrees."""
+        x, y, z, *turn = self.pose()
+        return x, y, z, *map(math.degrees, kuka_angles(turn))
 
     def _find_jacobian(self) -> Array:
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)

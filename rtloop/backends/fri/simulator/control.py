@@ -3,8 +3,6 @@ TCP."""
 
 from __future__ import annotations
 
-import json
-import socket
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
@@ -16,11 +14,10 @@ from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fri.messages import OperationMode
 from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.line_server import LineServer
 from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
 from rtloop.backends.fri.simulator.reflexes import MAX_WRENCH
 
-MAX_LINE = 65_536
-MAX_CLIENTS = 8
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
 
@@ -49,59 +46,15 @@ class ControlRequest(StrictModel):
     io: dict[str, float] = Field(default_factory=dict)
 
 
-class ControlServer:
-    """Clients of the control interface, served between two periods."""
+class ControlServer(LineServer):
+    """The control interface of a cabinet with FRI."""
 
     def __init__(
         self, port: int, cabinet: Cabinet, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
         """more: adds the server's data to each answer."""
+        super().__init__(port)
         self._cabinet, self._network, self._more = cabinet, network, more
-        self._socket = socket.create_server(("127.0.0.1", port))
-        self._socket.setblocking(False)
-        self._clients: dict[socket.socket, bytes] = {}
-
-    @property
-    def port(self) -> int:
-        port: int = self._socket.getsockname()[1]
-        return port
-
-    def serve(self) -> None:
-        """Answer the waiting requests, without waiting for more."""
-        try:
-            while len(self._clients) < MAX_CLIENTS:
-                client, _ = self._socket.accept()
-                client.setblocking(False)
-                self._clients[client] = b""
-        except BlockingIOError:
-            pass
-        for client in list(self._clients):
-            try:
-                self._hear(client)
-            except OSError:
-                self._forget(client)
-
-    def close(self) -> None:
-        for client in list(self._clients):
-            self._forget(client)
-        self._socket.close()
-
-    def _forget(self, client: socket.socket) -> None:
-        del self._clients[client]
-        client.close()
-
-    def _hear(self, client: socket.socket) -> None:
-        try:
-            heard = client.recv(MAX_LINE)
-        except BlockingIOError:
-            return
-        if not heard or len(self._clients[client]) > MAX_LINE:
-            self._forget(client)
-            return
-        *lines, rest = (self._clients[client] + heard).split(b"\n")
-        self._clients[client] = rest
-        for line in lines:
-            client.sendall(json.dumps(self.answer(line)).encode() + b"\n")
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Execute the request of a line; the state after it, or an error."""

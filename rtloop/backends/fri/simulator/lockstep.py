@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Generic
+
 import numpy as np
 
 from cobot.config import Settings
@@ -14,6 +16,7 @@ from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.simulator.server import AnyCabinet
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
@@ -23,7 +26,7 @@ RESTART_S = 1.0
 """Time until rtloop has started, in which the cabinet gets no answer."""
 
 
-class LockStep:
+class LockStep(Generic[AnyCabinet]):
     """A `PacketChannel` whose other end is a cabinet: each wait is its next period.
 
     Attributes:
@@ -36,7 +39,7 @@ class LockStep:
 
     strangers = 0
 
-    def __init__(self, cabinet: Cabinet, network: Network) -> None:
+    def __init__(self, cabinet: AnyCabinet, network: Network) -> None:
         self.cabinet, self.network = cabinet, network
         self.time_s = 0.0
         self.off = False

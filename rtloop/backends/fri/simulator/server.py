@@ -8,11 +8,12 @@ import socket
 import struct
 import sys
 import time
-from typing import Any
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, TypeVar
 
 from rtloop.backends.fri.codec import MAX_PACKET
-from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.control import ControlServer
+from rtloop.backends.fri.simulator.line_server import LineServer
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.times import DurationCounter
 
@@ -68,8 +69,36 @@ def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.soc
     raise OSError(problem)
 
 
-class CabinetServer:
-    """Sends one monitoring message per period, and takes the answers.
+class SteppedCabinet(Protocol):
+    """A simulated controller that counts periods.
+
+    Attributes:
+        period_s: time between two of its packets, s.
+        events: descriptions of events, the newest last.
+    """
+
+    period_s: float
+    events: deque[str]
+
+    @property
+    def waits_for_answer(self) -> bool:
+        """Whether its last packet still needs an answer."""
+        ...
+
+    def packet(self) -> bytes:
+        """End a period and begin the next: its packet, b"" for none."""
+        ...
+
+    def answer(self, packet: bytes) -> None:
+        """Process a packet from a client, valid or not."""
+        ...
+
+
+AnyCabinet = TypeVar("AnyCabinet", bound=SteppedCabinet)
+
+
+class CabinetServer(Generic[AnyCabinet]):
+    """Sends one packet per period, and takes the answers.
 
     A cabinet is punctual; this process need not be. So an answer is in time if it arrives before the next
     message is sent, however late this process reads it.
@@ -77,15 +106,19 @@ class CabinetServer:
 
     def __init__(
         self,
-        cabinet: Cabinet,
+        cabinet: AnyCabinet,
         network: Network,
         client: tuple[str, int],
+        control: Callable[[int, AnyCabinet, Network, Callable[[], dict[str, Any]]], LineServer],
         *,
         address: tuple[str, int] = ("0.0.0.0", 0),
         control_port: int = 0,
         patience_s: float = 0.0,
     ) -> None:
-        """patience_s: how long the server waits for a late answer before it counts as missing.
+        """
+        Args:
+            control: makes the control interface.
+            patience_s: how long the server waits for a late answer before it counts as missing.
 
         Raises:
             OSError: the client's name is unknown, or an address or port cannot be used.
@@ -98,7 +131,7 @@ class CabinetServer:
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
-        self._control = ControlServer(control_port, cabinet, network, self._times)
+        self._control = control(control_port, cabinet, network, self._times)
         self._answer_times = DurationCounter()
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
@@ -114,7 +147,7 @@ class CabinetServer:
 
     @property
     def period_ms(self) -> int:
-        return self._cabinet.options.period_ms
+        return round(1e3 * self._cabinet.period_s)
 
     @property
     def control_port(self) -> int:

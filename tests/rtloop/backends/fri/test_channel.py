@@ -13,8 +13,9 @@ from lockstep_fri import fri_settings
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends import BackendError, Measured
+from rtloop.backends.channel import RELEASE_S
 from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.channel import RELEASE_S, UdpChannel
+from rtloop.backends.fri.channel import fri_channel
 from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import MONITORING_ID, FriHeader, MonitoringMessage, Quality, SessionState
 
@@ -70,7 +71,7 @@ class Line:
 
     def __init__(self, address: str | None = None) -> None:
         self.port, self.clock = free_udp_port(), Clock()
-        self.channel = UdpChannel("127.0.0.1", self.port, address, clock=self.clock)
+        self.channel = fri_channel("127.0.0.1", self.port, address, clock=self.clock)
         self.controller, self.stranger = Sender(self.port), Sender(self.port)
 
     def close(self) -> None:
@@ -155,4 +156,4 @@ def test_the_backend_is_where_its_controller_says_and_tells_of_the_others(
 
 def test_a_port_that_is_taken_is_named(line: Line) -> None:
     with pytest.raises(BackendError, match=f"cannot listen on UDP 127.0.0.1:{line.port}"):
-        UdpChannel("127.0.0.1", line.port, None)
+        fri_channel("127.0.0.1", line.port, None)

@@ -1,0 +1,435 @@
+"""KUKA's KR robots over the RobotSensorInterface.
+
+This module is long because it holds everything that the cycle asks of this device.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.robot.io_points import IoKind, IoPoint
+from cobot.robot.model import RobotModel
+from cobot.robot.tool import BARE, Tool
+from cobot.types import Array, JointLimits
+from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends.agreement import fastest, reduced_share
+from rtloop.backends.beat import Beat, CommandTransition
+from rtloop.backends.channel import PacketChannel, UdpChannel
+from rtloop.backends.protocols import require_accepted
+from rtloop.backends.rsi.corrections import Corrections, FollowWatch
+from rtloop.backends.rsi.files import files_for
+from rtloop.backends.rsi.options import PERIODS_S, RsiOptions
+from rtloop.backends.rsi.session import (
+    check_entry,
+    check_flange,
+    check_position,
+    check_readiness,
+    check_settings,
+    position_at_rest,
+)
+from rtloop.backends.rsi.telegrams import RobState, decode_rob, encode_sen, layout_of, validity
+from rtloop.backends.rsi.xml_reader import MAX_PACKET
+from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection
+
+if TYPE_CHECKING:
+    from rtloop.contract import ContractRig
+
+SESSION_GAP_S = 0.04
+"""Time without a packet after which the controller may have started RSI again."""
+UNCOUNTED = 2
+"""Number of late answers that a controller may count later."""
+
+
+class RsiBackend:
+    """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
+
+    A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero, from where the arm then is. A new
+    session always needs a reset.
+    """
+
+    Options = RsiOptions
+    capabilities = Capabilities(
+        periods_s=tuple(PERIODS_S),
+        measured=frozenset({"position", "velocity"}),
+        io=True,
+        stops={2: False},  # the drives belong to the cabinet
+        hardware=True,
+    )
+
+    def __init__(
+        self,
+        settings: Settings,
+        limits: JointLimits,
+        *,
+        channel: PacketChannel | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """channel, clock: for tests: replacements of the network and its time."""
+        options = settings.backend_options(RsiOptions)
+        self._options = options = options if options is not None else RsiOptions()
+        fits = options.check_model(limits)
+        if isinstance(fits, Rejected):
+            raise ConfigError(fits.reason)
+        self._limits, self._period_s, self._robot = limits, settings.rt.period_s, settings.robot
+        self._step_ms = round(1e3 * self._period_s)
+        self._layout = layout_of(options, limits)
+        self._is_relative = options.correction == "relative"
+        self._reduced, self._tool = 1.0, BARE
+        self._fastest: tuple[float, float] | None = None  # of the bare TCP, m/s and rad/s
+        self._channel, self._clock = channel, clock
+        self._beat: Beat[RobState] = Beat(limits.dof, self._period_s)
+        most = np.array(options.limits_of(limits))
+        self._corrections = Corrections(
+            self._layout, limits, self._period_s, most, relative=self._is_relative
+        )
+        self._watch = FollowWatch(self._layout, self._period_s, options.follow_rad)
+        self._entry = CommandTransition(limits.dof, self._period_s)
+        self._heard_s = self._asked_s = self._refused_s = 0.0
+        self._enabled = self._asking = self._joins = self._starts = False
+        self._answered = True  # the newest packet, which has one answer
+        self._answered_state: RobState | None = None  # the newest packet that was answered
+        self._missed = self._seen_ms = self._malformed = 0
+        self._refused = ""
+        self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended: none follow until a reset.
+        self._silenced = False  # Nothing but zeros is sent until the next session.
+        self._reported = False  # whether this motion's error was raised
+        self._outputs: dict[str, bool] = {}
+        self._model: RobotModel | None = None
+
+    def open(self, initial_position: Array) -> None:
+        options, robot = self._options, self._robot
+        if self._channel is None:
+            self._channel = UdpChannel(
+                options.listen,
+                options.port,
+                options.address,
+                is_valid=validity(self._layout),
+                max_packet=MAX_PACKET,
+            )
+        self._model = model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+        self._fastest, self._tcp = fastest(model), model.file_tcp_in_flange
+        self._reduce()
+        self._asked_s = self._clock()
+        self._starts = True
+        while not (self.wait(options.silence_s) and self._seen_ms):
+            if self._clock() - self._asked_s > options.connect_s:
+                raise BackendError(self._nobody())
+            self._answer(None)
+        require_accepted(first_rejection(self._checks_of_settings(self._newest)))
+
+    def set_tool(self, tool: Tool) -> None:
+        """Set the tool. Only the reduced speed of T1 uses it: the load of the drives is set at the
+        cabinet."""
+        self._tool = tool
+        self._reduce()
+
+    def _reduce(self) -> None:
+        """The model's TCP is as fast as it can be, and a tool's turns about it."""
+        if self._fastest is None:
+            return
+        moves_m_s, turns_rad_s = self._fastest
+        lever_m = math.dist((self._tool.tcp or self._tcp)[:3], self._tcp[:3])
+        self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        deadline_s = self._clock() + timeout_s
+        while not self._beat.due:
+            for packet in self._open_channel.receive(deadline_s - self._clock()):
+                self._take(packet)
+            if not self._beat.due and self._clock() >= deadline_s:
+                return False
+        self._beat.go_on()
+        return True
+
+    def read(self, measured: Measured) -> None:
+        state = self._beat.newest
+        if state is None or self._silence_s > self._options.silence_s:
+            self._end(Rejected("the controller has been silent"))
+            raise BackendError(self._explain_silence())
+        measured.position, measured.velocity = self._beat.position, self._beat.velocity
+
+    def write(self, command: Array) -> None:
+        state = self._beat.newest
+        if state is None or self._beat.due or self._answered:
+            return
+        result = check_readiness(state) if self._enabled else ACCEPTED
+        if isinstance(result, Rejected):
+            self._end(result)
+        target = None
+        if self._enabled:
+            if self._joins:
+                self._entry.forget()
+                self._entry.begin(self._corrections.position, command[0])
+                self._joins = False
+            target = self._entry.follow(command[0])
+            self._entry.pass_period()
+        followed = self._follow(state) if self._enabled else ACCEPTED
+        self._answer(target if self._enabled else None)
+        if self._enabled:
+            self._report(first_rejection((followed, self._corrections.check_limit(command[1]))))
+        elif isinstance(self._ended, Rejected):
+            raise BackendError(f"the robot takes no commands: {self._ended.reason}")
+
+    def enable(self) -> None:
+        """Enable the corrections. Either side may start first: at the start, the first command reports why
+        the robot takes none, and a reset tries again."""
+        starts, self._starts = self._starts, False
+        self.recover_step()
+        try:
+            while True:
+                self._answer(None)  # the packet in hand: no cycle does it
+                if self.enable_step():
+                    return
+                self.wait(self._options.silence_s)
+        except BackendError as exc:
+            if not starts:
+                raise
+            self._ended = Rejected(str(exc))
+
+    def enable_step(self) -> bool:
+        if self._enabled:
+            return True
+        state, now_s = self._newest, self._clock()
+        if not self._asking:
+            self._asking, self._asked_s = True, now_s
+        result = first_rejection(self._checks_of_enabling(state))
+        if isinstance(result, Rejected):
+            ready = isinstance(check_readiness(state), Rejected)
+            if ready and not state.is_stopped and now_s - self._asked_s <= self._options.enable_s:
+                return False
+            self._asking = False
+            raise BackendError(result.reason)
+        self._asking, self._enabled, self._joins = False, True, True
+        self._watch.forget()
+        return True
+
+    def recover_step(self) -> bool:
+        """The controller's own program recovers the robot. Until then its position is only held."""
+        self._enabled, self._ended, self._reported = False, ACCEPTED, False
+        return True
+
+    def disable(self) -> None:
+        """Hold the last correction: the controller's program decides what happens to its motion."""
+        self._enabled = False
+
+    def close(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+
+    def status(self) -> DeviceStatus:
+        state = self._beat.newest
+        if state is None:
+            return DeviceStatus(connection="no packet yet", text=self._nobody())
+        silent = self._silence_s > self._options.silence_s
+        share = self._reduced if state.operation_mode == "T1" else 1.0
+        ready = check_readiness(state)
+        return DeviceStatus(
+            connection="SILENT" if silent else "RSI is on",
+            quality="" if state.delay is None else f"{state.delay} answers late since RSI_ON",
+            operation_mode=state.operation_mode,
+            safety_stop="$ALARM_STOP: an emergency stop or a safety stop" if state.is_stopped else "",
+            drives="" if state.is_ready is None else "on" if state.is_ready else "off",
+            speed_scaling=share * (1.0 if state.override is None else state.override),
+            packets_lost=self._beat.lost,
+            device_time_s=1e-3 * state.ipoc,
+            text="; ".join(filter(None, self._sentences(state, ready, silent=silent))),
+        )
+
+    def _sentences(self, state: RobState, ready: Accepted | Rejected, *, silent: bool) -> Iterator[str]:
+        if silent:
+            yield self._explain_silence()
+        elif isinstance(ready, Rejected):
+            yield ready.reason
+        if state.override is not None and state.override < 1.0:
+            yield f"program override {100.0 * state.override:.0f} %"
+        count = self._open_channel.strangers
+        if count:
+            yield f"{count} packets from addresses other than the controller's were ignored"
+        if self._malformed:
+            yield f"{self._malformed} packets were rejected, the last one because it is {self._refused}"
+
+    def io(self) -> list[IoPoint]:
+        state, options = self._newest, self._options
+        groups = ((options.inputs, state.inputs, False), (options.outputs, state.outputs, True))
+        return [
+            IoPoint(name, IoKind.BOOLEAN, is_output, float(value))
+            for names, values, is_output in groups
+            for name, value in zip(names, values, strict=False)
+        ]
+
+    def set_output(self, name: str, value: float) -> None:
+        if name not in self._options.outputs:
+            raise BackendError(f"{name} is not one of the outputs in robot.backend.outputs")
+        if self._silence_s > self._options.silence_s:
+            raise BackendError(f"{name} cannot be set: {self._explain_silence()}")
+        self._outputs[name] = bool(value)
+
+    @staticmethod
+    def controller_files(settings: Settings, limits: JointLimits) -> dict[str, str]:
+        """Texts of the files for the controller, by their paths; see `files`."""
+        return files_for(settings, limits)
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
+        """The backend and a simulated controller in one process."""
+        from rtloop.backends.rsi.simulator.lockstep import RsiRig
+
+        return RsiRig(settings, limits)
+
+    def _checks_of_settings(self, state: RobState) -> Iterator[Accepted | Rejected]:
+        yield check_settings(state, self._seen_ms, self._options, self._period_s)
+        yield check_position(state, self._layout, self._limits)
+        if self._options.check_pose and self._model is not None:
+            yield check_flange(self._model, state)
+
+    def _checks_of_enabling(self, state: RobState) -> Iterator[Accepted | Rejected]:
+        if self._silence_s > self._options.silence_s:
+            yield Rejected(self._explain_silence())
+        yield check_readiness(state)
+        yield from self._checks_of_settings(state)
+        if self._silenced:
+            yield Rejected("corrections and the controller's mode differ: start its program again")
+        yield check_entry(state, self._options, self._layout, self._corrections.position)
+
+    def _follow(self, state: RobState) -> Accepted | Rejected:
+        """Whether the arm follows. A controller that adds up absolute corrections gets zeros from now on."""
+        reference = self._corrections.reference
+        assert reference is not None
+        result = self._watch.check(np.array(state.position), reference)
+        if isinstance(result, Rejected) and self._watch.is_summed:
+            self._silenced = True
+            self._end(result)
+        return result
+
+    def _report(self, result: Accepted | Rejected) -> None:
+        """Raise once: the cycle then brings the arm to rest, and its commands are followed until a reset."""
+        if isinstance(result, Rejected) and not self._reported:
+            self._reported = True
+            raise BackendError(result.reason)
+
+    def _answer(self, target: Array | None) -> None:
+        """Answer the newest packet, once."""
+        state = self._beat.newest
+        if state is None or self._answered:
+            return
+        before = self._answered_state
+        periods = self._periods_between(state, before) if before is not None else 1
+        self._answered, self._answered_state = True, state
+        values = self._corrections.answer(target, periods)
+        if self._silenced:
+            values = np.zeros_like(values)
+        self._watch.add(self._corrections.position, values, relative=self._is_relative)
+        outputs = [
+            self._outputs.get(name, now)
+            for name, now in zip(self._options.outputs, state.outputs, strict=False)
+        ]
+        self._open_channel.send(encode_sen(self._layout, state.ipoc, values.tolist(), outputs))
+
+    def _take(self, packet: bytes) -> None:
+        state = decode_rob(packet, self._layout)
+        if isinstance(state, str):
+            self._malformed += 1
+            self._refused, self._refused_s = state, self._clock()
+            return
+        before, silence_s = self._beat.newest, self._silence_s
+        passed_ms = 0 if before is None else state.ipoc - before.ipoc
+        if not self._beat.take(state, state.ipoc // self._step_ms, state.position):
+            return
+        if before is not None and 0 < passed_ms < 20 * self._step_ms:
+            self._seen_ms = passed_ms if self._seen_ms == 0 else min(self._seen_ms, passed_ms)
+        if before is None or self._is_new_session(before, state, passed_ms, silence_s):
+            self._begin_session(state, is_first=before is None)
+        elif self._was_missed(state):
+            self._missed += 1
+            self._corrections.take_back()
+        self._answered, self._heard_s = False, self._clock()
+        self._corrections.settle(state)
+
+    def _is_new_session(self, before: RobState, state: RobState, passed_ms: int, silence_s: float) -> bool:
+        """Whether RSI was started again since the packet before."""
+        if passed_ms <= 0:
+            return True
+        if state.delay is not None and before.delay is not None and state.delay < before.delay:
+            return True
+        if silence_s < SESSION_GAP_S and passed_ms < 1e3 * SESSION_GAP_S:
+            return False
+        if state.correction:
+            return not self._corrections.agree(position_at_rest(state), state.correction)
+        if state.delay is None or before.delay is None:
+            return True
+        return state.delay - before.delay < passed_ms // self._step_ms - 1 - UNCOUNTED
+
+    def _begin_session(self, state: RobState, *, is_first: bool) -> None:
+        """Take over the controller's position. Corrections follow after a reset."""
+        set_position = np.array(position_at_rest(state))
+        correction = np.array(state.correction) if state.correction else np.zeros(self._limits.dof)
+        self._corrections.begin(set_position - correction, correction)
+        self._watch.forget()
+        self._silenced = False
+        self._outputs.clear()
+        if not is_first:
+            self._end(
+                Rejected("the controller's program has started RSI again, its corrections begin at zero")
+            )
+
+    def _was_missed(self, state: RobState) -> bool:
+        """Whether the controller has not used the newest answer: all periods since then count as late."""
+        answered = self._answered_state
+        if answered is None or state.delay is None or answered.delay is None:
+            return False
+        periods = self._periods_between(state, answered)
+        return state.delay - answered.delay >= max(1, periods)
+
+    def _end(self, result: Rejected) -> None:
+        """End the corrections: the arm stays where it is until a reset."""
+        if self._enabled:
+            self._enabled, self._ended = False, result
+
+    def _periods_between(self, newer: RobState, older: RobState) -> int:
+        return round((newer.ipoc - older.ipoc) / self._step_ms)
+
+    @property
+    def _silence_s(self) -> float:
+        return self._clock() - self._heard_s
+
+    @property
+    def _newest(self) -> RobState:
+        if self._beat.newest is None:
+            raise BackendError(self._nobody())
+        return self._beat.newest
+
+    @property
+    def _open_channel(self) -> PacketChannel:
+        if self._channel is None:
+            raise BackendError("the connection is not open")
+        return self._channel
+
+    def _explain_silence(self) -> str:
+        silence_s = self._silence_s
+        if self._refused_s > self._heard_s:
+            return f"no packet that can be used for {silence_s:.2f} s: what comes is {self._refused}"
+        state = self._beat.newest
+        late = state.delay if state is not None else None
+        return (
+            f"no packet from the robot controller for {silence_s:.2f} s: RSI has ended (enabling switch "
+            "released, emergency stop, a limit of the RSI context, or the program has ended), or the network "
+            "is down; the smartPAD shows which. Start the program again, then reset"
+            + (f". {late} answers were late before" if late else "")
+        )
+
+    def _nobody(self) -> str:
+        options = self._options
+        whom = f"from {options.address} " if options.address else ""
+        sentence = (
+            f"no packet {whom}on UDP port {options.port}: is the controller's program running, and do "
+            "IP_NUMBER and PORT of its Ethernet configuration lead to this computer?"
+        )
+        return f"{sentence} What has come is {self._refused}" if self._refused else sentence

@@ -1,0 +1,196 @@
+"""The corrections of one session of RSI: exact sums, limits, and answers that the controller has missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cobot.types import Array, JointLimits
+from rtloop.backends.rsi.telegrams import MICRO, Layout, RobState
+from rtloop.results import ACCEPTED, Accepted, Rejected
+
+Counts = NDArray[np.int64]
+
+FOLLOW_S = 0.2
+"""Time within which an arm reaches the position of a correction."""
+MADE_UP, RESOLUTION = 0.2, 1000
+"""Fraction of what was lost that the next answer makes up for, and the rest that it takes at once."""
+RESTED_S = 0.3
+"""Time at rest after which the sum of relative corrections is compared with the controller's."""
+SLACK_RAD = 2e-4
+"""Resolution of positions that a controller reports with two decimals."""
+SAME_RAD = 1e-3
+"""Difference of two positions, rad or m, up to which nothing has moved between them."""
+MARGIN, REACTION_PERIODS = 1.3, 4
+"""Allowance for the way of a stop in front of the largest correction, and for the time until it begins."""
+CONFIRMED = 2.0
+"""Movement, in multiples of `follow_rad`, after which the controller's mode of correction is certain."""
+EARLY = 1.0 / 3.0
+"""Fraction of `follow_rad` that is allowed until then."""
+
+
+class Corrections:
+    """Corrections from a reference position, in whole millionths of a degree or mm.
+
+    Attributes:
+        reference: position of the joints with the correction 0, shape (dof,), rad or m; None before one.
+        sent: sum of the corrections that the controller has or is about to have, shape (dof,), integers.
+    """
+
+    def __init__(
+        self, layout: Layout, limits: JointLimits, period_s: float, max_correction: Array, *, relative: bool
+    ) -> None:
+        """max_correction: degrees or mm, shape (dof,)."""
+        self._layout, self._limits = layout, limits
+        self._scale = layout.scale * MICRO
+        self._relative, self._period_s = relative, period_s
+        self._most = np.floor(max_correction * MICRO).astype(np.int64)
+        self._max_step = np.maximum(1.0, limits.max_velocity * period_s * self._scale)
+        dof = limits.dof
+        self.reference: Array | None = None
+        self.sent = self._goal = self._step = np.zeros(dof, np.int64)
+        self._resting = 0
+
+    def begin(self, reference: Array, correction: Array) -> None:
+        """Begin a session of the controller, in which this correction is in effect, rad or m."""
+        self.reference = np.array(reference, dtype=float)
+        self._goal = self.sent = np.rint(np.asarray(correction) * self._scale).astype(np.int64)
+        self._step = np.zeros_like(self.sent)
+        self._resting = 0
+
+    @property
+    def position(self) -> Array:
+        """The position that the corrections command, shape (dof,), rad or m."""
+        assert self.reference is not None
+        found: Array = self.reference + self.sent / self._scale
+        return found
+
+    def agree(self, set_position: Sequence[float], correction: Sequence[float]) -> bool:
+        """Whether a controller with these values, rad or m, is still in the session of these corrections."""
+        if self.reference is None:
+            return False
+        off = np.subtract(correction, self.sent / self._scale)
+        moved = np.subtract(set_position, correction) - self.reference
+        return bool(max(np.abs(off).max(), np.abs(moved).max()) < SAME_RAD)
+
+    def take_back(self) -> None:
+        """Handle that the controller has not used the last answer, so that the next one contains it too."""
+        self.sent = self.sent - self._step
+        self._step = np.zeros_like(self.sent)
+
+    def answer(self, target: Array | None, periods: int = 1) -> Counts:
+        """The values of the next answer, in millionths of a degree or mm.
+
+        Without losses the sum is the target. After a loss the rest is made up for little by little, because
+        a controller does not smooth its corrections.
+
+        Args:
+            target: position to be reached, rad or m; None to stay.
+            periods: number of periods since the last answer.
+        """
+        before, most = self._goal, np.maximum(self._most, np.abs(self.sent))
+        if target is None or self.reference is None:
+            before = goal = self.sent
+        else:
+            goal = np.rint((target - self.reference) * self._scale).astype(np.int64)
+        goal = np.clip(goal, -most, most)
+        step = (goal - before) // max(periods, 1)
+        rest = goal - self.sent - step
+        step = step + np.where(np.abs(rest) > RESOLUTION, np.trunc(MADE_UP * rest), rest).astype(np.int64)
+        excess = float((np.abs(step) / self._max_step).max())
+        if excess > 1.0:
+            step = np.trunc(step / excess).astype(np.int64)
+        self._resting = self._resting + 1 if not step.any() else 0
+        self._goal, self._step, self.sent = goal, step, self.sent + step
+        return step if self._relative else self.sent
+
+    def check_limit(self, velocity: Array) -> Accepted | Rejected:
+        """Whether an arm with this velocity, rad/s or m/s, can still stop within the largest correction."""
+        limits = self._limits
+        slowing = velocity * np.abs(velocity) / (2.0 * limits.max_acceleration)
+        slowing += velocity * limits.max_acceleration / (2.0 * limits.max_jerk)
+        ahead = MARGIN * slowing + REACTION_PERIODS * self._period_s * velocity
+        reached = (self.sent + ahead * self._scale) / np.maximum(self._most, 1)
+        outwards = reached * np.sign(velocity) if velocity.any() else np.abs(reached)
+        joint = int(outwards.argmax())
+        if outwards[joint] <= 1.0:
+            return ACCEPTED
+        axis = self._layout.axes[joint]
+        unit = "mm" if self._layout.scale[joint] == 1e3 else "degrees"
+        return Rejected(
+            f"{axis} is {self.sent[joint] / MICRO:.3f} {unit} from where RSI was started and moves on, "
+            f"{self._most[joint] / MICRO:g} {unit} are allowed (robot.backend.max_correction, and the limits "
+            "of AXISCORR in the RSI context): move back, or raise both"
+        )
+
+    def settle(self, state: RobState) -> None:
+        """Adopt the controller's own sum of relative corrections while the arm is at rest, if it differs."""
+        if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
+            return
+        if state.correction:
+            theirs = np.array(state.correction)
+        elif state.setpoint:
+            theirs = np.array(state.setpoint) - self.reference
+        else:
+            return
+        if (np.abs(theirs - self.sent / self._scale) > SLACK_RAD).any():
+            self.sent = np.rint(theirs * self._scale).astype(np.int64)
+            self._resting = 0
+
+
+class FollowWatch:
+    """Whether the arm follows the corrections: it must be on the path of the last `FOLLOW_S`.
+
+    Attributes:
+        is_summed: whether a controller adds up corrections that are meant as absolute ones.
+    """
+
+    def __init__(self, layout: Layout, period_s: float, tolerance: float) -> None:
+        self._layout, self._tolerance = layout, tolerance
+        self._rows = np.zeros((max(2, round(FOLLOW_S / period_s)), len(layout.axes)))
+        self._next = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again."""
+        self._filled = False
+        self._confirmed = self.is_summed = False
+        self._sum = np.zeros(len(self._layout.axes))
+
+    def add(self, position: Array, values: Counts, *, relative: bool) -> None:
+        """Add what was commanded in a cycle: the position, and the values of the answer."""
+        if not self._filled:
+            self._rows[:] = position
+            self._filled = True
+        self._rows[self._next] = position
+        self._next = (self._next + 1) % len(self._rows)
+        if not relative and not self._confirmed:
+            self._sum += values / (MICRO * self._layout.scale)
+
+    def check(self, measured: Array, reference: Array) -> Accepted | Rejected:
+        """Whether the measured position is one of the last ones, within the tolerance."""
+        if not self._filled:
+            return ACCEPTED
+        low, high = self._rows.min(axis=0), self._rows.max(axis=0)
+        off = np.maximum(low - measured, measured - high)
+        joint = int(off.argmax())
+        allowed = self._tolerance if self._confirmed else EARLY * self._tolerance
+        if off[joint] <= allowed:
+            moved = np.abs(measured - reference).max() > CONFIRMED * self._tolerance
+            self._confirmed = self._confirmed or bool(moved)
+            return ACCEPTED
+        axis, beyond = self._layout.axes[joint], measured[joint] - reference[joint]
+        self.is_summed = not self._confirmed and bool(self._sum[joint] * beyond > 0.0)
+        reason = f"{axis} is {off[joint]:.4f} rad (or m) beside the path of its corrections"
+        if self.is_summed:
+            return Rejected(
+                f"{reason}: the controller adds them up. Its program has RSI_ON(#RELATIVE), and "
+                "robot.backend.correction is absolute: change one of them"
+            )
+        return Rejected(
+            f"{reason}, {allowed:g} are allowed (robot.backend.follow_rad): something holds the arm, "
+            "a limit of the RSI context is reached, or axes, tags or the mode of RSI_ON differ from "
+            "robot.backend"
+        )

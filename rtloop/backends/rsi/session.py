@@ -1,0 +1,115 @@
+"""Meaning of the controller's telegrams: why it takes no corrections, and which settings do not match."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cobot.orientations import kuka_quaternion
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits, Pose
+from rtloop.backends.agreement import check_agreement
+from rtloop.backends.rsi.options import PERIODS_S, RsiOptions
+from rtloop.backends.rsi.telegrams import Layout, RobState
+from rtloop.results import ACCEPTED, Accepted, Rejected
+
+HAND_GUARDED = ("T1", "T2")
+"""Modes in which the operator must hold the enabling switch."""
+OUTSIDE_RAD = 0.1
+"""Distance beyond the model's limits from which another arm or unit is meant."""
+
+
+def check_readiness(state: RobState) -> Accepted | Rejected:
+    """Whether the controller moves its drives. What it does not report counts as good."""
+    if state.is_stopped:
+        return Rejected(
+            "an emergency stop or a safety stop is active ($ALARM_STOP): remove its cause, acknowledge it at "
+            "the smartPAD, and start the program again"
+        )
+    if state.is_ready is False:
+        switch = state.operation_mode in HAND_GUARDED
+        return Rejected(
+            f"the drives are off ($PERI_RDY), the operation mode is {state.operation_mode}"
+            + (": press the enabling switch" if switch else "")
+            + " and start the program again"
+        )
+    return ACCEPTED
+
+
+def check_settings(
+    state: RobState, step_ms: int, options: RsiOptions, period_s: float
+) -> Accepted | Rejected:
+    """Whether this controller can be driven with these settings.
+
+    Args:
+        step_ms: by how much IPOC grows from packet to packet; 0 if it is not known yet.
+    """
+    wanted_ms = round(period_s * 1e3)
+    if step_ms and step_ms != wanted_ms:
+        mode = PERIODS_S.get(step_ms * 1e-3, "a mode that RSI does not have")
+        return Rejected(
+            f"the controller's IPOC grows by {step_ms} ms ({mode}), rt.period_s is {period_s:g} s "
+            f"({PERIODS_S[period_s]}): change rt.period_s, or the second argument of RSI_ON in its program"
+        )
+    if state.mode and state.mode != options.correction:
+        return Rejected(
+            f"the controller's program says that its corrections are {state.mode}, robot.backend.correction "
+            f"is {options.correction}: change one of them, and the argument of RSI_ON with it"
+        )
+    if not state.correction and state.delay is None:
+        return Rejected(
+            "the telegram has neither AxisCorrMon nor Delay, so the present correction is not known: add "
+            "DEF_Delay to the Ethernet configuration, or use the one of `cobot backend files rsi`"
+        )
+    if options.correction == "relative" and not (state.setpoint and state.delay is not None):
+        return Rejected(
+            "relative corrections need DEF_ASPos and DEF_Delay in the Ethernet configuration, because lost "
+            "answers could not be made up for"
+        )
+    return ACCEPTED
+
+
+def check_position(state: RobState, layout: Layout, limits: JointLimits) -> Accepted | Rejected:
+    """Whether the arm can be where it is reported."""
+    position = np.array(state.position)
+    outside = np.maximum(limits.min_position - position, position - limits.max_position)
+    joint = int(np.argmax(outside))
+    if outside[joint] <= OUTSIDE_RAD:
+        return ACCEPTED
+    unit = "mm" if layout.scale[joint] == 1e3 else "degrees"
+    low, high, here = (
+        each[joint] * layout.scale[joint] for each in (limits.min_position, limits.max_position, position)
+    )
+    return Rejected(
+        f"{layout.axes[joint]} ({limits.names[joint]}) is reported at {here:.2f} {unit}, the model's limits "
+        f"are {low:.2f} and {high:.2f} {unit}: another robot, another order in robot.backend.axes, "
+        "or other units"
+    )
+
+
+def check_entry(state: RobState, options: RsiOptions, layout: Layout, held: Array) -> Accepted | Rejected:
+    """Whether the arm is at its held position, so that corrections may begin."""
+    off = np.abs(np.subtract(state.position, held))
+    joint = int(off.argmax())
+    if off[joint] <= options.entry_rad:
+        return ACCEPTED
+    return Rejected(
+        f"{layout.axes[joint]} is {off[joint]:.4f} rad (or m) from the controller's set position, "
+        f"{options.entry_rad:g} are allowed (robot.backend.entry_rad)"
+    )
+
+
+def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
+    """Whether the reported pose is that of the model's flange: its program selects $NULLFRAME as tool and
+    base."""
+    if len(state.pose) != 6 or not any(state.pose):
+        return ACCEPTED
+    position = 1e-3 * np.array(state.pose[:3])
+    flange = Pose(position, np.array(kuka_quaternion(*map(math.radians, state.pose[3:]))))
+    return check_agreement(model, np.array(state.position), flange)
+
+
+def position_at_rest(state: RobState) -> tuple[float, ...]:
+    """The controller's set position; the measured one if it does not report the former."""
+    return state.setpoint or state.position

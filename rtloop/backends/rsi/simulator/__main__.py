@@ -1,0 +1,159 @@
+"""`cobot simulate rsi`: a controller of a KUKA KR robot with RSI, for any client."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, endpoint, ipv4, within
+from rtloop.backends.fri.simulator.network import MAX_DELAY
+from rtloop.backends.fri.simulator.server import CabinetServer
+from rtloop.backends.rsi.options import DEFAULT_PORT, RsiOptions
+from rtloop.backends.rsi.simulator.control import RsiControlServer
+from rtloop.backends.rsi.simulator.controller import RsiController
+from rtloop.backends.rsi.simulator.lockstep import controller_for, with_options
+from rtloop.backends.rsi.simulator.network import RsiNetwork
+from rtloop.backends.rsi.simulator.options import PERIODS_MS, ControllerOptions
+from rtloop.backends.rsi.telegrams import OPERATION_MODES
+from rtloop.realtime import freeze_garbage, prepare
+
+
+def main() -> int:
+    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    chosen = _parser().parse_args()
+    ending: list[str] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ending.append("asked to")
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    try:
+        server = _server(chosen)
+    except (CobotError, ValueError, OSError) as exc:
+        print(f"cobot simulate rsi: {exc}", file=sys.stderr)
+        return 2
+    print(
+        f"cobot simulate rsi: from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
+        f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}",
+        flush=True,
+    )
+    if chosen.priority is not None:
+        refused = prepare(chosen.priority, None, None).refused
+        freeze_garbage()
+        if refused:
+            print(f"cobot simulate rsi: {refused}", file=sys.stderr, flush=True)
+    try:
+        server.run(ending)
+    finally:
+        server.close()
+    return 0
+
+
+def _server(chosen: argparse.Namespace) -> CabinetServer[RsiController]:
+    settings = load_settings(chosen.config).of(chosen.robot)
+    if settings.robot.backend.type != "rsi":
+        settings = with_options(settings.model_copy(), **_options_without_backend())
+    robot = load_robot(settings)
+    own = settings.backend_options(RsiOptions) or RsiOptions()
+    period_ms = round(settings.rt.period_s * 1e3)
+    relative = own.correction == "relative"
+    options = ControllerOptions(
+        chosen.period or (period_ms if period_ms in PERIODS_MS else PERIODS_MS[0]),
+        relative,
+        not relative if chosen.hold_on is None else chosen.hold_on == "1",
+        chosen.timeout or own.timeout_packets,
+        chosen.in_a_row,
+        chosen.mode,
+        chosen.override,
+        not chosen.plain,
+    )
+    start = np.array(robot.positions[settings.robot.start_position].joints)
+    controller = controller_for(settings, robot.limits, options, start)
+    return CabinetServer(
+        controller,
+        RsiNetwork(controller.layout, chosen.seed, chosen.loss, chosen.reorder, chosen.delay),
+        chosen.client,
+        RsiControlServer,
+        address=(chosen.address, chosen.port),
+        control_port=chosen.control_port,
+        patience_s=chosen.patience,
+    )
+
+
+def _options_without_backend() -> dict[str, object]:
+    """For an arm whose settings name another backend: its own limits bound it, not a correction's."""
+    return {"max_correction": 360.0}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="cobot simulate rsi", description=__doc__)
+    add = parser.add_argument
+    port, share = within(int, 0, 65_535), within(float, 0, 1)
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="settings with the arm and `robot.backend: {type: rsi, ...}`",
+    )
+    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add(
+        "--client",
+        type=endpoint,
+        default=("127.0.0.1", DEFAULT_PORT),
+        metavar="HOST:PORT",
+        help=f"where to send to; 127.0.0.1:{DEFAULT_PORT}",
+    )
+    add("--address", type=ipv4, default="127.0.0.1", metavar="IPV4", help="to send from; 127.0.0.1")
+    add("--port", type=port, default=0, metavar="P", help="to send from; 0 picks a free one")
+    add(
+        "--control-port",
+        type=port,
+        default=0,
+        metavar="P",
+        help="of the control interface; 0 picks a free one",
+    )
+    add(
+        "--period", type=int, choices=PERIODS_MS, help="ms: 12 is IPO, 4 IPO_FAST; that of the settings, or 4"
+    )
+    add("--timeout", type=within(int, 1, 10_000), metavar="N", help="late answers that are allowed")
+    add("--in-a-row", action="store_true", help="count only late answers in a row for --timeout")
+    add(
+        "--hold-on", choices=["0", "1"], help="HOLDON of the corrections; 1 for absolute ones, 0 for relative"
+    )
+    add("--mode", choices=OPERATION_MODES, default="AUT", help="operation mode; AUT")
+    add("--override", type=within(int, 0, 100), default=100, metavar="PERCENT", help="program override; 100")
+    add(
+        "--plain", action="store_true", help="report neither mode, state, override nor the sum of corrections"
+    )
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
+    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
+    add(
+        "--delay",
+        type=within(int, 0, MAX_DELAY),
+        default=0,
+        metavar="N",
+        help="periods that answers are late",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
+    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    add(
+        "--patience",
+        type=within(float, 0, MAX_PATIENCE_S),
+        default=0.0,
+        metavar="S",
+        help="stand still so long for a late answer",
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""A simulated controller and a backend in one process, stepped period by period without clock or network."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.srdf import load_named_positions
+from cobot.types import Array, JointLimits
+from rtloop.backends.fri.messages import ControlMode
+from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.fri.simulator.lockstep import RESTART_S, UNLUCKY, LockStep
+from rtloop.backends.rsi.backend import RsiBackend
+from rtloop.backends.rsi.options import RsiOptions
+from rtloop.backends.rsi.simulator.controller import RsiController
+from rtloop.backends.rsi.simulator.network import RsiNetwork
+from rtloop.backends.rsi.simulator.options import ControllerOptions
+from rtloop.backends.rsi.telegrams import layout_of
+from rtloop.contract import FAULTS
+
+LARGE = 170.0
+"""Largest correction of the simulated controller, degrees or mm: the contract moves further than KUKA's 5."""
+OUTPUTS = {"gripper": 1, "lamp": 2}
+
+
+def controller_for(
+    settings: Settings, limits: JointLimits, options: ControllerOptions, start: Array
+) -> RsiController:
+    """The controller that fits the options of the backend."""
+    own = settings.backend_options(RsiOptions) or RsiOptions()
+    arm = CabinetArm(settings, limits, start, ControlMode.POSITION)
+    return RsiController(arm, layout_of(own, limits), np.array(own.limits_of(limits)), options)
+
+
+def with_options(settings: Settings, **options: Any) -> Settings:
+    """Settings with further options of the backend."""
+    backend = settings.robot.backend
+    backend = backend.model_copy(update={"type": "rsi", "options": {**backend.options, **options}})
+    return settings.model_copy(update={"robot": settings.robot.model_copy(update={"backend": backend})})
+
+
+class RsiRig:
+    """The backend `rsi` and a simulated controller, a `ContractRig`."""
+
+    faults = frozenset(FAULTS)
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        given = settings.robot.backend.options
+        larger = {"max_correction": LARGE, "outputs": given.get("outputs") or OUTPUTS}
+        self._settings, self._limits = with_options(settings, **larger), limits
+        own = self._settings.backend_options(RsiOptions) or RsiOptions()
+        relative = own.correction == "relative"
+        cell = ControllerOptions(
+            period_ms=round(1e3 * settings.rt.period_s),
+            relative=relative,
+            hold_on=not relative,
+            in_a_row=True,
+        )
+        names = settings.robot
+        start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
+        controller = controller_for(self._settings, limits, cell, np.array(start))
+        self._channel = LockStep(controller, RsiNetwork(controller.layout))
+
+    @property
+    def wire(self) -> list[Array]:
+        """The positions that the controller has been sent."""
+        return list(self._channel.cabinet.wire)
+
+    def backend(self) -> RsiBackend:
+        for _ in range(round(RESTART_S / self._channel.cabinet.period_s)):
+            self._channel.receive(0.0)
+        return RsiBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
+
+    def inject(self, fault: str) -> None:
+        channel, controller = self._channel, self._channel.cabinet
+        if fault == "disconnect":
+            channel.off = True
+        elif fault in ("frozen", "nan"):
+            channel.network.spoil = fault
+        elif fault == "loss":
+            channel.network.loss = UNLUCKY
+        elif fault == "reorder":
+            channel.network.reorder = UNLUCKY
+        elif fault == "pile_up":
+            channel.busy = True
+        elif fault == "operation_mode":
+            controller.switch_mode("T1")
+        elif fault == "e_stop":
+            controller.stop_safely(active=True)
+        else:
+            controller.starts_again = False
+            controller.switch_off("a limit of the RSI context")
+
+    def clear(self, fault: str) -> None:
+        channel, controller = self._channel, self._channel.cabinet
+        if fault == "disconnect":
+            channel.off = False
+        elif fault in ("frozen", "nan"):
+            channel.network.spoil = ""
+        elif fault in ("loss", "reorder"):
+            channel.network.loss = channel.network.reorder = 0.0
+        elif fault == "pile_up":
+            channel.busy = False
+        elif fault == "operation_mode":
+            controller.switch_mode("AUT")
+        elif fault == "e_stop":
+            controller.stop_safely(active=False)
+        else:
+            controller.starts_again = True

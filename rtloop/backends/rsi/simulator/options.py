@@ -1,0 +1,38 @@
+"""Options of a simulated controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+PERIODS_MS = (4, 12)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerOptions:
+    """Attributes:
+    period_ms: 4 (IPO_FAST) or 12 (IPO).
+    relative: mode of RSI_ON.
+    hold_on: whether the last correction stays at the output of ETHERNET if an answer is missing.
+    timeout: number of late answers that end RSI.
+    in_a_row: whether only late answers in a row count for `timeout`, instead of all since RSI_ON.
+    operation_mode: T1, T2, AUT or EXT.
+    override: program override, percent.
+    reports: whether the context reports mode, state, override and the sum of corrections. Contexts of other
+        people do not.
+    """
+
+    period_ms: int = 4
+    relative: bool = False
+    hold_on: bool = True
+    timeout: int = 10
+    in_a_row: bool = False
+    operation_mode: Literal["T1", "T2", "AUT", "EXT"] = "AUT"
+    override: int = 100
+    reports: bool = True
+
+    def __post_init__(self) -> None:
+        if self.period_ms not in PERIODS_MS:
+            raise ValueError(f"a period of {self.period_ms} ms, RSI has 4 (IPO_FAST) and 12 (IPO)")
+        if not 0 <= self.override <= 100:
+            raise ValueError(f"an override of {self.override} %, it must be 0 to 100")

@@ -1,0 +1,121 @@
+"""The part of XML that RSI's telegrams have: a root, elements with attributes or a text, no deeper level.
+
+Expat parses. Everything else that XML can contain (document types and so entities, processing instructions,
+deeper levels) is rejected, and so are large packets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+MAX_PACKET = 8192
+"""Maximum size of a telegram, in bytes. One with all 64 channels of RSI has about half of it."""
+MAX_ELEMENTS = 200
+MAX_TEXT = 200
+SHOWN = 60
+
+
+class TelegramError(Exception):
+    """A packet is not a telegram; the text says why."""
+
+
+@dataclass(slots=True)
+class Element:
+    """An element below the root.
+
+    Attributes:
+        attributes: by name, not yet parsed.
+        text: between its tags.
+    """
+
+    attributes: dict[str, str]
+    text: str = ""
+
+
+@dataclass(slots=True)
+class Telegram:
+    """A parsed packet.
+
+    Attributes:
+        root: name of the root.
+        type: its attribute `Type`, "" without one.
+        elements: by their names.
+    """
+
+    root: str = ""
+    type: str = ""
+    elements: dict[str, Element] = field(default_factory=dict)
+
+
+def shown(value: object) -> str:
+    """A value of a stranger's packet, short and printable."""
+    text = str(value)
+    return ascii(text if len(text) <= SHOWN else f"{text[:SHOWN]}...")
+
+
+def read_telegram(packet: bytes) -> Telegram:
+    """Parse a packet.
+
+    Raises:
+        TelegramError: it is not such a document.
+    """
+    if len(packet) > MAX_PACKET:
+        raise TelegramError(f"a packet of more than {MAX_PACKET} bytes")
+    reader = _Reader()
+    try:
+        reader.parser.Parse(packet, True)
+    except expat.ExpatError as exc:
+        raise TelegramError(f"a packet that is not XML: {exc}, it begins with {shown(packet[:20])}") from exc
+    except (ValueError, LookupError) as exc:  # an encoding that Python does not have
+        raise TelegramError(f"a packet that is not XML: {exc}") from exc
+    return reader.telegram
+
+
+class _Reader:
+    """Collects what expat finds."""
+
+    def __init__(self) -> None:
+        self.telegram = Telegram()
+        self._open: Element | None = None
+        self._depth = 0
+        self.parser = parser = expat.ParserCreate("utf-8")
+        parser.buffer_text = True
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._text
+        parser.StartDoctypeDeclHandler = self._reject_doctype
+        parser.ProcessingInstructionHandler = self._reject_instruction
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        telegram = self.telegram
+        self._depth += 1
+        if self._depth == 1:
+            telegram.root, telegram.type = name, attributes.get("Type", "")
+            return
+        if self._depth > 2:
+            raise TelegramError(f"{shown(name)} is inside another element, a telegram has one level")
+        if name in telegram.elements:
+            raise TelegramError(f"{shown(name)} is there twice")
+        if len(telegram.elements) == MAX_ELEMENTS:
+            raise TelegramError(f"more than {MAX_ELEMENTS} elements")
+        self._open = telegram.elements[name] = Element(attributes)
+
+    def _end(self, name: str) -> None:
+        self._depth -= 1
+        self._open = None
+
+    def _text(self, text: str) -> None:
+        if self._open is None:
+            return
+        self._open.text += text
+        if len(self._open.text) > MAX_TEXT:
+            raise TelegramError(f"a text of more than {MAX_TEXT} characters")
+
+    @staticmethod
+    def _reject_doctype(name: str, system: str | None, public: str | None, internal: bool) -> None:
+        raise TelegramError("a document type, which may define entities; a telegram has none")
+
+    @staticmethod
+    def _reject_instruction(target: str, data: str) -> None:
+        raise TelegramError(f"a processing instruction, {shown(target)}; a telegram has none")
