@@ -23,7 +23,7 @@ MODE_INDEX = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ObjectParameter:
     """A parameter of an object.
 
     Attributes:
@@ -52,7 +52,7 @@ class RsiObject:
     old_id: int
     new_id: int
     inputs: tuple[tuple[int, str, int], ...] = ()
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[ObjectParameter, ...] = ()
 
 
 @dataclass(slots=True)
@@ -73,12 +73,12 @@ class Context:
 ETHERNET = "ETHERNET1"
 
 
-def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterator[Parameter]:
+def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterator[ObjectParameter]:
     """LowerLim and UpperLim of six axes; `first` is the number of the first one in old releases."""
     for sign, word, offset, new in ((-1, "Lower", 0, 0), (1, "Upper", 12, 6)):
         for index, axis in enumerate(axes):
             value = sign * most.get(axis, KUKA_LIMIT)
-            yield Parameter(f"{word}Lim{axis}", first + offset + index, new + index, f"{value:g}")
+            yield ObjectParameter(f"{word}Lim{axis}", first + offset + index, new + index, f"{value:g}")
 
 
 def _digital(kind: str, name: str, number: int, type_id: int, source: int | None = None) -> RsiObject:
@@ -90,7 +90,7 @@ def _digital(kind: str, name: str, number: int, type_id: int, source: int | None
         type_id,
         type_id,
         inputs,
-        (Parameter("Index", 1, 0, str(number)), Parameter("DataSize", 2, 1, "0")),
+        (ObjectParameter("Index", 1, 0, str(number)), ObjectParameter("DataSize", 2, 1, "0")),
     )
 
 
@@ -119,7 +119,7 @@ def context_for(
     moved = [axis for axis in ALL_AXES if axis in axes]
     _receive(found, moved, most, tags, outputs, hold_on=hold_on)
     monitored = tuple(
-        Parameter(f"Max{axis}", number + 1, number, f"{most.get(axis, KUKA_LIMIT) + MONITOR_MARGIN:g}")
+        ObjectParameter(f"Max{axis}", number + 1, number, f"{most.get(axis, KUKA_LIMIT) + MONITOR_MARGIN:g}")
         for number, axis in enumerate(ALL_AXES)
     )
     found.objects.append(RsiObject("AXISCORRMON", "AXISCORRMON1", 82, 82, (), monitored))
@@ -131,7 +131,7 @@ def context_for(
         _send(found, f"State.{word}", "BOOL", f"DIGOUT{number}")
     found.objects.append(RsiObject("OV_PRO", "OV_PRO1", 63, 63))
     _send(found, "OvPro", "LONG", "OV_PRO1")
-    mode = (Parameter("Index", 1, 0, str(MODE_INDEX)),)
+    mode = (ObjectParameter("Index", 1, 0, str(MODE_INDEX)),)
     found.objects.append(RsiObject("SEN_PINT", "SEN_PINT1", 57, 57, (), mode))
     _send(found, "CorrMode", "LONG", "SEN_PINT1")
     for number, digital in enumerate(inputs, start=1):
@@ -149,10 +149,10 @@ def context_for(
             64,
             tuple((number, name, port) for number, (name, port) in enumerate(found.sources)),
             (
-                Parameter("ConfigFile", 1, 0, ethernet_file, fixed=True),
-                Parameter("Timeout", 1, 0, str(timeout)),
-                Parameter("Flag", 4, 3, str(NO_FLAG)),
-                Parameter("Precision", 8, 7, str(PRECISION)),
+                ObjectParameter("ConfigFile", 1, 0, ethernet_file, fixed=True),
+                ObjectParameter("Timeout", 1, 0, str(timeout)),
+                ObjectParameter("Flag", 4, 3, str(NO_FLAG)),
+                ObjectParameter("Precision", 8, 7, str(PRECISION)),
             ),
         )
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cobot.types import Array, JointLimits
-from rtloop.backends.rsi.telegrams import MICRO, Layout, RobState
+from rtloop.backends.rsi.telegrams import MICRO, RobState, TelegramLayout
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 Counts = NDArray[np.int64]
@@ -40,7 +40,13 @@ class Corrections:
     """
 
     def __init__(
-        self, layout: Layout, limits: JointLimits, period_s: float, max_correction: Array, *, relative: bool
+        self,
+        layout: TelegramLayout,
+        limits: JointLimits,
+        period_s: float,
+        max_correction: Array,
+        *,
+        relative: bool,
     ) -> None:
         """max_correction: degrees or mm, shape (dof,)."""
         self._layout, self._limits = layout, limits
@@ -147,7 +153,7 @@ class FollowWatch:
         is_summed: whether a controller adds up corrections that are meant as absolute ones.
     """
 
-    def __init__(self, layout: Layout, period_s: float, tolerance: float) -> None:
+    def __init__(self, layout: TelegramLayout, period_s: float, tolerance: float) -> None:
         self._layout, self._tolerance = layout, tolerance
         self._rows = np.zeros((max(2, round(FOLLOW_S / period_s)), len(layout.axes)))
         self._next = 0
@@ -183,7 +189,7 @@ class FollowWatch:
             return ACCEPTED
         axis, beyond = self._layout.axes[joint], measured[joint] - reference[joint]
         self.is_summed = not self._confirmed and bool(self._sum[joint] * beyond > 0.0)
-        reason = f"{axis} is {off[joint]:.4f} rad (or m) beside the path of its corrections"
+        reason = f"{axis} is {off[joint]:.4f} rad (or m) off the path of its corrections"
         if self.is_summed:
             return Rejected(
                 f"{reason}: the controller adds them up. Its program has RSI_ON(#RELATIVE), and "

@@ -11,7 +11,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits, Pose
 from rtloop.backends.agreement import check_agreement
 from rtloop.backends.rsi.options import PERIODS_S, RsiOptions
-from rtloop.backends.rsi.telegrams import Layout, RobState
+from rtloop.backends.rsi.telegrams import RobState, TelegramLayout
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 HAND_GUARDED = ("T1", "T2")
@@ -70,7 +70,7 @@ def check_settings(
     return ACCEPTED
 
 
-def check_position(state: RobState, layout: Layout, limits: JointLimits) -> Accepted | Rejected:
+def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits) -> Accepted | Rejected:
     """Whether the arm can be where it is reported."""
     position = np.array(state.position)
     outside = np.maximum(limits.min_position - position, position - limits.max_position)
@@ -88,7 +88,9 @@ def check_position(state: RobState, layout: Layout, limits: JointLimits) -> Acce
     )
 
 
-def check_entry(state: RobState, options: RsiOptions, layout: Layout, held: Array) -> Accepted | Rejected:
+def check_entry(
+    state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
+) -> Accepted | Rejected:
     """Whether the arm is at its held position, so that corrections may begin."""
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())

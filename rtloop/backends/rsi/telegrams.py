@@ -16,7 +16,7 @@ import numpy as np
 
 from cobot.types import Array, JointLimits
 from rtloop.backends.rsi.options import ROBOT_AXES, RsiOptions, is_external
-from rtloop.backends.rsi.xml_reader import Element, Telegram, TelegramError, read_telegram, shown
+from rtloop.backends.rsi.xml_reader import Telegram, TelegramElement, TelegramError, read_telegram, shown
 
 ROB_TYPE = "KUKA"
 STATE, OVERRIDE, MODE, IN, OUT, MONITOR = "State", "OvPro", "CorrMode", "In", "Out", "AxisCorrMon"
@@ -36,7 +36,7 @@ _TRUE, _FALSE = {"1", "true"}, {"0", "false"}
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TelegramLayout:
     """The contents of the telegrams of one robot.
 
     Attributes:
@@ -64,9 +64,9 @@ class Layout:
         return found
 
 
-def layout_of(options: RsiOptions, limits: JointLimits) -> Layout:
+def layout_of(options: RsiOptions, limits: JointLimits) -> TelegramLayout:
     slides = limits.slides or (False,) * limits.dof
-    return Layout(
+    return TelegramLayout(
         options.axes_of(limits),
         np.where(slides, 1e3, 180.0 / math.pi),
         options.axis_tag,
@@ -124,7 +124,7 @@ class SenAnswer:
     outputs: tuple[bool, ...] = ()
 
 
-def decode_rob(packet: bytes, layout: Layout) -> RobState | str:
+def decode_rob(packet: bytes, layout: TelegramLayout) -> RobState | str:
     """The controller's telegram, or a sentence that says why it is none. Nothing is raised."""
     try:
         return _rob(read_telegram(packet), layout)
@@ -132,7 +132,7 @@ def decode_rob(packet: bytes, layout: Layout) -> RobState | str:
         return str(exc)
 
 
-def decode_sen(packet: bytes, layout: Layout) -> SenAnswer | str:
+def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
     """The sensor's telegram, or a sentence that says why it is none. Nothing is raised."""
     try:
         return _sen(read_telegram(packet), layout)
@@ -140,7 +140,9 @@ def decode_sen(packet: bytes, layout: Layout) -> SenAnswer | str:
         return str(exc)
 
 
-def encode_sen(layout: Layout, ipoc: int, corrections: Sequence[int], outputs: Sequence[bool]) -> bytes:
+def encode_sen(
+    layout: TelegramLayout, ipoc: int, corrections: Sequence[int], outputs: Sequence[bool]
+) -> bytes:
     """corrections: of each joint, in millionths of a degree or mm."""
     parts = [f'<Sen Type="{layout.sen_type}">']
     for tag, joints in layout.corrections:
@@ -152,7 +154,7 @@ def encode_sen(layout: Layout, ipoc: int, corrections: Sequence[int], outputs: S
     return "".join(parts).encode()
 
 
-def encode_rob(layout: Layout, state: RobState) -> bytes:
+def encode_rob(layout: TelegramLayout, state: RobState) -> bytes:
     """Encode for a simulated controller."""
     parts = [f'<Rob Type="{ROB_TYPE}">']
     if state.pose:
@@ -191,7 +193,7 @@ def _attributes(names: Sequence[str], values: Sequence[float]) -> str:
     return " ".join(f'{name}="{value:.{DECIMALS}f}"' for name, value in zip(names, values, strict=True))
 
 
-def _axes(layout: Layout, robot: str, external: str, values: Sequence[float]) -> str:
+def _axes(layout: TelegramLayout, robot: str, external: str, values: Sequence[float]) -> str:
     """Positions of all axes; those of the robot that no joint has are 0."""
     by_axis = dict(zip(layout.axes, np.multiply(values, layout.scale).tolist(), strict=True))
     own = [(axis, by_axis.get(axis, 0.0)) for axis in ROBOT_AXES]
@@ -232,14 +234,14 @@ def _bit(text: str, where: str) -> bool:
     return value == 1.0
 
 
-def _attribute(element: Element, tag: str, name: str) -> str:
+def _attribute(element: TelegramElement, tag: str, name: str) -> str:
     found = element.attributes.get(name)
     if found is None:
         raise TelegramError(f"{tag} has no attribute {name}; it has {shown(', '.join(element.attributes))}")
     return found
 
 
-def _element(telegram: Telegram, tag: str, entry: str = "") -> Element:
+def _element(telegram: Telegram, tag: str, entry: str = "") -> TelegramElement:
     found = telegram.elements.get(tag)
     if found is None:
         raise TelegramError(
@@ -255,7 +257,7 @@ def _root(telegram: Telegram, root: str, kind: str) -> None:
         raise TelegramError(f"{root} has the Type {shown(telegram.type)}, expected is {kind}")
 
 
-def _rob(telegram: Telegram, layout: Layout) -> RobState:
+def _rob(telegram: Telegram, layout: TelegramLayout) -> RobState:
     _root(telegram, "Rob", ROB_TYPE)
     elements = telegram.elements
     _element(telegram, "AIPos", "DEF_AIPos")
@@ -283,7 +285,7 @@ def _rob(telegram: Telegram, layout: Layout) -> RobState:
     return state
 
 
-def _check_axes(element: Element, layout: Layout) -> None:
+def _check_axes(element: TelegramElement, layout: TelegramLayout) -> None:
     """Raise if the controller has other axes than the model."""
     for name, text in element.attributes.items():
         if name not in ROBOT_AXES:
@@ -295,7 +297,7 @@ def _check_axes(element: Element, layout: Layout) -> None:
             )
 
 
-def _positions(telegram: Telegram, layout: Layout, robot: str, external: str) -> tuple[float, ...]:
+def _positions(telegram: Telegram, layout: TelegramLayout, robot: str, external: str) -> tuple[float, ...]:
     found = []
     for axis, scale in zip(layout.axes, layout.scale, strict=True):
         tag = external if is_external(axis) else robot
@@ -304,7 +306,7 @@ def _positions(telegram: Telegram, layout: Layout, robot: str, external: str) ->
     return tuple(found)
 
 
-def _read_state(element: Element, state: RobState) -> None:
+def _read_state(element: TelegramElement, state: RobState) -> None:
     bits = {name: _bit(_attribute(element, STATE, name), f"{STATE}.{name}") for name in STATE_BITS}
     modes = [mode for mode in OPERATION_MODES if bits[mode]]
     if not modes:  # the context does not fill it in
@@ -325,7 +327,7 @@ def _read_bits(telegram: Telegram, tag: str, letter: str, count: int) -> tuple[b
     return tuple(_bit(_attribute(element, tag, name), f"{tag}.{name}") for name in names)
 
 
-def _sen(telegram: Telegram, layout: Layout) -> SenAnswer:
+def _sen(telegram: Telegram, layout: TelegramLayout) -> SenAnswer:
     _root(telegram, "Sen", layout.sen_type)
     corrections = [0] * len(layout.axes)
     for tag, joints in layout.corrections:
@@ -340,6 +342,6 @@ def _sen(telegram: Telegram, layout: Layout) -> SenAnswer:
     )
 
 
-def validity(layout: Layout) -> Callable[[bytes], bool]:
+def validity(layout: TelegramLayout) -> Callable[[bytes], bool]:
     """Whether a packet may come from a controller, which `layout` describes."""
     return lambda packet: not isinstance(decode_rob(packet, layout), str)

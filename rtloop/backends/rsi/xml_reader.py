@@ -21,7 +21,7 @@ class TelegramError(Exception):
 
 
 @dataclass(slots=True)
-class Element:
+class TelegramElement:
     """An element below the root.
 
     Attributes:
@@ -45,7 +45,7 @@ class Telegram:
 
     root: str = ""
     type: str = ""
-    elements: dict[str, Element] = field(default_factory=dict)
+    elements: dict[str, TelegramElement] = field(default_factory=dict)
 
 
 def shown(value: object) -> str:
@@ -77,7 +77,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.telegram = Telegram()
-        self._open: Element | None = None
+        self._open: TelegramElement | None = None
         self._depth = 0
         self.parser = parser = expat.ParserCreate("utf-8")
         parser.buffer_text = True
@@ -99,7 +99,7 @@ class _Reader:
             raise TelegramError(f"{shown(name)} is there twice")
         if len(telegram.elements) == MAX_ELEMENTS:
             raise TelegramError(f"more than {MAX_ELEMENTS} elements")
-        self._open = telegram.elements[name] = Element(attributes)
+        self._open = telegram.elements[name] = TelegramElement(attributes)
 
     def _end(self, name: str) -> None:
         self._depth -= 1

@@ -16,7 +16,7 @@ from rtloop.backends.fri.messages import OperationMode
 from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.reflexes import check_command
 from rtloop.backends.rsi.simulator.options import ControllerOptions
-from rtloop.backends.rsi.telegrams import MICRO, Layout, RobState, decode_sen, encode_rob
+from rtloop.backends.rsi.telegrams import MICRO, RobState, TelegramLayout, decode_sen, encode_rob
 from rtloop.results import Rejected
 
 FIRST_IPOC = 123_456
@@ -83,7 +83,7 @@ class RsiController:
     """
 
     def __init__(
-        self, arm: CabinetArm, layout: Layout, max_correction: Array, options: ControllerOptions
+        self, arm: CabinetArm, layout: TelegramLayout, max_correction: Array, options: ControllerOptions
     ) -> None:
         """max_correction: limits of AXISCORR and AXISCORRMON, degrees or mm, shape (dof,)."""
         self.arm, self.layout, self.options = arm, layout, options

@@ -6,14 +6,14 @@ import math
 from dataclasses import replace
 
 from rtloop.backends.fri.simulator.network import Network
-from rtloop.backends.rsi.telegrams import Layout, RobState, decode_rob, encode_rob
+from rtloop.backends.rsi.telegrams import RobState, TelegramLayout, decode_rob, encode_rob
 
 
 class RsiNetwork(Network):
     """A `Network` that can falsify the measured positions."""
 
     def __init__(
-        self, layout: Layout, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0
+        self, layout: TelegramLayout, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0
     ) -> None:
         super().__init__(seed, loss, reorder, delay)
         self._layout = layout

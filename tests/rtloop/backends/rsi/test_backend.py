@@ -130,7 +130,7 @@ def test_a_controller_that_takes_relative_corrections_as_absolute_does_not_move(
     driven = make(ControllerOptions(reports=False), correction="relative").enabled()
     start = driven.controller.arm.setpoint.copy()
     driven.swing(200)
-    assert "beside the path of its corrections" in driven.problems[0]
+    assert "off the path of its corrections" in driven.problems[0]
     assert np.abs(driven.controller.arm.setpoint - start).max() < 0.01
 
 

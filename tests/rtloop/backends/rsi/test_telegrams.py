@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rtloop.backends.rsi.telegrams import (
-    Layout,
     RobState,
     SenAnswer,
+    TelegramLayout,
     decode_rob,
     decode_sen,
     encode_rob,
@@ -23,8 +23,10 @@ from rtloop.backends.rsi.telegrams import (
 from rtloop.backends.rsi.xml_reader import MAX_ELEMENTS, MAX_PACKET
 
 DEGREES = 180.0 / math.pi
-SIX = Layout(tuple(f"A{number}" for number in range(1, 7)), np.full(6, DEGREES), "AK", "EK", "cobot", (), ())
-RAIL = Layout(
+SIX = TelegramLayout(
+    tuple(f"A{number}" for number in range(1, 7)), np.full(6, DEGREES), "AK", "EK", "cobot", (), ()
+)
+RAIL = TelegramLayout(
     ("E1", *SIX.axes), np.array([1e3, *SIX.scale]), "AK", "EK", "cobot", ("part",), ("open", "close")
 )
 """A robot on a linear axis, which is the first joint of the model."""
