@@ -14,10 +14,10 @@ FORM = 'a condition is {"input": NAME, "is": true or false}, or has "above" or "
 
 
 def require_condition(condition: Mapping[str, Any]) -> None:
-    """Check the form of a condition.
+    """Check that a condition has a valid form.
 
     Raises:
-        InputError: it has another form.
+        InputError: the form is invalid.
     """
     if not isinstance(condition, Mapping):
         raise InputError(f"{FORM}; got {json.dumps(condition, default=repr)[:80]}")
@@ -42,7 +42,7 @@ def describe(condition: Mapping[str, Any]) -> str:
 
 
 def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, Any]:
-    """The input of that name among those of `GET /robot/io`.
+    """The input with that name in the answer of `GET /robot/io`.
 
     Raises:
         NotFoundError: it does not exist. The message lists those that do.
@@ -58,7 +58,7 @@ def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, A
 
 
 def holds(condition: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether a condition holds, with the points of `GET /robot/io`. An unknown value fulfils none.
+    """Whether a condition holds for the points of `GET /robot/io`. An unknown value fulfils no condition.
 
     Raises:
         NotFoundError, InputError: see `find_input`; or the input has another kind than the condition.

@@ -18,7 +18,7 @@ MOTION_TIMEOUT_S = 100.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts, after
 which the service waits a few seconds for the arm to stop."""
 LONG_TIMEOUTS_S = {"/robot/move/sequence": 630.0, "/recordings": 150.0}
-"""Paths whose answer may take longer than that of one motion, and the least timeout for it, s."""
+"""Minimum timeouts for paths whose answer may take longer than one motion, s."""
 Json = dict[str, Any]
 
 
@@ -27,7 +27,7 @@ ERRORS = BY_CODE
 
 
 def _error_of(answer: Json) -> CobotError:
-    """The error that an answer reports. Raises KeyError: it reports none."""
+    """The error that an answer reports. Raises KeyError if it reports no error."""
     if "success" in answer:  # a motion that did not arrive
         error = ERRORS.get(str(answer.get("code")), ExecutionError)(str(answer["message"]))
     else:
@@ -86,7 +86,7 @@ class Connection:
         self._http.close()
 
     def _post_motion(self, path: str, body: Json) -> Json:
-        """Send a motion and wait for its end. One that does not arrive is answered like any other error."""
+        """Send a motion and wait for its end. A motion that does not arrive raises an error."""
         strict = {PREFER: STRICT_STATUS}
         answer = self._json("POST", path, json=body, timeout=self._answer_timeout_s(path), headers=strict)
         if not answer["success"]:  # a proxy has removed the header
@@ -146,8 +146,8 @@ class Connection:
 
     @contextlib.contextmanager
     def _stream(self, path: str, **request: Any) -> Iterator[httpx.Response]:
-        """An answer that is read while it arrives. Raises like `_request`; later reads may raise httpx's
-        errors."""
+        """An answer that is read while it arrives. Raises the errors of `_request`.
+        Later reads may raise httpx's errors."""
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:
             if not response.is_success:

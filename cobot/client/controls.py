@@ -89,7 +89,7 @@ class Control(ABC, Generic[State]):
             self._transport.clock.sleep(POLL_S / 10)
 
     def _publish(self, counter: str, **fields: object) -> None:
-        """Send these fields of the setpoint to rtloop and leave the others unchanged. If rtloop refuses one,
+        """Send these fields of the setpoint to rtloop and leave the others unchanged. If one is invalid,
         nothing changes."""
         with self._turn:
             wanted = self._setpoint.copy()
@@ -121,7 +121,7 @@ class Control(ABC, Generic[State]):
 
 
 class JointImpedanceControl(Control[JointState]):
-    """Streams joint positions. The joints give way around them like springs."""
+    """Streams joint positions. Each joint yields to forces like a spring."""
 
     def get_state(self) -> JointState:
         return joint_state(self._transport.state())
@@ -136,12 +136,12 @@ class JointImpedanceControl(Control[JointState]):
 
         Args:
             positions: rad.
-            velocities: at the target, rad/s; without them the interpolation chooses its own.
-            accelerations: rad/s²; they are checked and then ignored.
+            velocities: velocities at the target, rad/s; without them the interpolation chooses them.
+            accelerations: rad/s². They are checked but not used.
 
         Raises:
-            InputError: the number of joints is wrong, or a value is not finite. From the second target on it
-                is raised once if the first target was too far from the arm to be followed.
+            InputError: the number of joints is wrong, or a value is not finite. A first target that is too
+                far from the arm is reported once, by the call for a later target.
             MotionStopped: the session has ended, with the reason.
         """
         target = vector(positions, self._dof, name="positions")
@@ -155,8 +155,8 @@ class JointImpedanceControl(Control[JointState]):
         executed.
 
         Args:
-            times_s: on the robot's clock, see `Robot.clock_s`, increasing.
-            positions: rad, one list for each time.
+            times_s: increasing times on the robot's clock, see `Robot.clock_s`.
+            positions: one list of joint positions for each time, rad.
 
         Raises:
             InputError, MotionStopped: as `set_target_joints`.
@@ -193,7 +193,7 @@ class JointTorqueControl(Control[JointState]):
 
 
 class CartesianMotionForceControl(Control[CartesianState]):
-    """Streams poses and wrenches of the TCP. The TCP gives way around its pose like a spring."""
+    """Streams poses and wrenches of the TCP. The TCP yields to forces like a spring."""
 
     def get_state(self) -> CartesianState:
         return cartesian_state(self._transport.state())
@@ -210,9 +210,10 @@ class CartesianMotionForceControl(Control[CartesianState]):
         Args:
             pose: x, y, z in m and w, x, y, z, in the base frame.
             wrench: force and torque that the TCP exerts along the force-controlled axes, in the force
-                frame: N, N·m.
-            velocity: at the target: m/s, rad/s, in the base frame; without it the interpolation chooses one.
-            acceleration: m/s², rad/s²; it is checked and then ignored.
+            frame: N, N·m.
+            velocity: velocity at the target, m/s and rad/s, in the base frame; without it the interpolation
+                chooses one.
+            acceleration: m/s², rad/s². It is checked but not used.
 
         Raises:
             InputError: the number of values is wrong, a value is not a finite number, or the quaternion is

@@ -19,7 +19,7 @@ UNTOLD = ("hello", "alive")
 
 
 def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
-    """The blocks of a text/event-stream: the fields of each block, with the lines of `data` joined."""
+    """Parse a text/event-stream. Yields the fields of each block, with the lines of `data` joined."""
     fields: dict[str, str] = {}
     for line in lines:
         name, _, value = line.partition(":")
@@ -35,11 +35,11 @@ def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
 
 
 class EventReader:
-    """Reads one stream after another. Each one continues after the last event of the one before.
+    """Reads one stream after another. Each stream continues after the last event of the previous one.
 
     Args:
         stream: opens a stream with these headers; raises the service's error if the service refuses it.
-        patience_s: how long the service may be unreachable.
+        patience_s: maximum time for which the service may be unreachable.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class EventConnection(Connection):
         end. A lost connection is opened again and continues after the last event.
 
         Args:
-            types: event types; all if none is given. With `state_hz`, states come whatever the types are.
-            robot: only the events of this robot; for a client of all robots.
+            types: event types; all if none is given. With `state_hz`, states come in any case.
+            robot: yield only events of this robot; for a client of all robots.
             state_hz: rate of states, 0.1 to 100 per second.
             after: "EPOCH-ID" of an earlier event, "0" for all stored events; without it only new ones.
-            patience_s: how long a lost connection is retried before UnavailableError is raised.
+            patience_s: time for which a lost connection is retried before UnavailableError is raised.
         """
         asked: Json = {"robot": robot, "state_hz": state_hz, "after": after}
         if types:

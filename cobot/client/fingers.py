@@ -1,4 +1,4 @@
-"""The gripper as the last number of a policy's action: a width, which is commanded when it changes."""
+"""The gripper of a policy: the last number of its action is a width, which is commanded when it changes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cobot.errors import NotSupportedError
 
 UNKNOWN_FORCE_N = 500.0
 CHANGE_M = 0.0005
-"""A width that differs by less from the last commanded one is not commanded, m."""
+"""Minimum change of the width for a new command, m."""
 
 
 class WidthFollower(Protocol):
-    """Fingers that follow a width.
+    """Interface of fingers that follow a width.
 
     Attributes:
         width_m: the smallest and the largest width, m.
@@ -25,20 +25,20 @@ class WidthFollower(Protocol):
     width_m: tuple[float, float]
 
     def aim(self, width: float) -> None:
-        """Go to a width, m, without waiting; the nearest one that is possible.
+        """Go to the nearest possible width, m, without waiting.
 
         Raises:
-            CobotError: the gripper does not take it, with the reason.
+            CobotError: the gripper rejects the command, with the reason.
         """
         ...
 
 
 class FollowedWidth:
-    """The width that fingers were commanded to last.
+    """Commands widths, and remembers the last one.
 
     Args:
         width_m: see `WidthFollower`.
-        continuous: whether any width within it is possible, or only its two ends.
+        continuous: whether every width in this range is possible, or only its two ends.
     """
 
     def __init__(self, width_m: tuple[float, float], *, continuous: bool = True) -> None:
@@ -46,7 +46,7 @@ class FollowedWidth:
         self._commanded: float | None = None
 
     def follow(self, width: float, command: Callable[[float], object]) -> None:
-        """Command the nearest possible width if it has changed. One that fails is commanded again."""
+        """Command the nearest possible width if it has changed. A failed command is repeated."""
         low, high = self._width_m
         width = min(max(width, low), high)
         if not self._continuous:
@@ -60,7 +60,7 @@ class ServedFingers:
     """The fingers of a service's gripper.
 
     Args:
-        able: the capabilities of GET /robot/gripper.
+        able: the capabilities in the answer of GET /robot/gripper.
 
     Attributes:
         max_force_n: the largest force at the fingers, N; `UNKNOWN_FORCE_N` if the gripper does not know it.
@@ -75,7 +75,7 @@ class ServedFingers:
 
     @classmethod
     def of(cls, gripper: GripperCommands) -> ServedFingers | None:
-        """The fingers of a robot; None without a gripper, or for one without a width, such as a suction cup.
+        """The fingers of a robot; None if it has no gripper, or one without a width, such as a suction cup.
 
         Raises:
             UnavailableError: the service does not answer.

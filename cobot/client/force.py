@@ -26,7 +26,7 @@ class ForceMoves(Moves):
 
         Args:
             motion: a body of POST /robot/move/pose with planner lin, circ or polyline.
-            how: `max_deviation`, m, and the fields of all motions with force.
+            how: `max_deviation`, m, and the fields that all motions with force have.
         """
         return self._force("follow", wait, force=force, motion=motion, **how)
 
@@ -35,7 +35,7 @@ class ForceMoves(Moves):
 
         Args:
             how: `pattern`, `radius`, `pitch`, `angle`, `search_speed`, `drop`, `target`, `tolerance`,
-                `until`, and the fields of all motions with force.
+                `until`, and the fields that all motions with force have.
         """
         return self._force("search", wait, force=force, **how)
 

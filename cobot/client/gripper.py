@@ -14,16 +14,17 @@ if TYPE_CHECKING:
 class GripperCommands:
     """The gripper of one robot, as `gripper` of a client.
 
-    Commands return the answer when the fingers have ended them, with the gripper's state and `held`; with
-    `wait=False` a `JobHandle`. A new command replaces the one that is under way. Widths are in m, speeds in
-    m/s, forces in N. Optional values that are not given are the gripper's defaults.
+    Commands return when the fingers have finished, with the gripper's state and `held`; with `wait=False`
+    they return a `JobHandle` at once. A new command replaces a running one. Widths are in m, speeds in m/s,
+    forces in N. Optional values default to those of the gripper.
     """
 
     def __init__(self, client: Moves) -> None:
         self._client = client
 
     def state(self) -> Json:
-        """How the gripper is: `type`, `connected`, `problem`, `state`, `command`, `held`, `capabilities`."""
+        """The state of the gripper: `type`, `connected`, `problem`, `state`, `command`, `held`,
+        `capabilities`."""
         return self._client._json("GET", "/robot/gripper")
 
     def move(
@@ -38,7 +39,7 @@ class GripperCommands:
         """Go to a width.
 
         Args:
-            if_blocked: "success": what stops the fingers on their way is held.
+            if_blocked: "success": if an object stops the fingers, the motion succeeds and the object is held.
         """
         return self._run("move", wait, width=width, speed=speed, force=force, if_blocked=if_blocked)
 
@@ -46,13 +47,13 @@ class GripperCommands:
         """Close on an object and hold it.
 
         Args:
-            width: of the object; None: any.
+            width: width of the object; None for any.
             how: `tolerance_inner`, `tolerance_outer`, `speed`, `force`, `if_missed`.
         """
         return self._run("grasp", wait, width=width, **how)
 
     def release(self, width: float | None = None, *, wait: bool = True) -> Json | JobHandle:
-        """Let go of the object: open to a width, or as far as possible."""
+        """Release the object: open to a width, or as far as possible."""
         return self._run("release", wait, width=width)
 
     def home(self, *, wait: bool = True) -> Json | JobHandle:
@@ -60,7 +61,7 @@ class GripperCommands:
         return self._run("home", wait)
 
     def stop(self) -> Json:
-        """Stop the fingers where they are; what they hold stays held."""
+        """Stop the fingers where they are. An object in the gripper stays held."""
         return self._client._json("POST", "/robot/gripper/stop")
 
     def _run(self, kind: str, wait: bool, **body: Any) -> Json | JobHandle:

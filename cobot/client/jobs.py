@@ -17,7 +17,7 @@ class JobHandle:
     """A job, as `Client.move_joints(..., wait=False)` returns it.
 
     Attributes:
-        id: its number.
+        id: number of the job.
 
     Every method raises what those of `Client` raise, and `NotFoundError` once the service has removed the
     job.
@@ -33,7 +33,8 @@ class JobHandle:
         return str(self.read()["state"])
 
     def read(self, wait_s: float = 0.0) -> Json:
-        """The job now, or at its end, at the latest after `wait_s` (at most 60)."""
+        """Read the job. The answer comes at the end of the job, or at the latest after `wait_s` (at most
+        60)."""
         return self._connection._json(
             "GET", f"/jobs/{self.id}", params={"wait_s": wait_s}, timeout=wait_s + 10.0
         )
@@ -110,7 +111,7 @@ class Jobs(Connection):
         return float(self._json("POST", "/robot/speed_override", json=body)["fraction"])
 
     def _motion(self, path: str, body: Json, wait: bool) -> Json | JobHandle:
-        """The answer on arrival, or the handle of a job."""
+        """Send a motion. Returns the answer on arrival, or without `wait` the handle of the job."""
         if wait:
             return self._post_motion(path, body)
         job = self._json("POST", path, params={"wait": False}, json=body, timeout=self._motion_timeout_s)

@@ -1,4 +1,4 @@
-"""What the arm is used for, and which use may follow which: the one table, for code, tests and docs."""
+"""The modes of a `Robot`, and the allowed changes between them. Code, tests and docs use this one table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """What a `Robot` is used for; `Robot.switch_mode` chooses it."""
+    """The mode of a `Robot`, which `Robot.switch_mode` selects."""
 
     UNKNOWN = 0
     IDLE = 1
@@ -20,7 +20,7 @@ class Mode(IntEnum):
 
 
 class CoordType(IntEnum):
-    """The frame that another one is given in."""
+    """The frame in which another frame is given."""
 
     WORLD = 0
     TCP = 1
@@ -31,8 +31,9 @@ SWITCHES: dict[Mode, frozenset[Mode]] = {
     Mode.UNKNOWN: frozenset({Mode.IDLE}),
     **dict.fromkeys(_CHOSEN, _CHOSEN),
 }
-"""Any use may follow any other while the arm rests and no session is open; UNKNOWN, when the robot does not
-answer, is left for IDLE only, and never chosen."""
+"""Allowed changes of the mode while the arm rests and no session is open. Any mode may follow any other.
+Exception: UNKNOWN, which means that the robot does not answer, changes only to IDLE and cannot be
+selected."""
 
 JOINT_STREAMS = frozenset({Mode.RT_JOINT_IMPEDANCE, Mode.NRT_JOINT_IMPEDANCE})
 CARTESIAN_STREAMS = frozenset({Mode.RT_CARTESIAN_MOTION_FORCE, Mode.NRT_CARTESIAN_MOTION_FORCE})

@@ -1,4 +1,5 @@
-"""The motions of the REST client: each returns on arrival, or at once with the job that it is."""
+"""The motions of the REST client. Each returns on arrival, or with `wait=False` at once, with the handle of
+its job."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ KINDS = {
     "joints": "move/joints",
     "angle": "move/arc",
 }
-"""Which endpoint a motion is for, by the first of these that it has; without any it goes to a pose."""
+"""The endpoint of a motion, chosen by the first of these keys in its body. Without any, the motion goes to a
+pose."""
 
 
 class Moves(Jobs):
@@ -36,7 +38,7 @@ class Moves(Jobs):
     def move_named(
         self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, wait: bool = True, **how: Any
     ) -> Json | JobHandle:
-        """Move to a named position; returns on arrival, raises when it is not reached.
+        """Move to a named position. Returns on arrival; raises an error if the position is not reached.
 
         Args:
             how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
@@ -65,7 +67,7 @@ class Moves(Jobs):
         wait: bool = True,
         **how: Any,
     ) -> Json | JobHandle:
-        """Move to joint angles in rad; returns on arrival, raises when it is not reached.
+        """Move to joint angles in rad. Returns on arrival; raises an error if they are not reached.
 
         Args:
             how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
@@ -79,7 +81,8 @@ class Moves(Jobs):
     @overload
     def execute(self, plan_id: str, *, wait: Literal[False]) -> JobHandle: ...
     def execute(self, plan_id: str, *, wait: bool = True) -> Json | JobHandle:
-        """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
+        """Run a plan. Returns on arrival; raises an error if the plan has expired or its goal is not
+        reached."""
         return self._motion("/robot/execute", {"plan_id": plan_id}, wait)
 
     # Its parameters are the fields of POST /robot/move/pose, by the same names.
@@ -120,10 +123,12 @@ class Moves(Jobs):
         wait: bool = True,
         **more: Any,
     ) -> Json | JobHandle:
-        """Move the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
+        """Move the TCP to a pose (m, KUKA angles in rad). Returns on arrival; raises an error if it is not
+        reached.
 
         Args:
-            speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
+            speed: share of the maximum speed. The default is 0.1, or 1 if `speed_m_s` or `speed_rad_s` is
+                given.
             more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
                 `synchronization`, `constraints`, `free_axes`, `cyclic`, `end_joints`, as in POST
                 /robot/move/pose.
@@ -187,7 +192,8 @@ class Moves(Jobs):
 
         Args:
             motions: bodies of POST /robot/move/named, joints, pose and arc.
-            radii: blend radius at the end of each but the last, m; none: the arm stops there.
+            radii: blend radius at the end of each motion except the last, m; without them the arm stops
+                there.
         """
         return self._move(
             "sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)}, wait
@@ -198,8 +204,8 @@ class Moves(Jobs):
 
         Args:
             motion: a body of POST /robot/move/named, joints, pose, arc or sequence, or of /robot/execute.
-            blend_radius: distance from its end, m, within which the TCP may leave its path to continue into
-                the next one.
+            blend_radius: distance from the end of the motion, m, within which the TCP may leave its path to
+                continue into the next one.
         """
         what = next((path for key, path in KINDS.items() if key in motion), "move/pose")
         query = {"queue": True, "blend_radius": blend_radius}

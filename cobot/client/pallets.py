@@ -1,6 +1,7 @@
 """Pallets: a grid of places, and motions that are relative to one of them.
 
-A place is a frame. The client calculates with it; the service sees poses in the frame of the pallet's origin.
+A place is a frame. The client converts poses relative to a place into the frame of the pallet's origin, which
+the service knows.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ class PalletPlace:
     """A place of a pallet.
 
     Attributes:
-        position: of the place in the frame, m.
-        quaternion: of the place in the frame, (w, x, y, z).
-        frame_id: frame of both, as in POST /robot/move/pose.
-        number: of the place in its pallet, from 1.
+        position: position of the place, m.
+        quaternion: orientation of the place, (w, x, y, z).
+        frame_id: frame in which both are given, as in POST /robot/move/pose.
+        number: number of the place in its pallet, from 1.
     """
 
     position: Vector
@@ -44,12 +45,12 @@ class PalletPlace:
         return cls((x, y, z), kuka_quaternion(a, b, c), str(pose.get("frame_id") or ""), number)
 
     def at(self, **pose: Any) -> dict[str, Any]:
-        """A body of POST /robot/move/pose, at a pose relative to this place. Other fields stay unchanged."""
+        """A body of POST /robot/move/pose for a pose relative to this place. Other fields stay unchanged."""
         return self.resolve({**dict.fromkeys(POSITION, 0.0), **pose})
 
     def resolve(self, body: Mapping[str, Any]) -> dict[str, Any]:
-        """A body of POST /robot/move/pose or move/arc whose poses, points and axis are relative to this
-        place, in the frame of the place."""
+        """Convert a body of POST /robot/move/pose or move/arc. Its poses, points and axis, given relative to
+        this place, become relative to `frame_id`."""
         resolved = {**body, "frame_id": self.frame_id}
         if "x" in body:
             resolved |= self._pose(body)
@@ -63,7 +64,7 @@ class PalletPlace:
         return resolved
 
     def turn(self, vector: Mapping[str, Any]) -> dict[str, float]:
-        """A direction that is relative to this place, in the frame of the place."""
+        """Convert a direction relative to this place into `frame_id`."""
         return self._named(rotated(self.quaternion, _vector(vector)))
 
     def _pose(self, pose: Mapping[str, Any]) -> dict[str, float]:
@@ -85,12 +86,12 @@ def _vector(values: Mapping[str, Any]) -> Vector:
 
 
 def _shown(count: object) -> str:
-    """A count in an error: an integer may have more digits than can be written."""
+    """A count for a message. Very large integers are shortened, because Python may refuse to write them."""
     return "too large" if isinstance(count, int) and abs(count) > 10**12 else repr(count)[:40]
 
 
 def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) -> int:
-    """The number of places of a grid.
+    """Check a grid. Returns the number of its places.
 
     Raises:
         InputError: there are too few or too many, or counts and offsets do not agree.
@@ -113,12 +114,13 @@ def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) ->
 def places(
     origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
 ) -> Iterator[PalletPlace]:
-    """The places of a pallet. The first direction is counted fastest.
+    """The places of a pallet. The first direction changes fastest.
 
     Args:
         origin: pose of the first place: x, y, z, a, b, c and `frame_id`.
         counts: number of places in each direction, one to three.
-        offsets: from one place to the next, for each direction: x, y, z in the frame of the origin's pose, m.
+        offsets: for each direction, the offset from one place to the next: x, y, z in the frame of the first
+            place, m.
 
     Raises:
         InputError: see `require_grid`; or the origin is in the frame of the tool, which moves.

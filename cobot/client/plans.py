@@ -1,4 +1,4 @@
-"""A motion of the service, carried out while the caller goes on."""
+"""Runs a motion of the service in the background."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 
 BEGIN_S = 15.0
-"""How long a plan is waited for until it moves the arm: its planning included."""
+"""Timeout until a plan moves the arm, including planning, s."""
 POLL_S = 0.005
 Run = Callable[[Client], Json]
 
 
 class BackgroundPlan:
-    """The plan that was begun last. Its failure after its beginning is raised by the next `begin`."""
+    """The plan that was started last. If it fails after its start, the next `begin` raises the error."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock
@@ -35,14 +35,14 @@ class BackgroundPlan:
         connect: Callable[[], contextlib.AbstractContextManager[Client]],
         motion_id: Callable[[], int],
     ) -> None:
-        """Return when it moves the arm.
+        """Start a plan, and return when it moves the arm.
 
         Args:
-            run: carries the plan out; returns on arrival.
-            motion_id: of the arm's newest motion.
+            run: executes the plan; returns on arrival.
+            motion_id: returns the id of the arm's latest motion.
 
         Raises:
-            CobotError: why it does not, or why the one before has failed.
+            CobotError: the plan cannot be started, or the previous one has failed.
         """
         self._raise_error()
         before = motion_id()

@@ -1,4 +1,5 @@
-"""The primitives of `Robot.execute_primitive`: motions of the service, named as on robot controllers."""
+"""The primitives of `Robot.execute_primitive`: motions of the service under the names that robot controllers
+use."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ class Primitive:
     Attributes:
         method: name of the method of `Client`.
         needed: required parameters.
-        fixed: fields of the motion that define the primitive.
-        default: values of fields that are not given.
+        fixed: fields of the motion that the primitive sets.
+        default: default values of fields.
     """
 
     method: str
@@ -41,8 +42,9 @@ PRIMITIVES: dict[str, Primitive] = {
     "MoveArc": Primitive("move_arc", ("centre", "axis", "angle")),
     "MoveFree": Primitive("move_pose", ("target",), default={"planner": "auto"}),
 }
-"""`target`: joint angles, rad, of MoveJ; else a pose: x, y, z (m), w, x, y, z. `through`: poses. `via`,
-`centre`, `axis`: x, y, z. All others are the fields of the motion in docs/motions.md."""
+"""The primitives by name. `target` is joint angles, rad, for MoveJ, and for others a pose: x, y, z (m), w, x,
+y, z. `through`: poses. `via`, `centre`, `axis`: x, y, z. All others are the fields of the motion in
+docs/motions.md."""
 
 _RATES = ("speed", "accel_scale")
 _JOINT = (*_RATES, "planner", "algorithm", "synchronization", "constraints")
@@ -61,7 +63,7 @@ PARAMETERS = {
 
 
 def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
-    """The call that executes a primitive. The service checks the values of the fields.
+    """The method and the arguments that execute a primitive. The service checks the values of the fields.
 
     Raises:
         InputError: unknown primitive or wrong parameters; the message lists the valid ones.

@@ -3,8 +3,8 @@
     with Client("http://localhost:8007") as robot:
         robot.move_joints([0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], speed=0.5)
 
-Answers are the service's decoded JSON. Errors of the service are raised as the same `CobotError`: an
-unreachable pose is an `UnreachableError` here too.
+Answers are the service's decoded JSON. An error of the service is raised as the same subclass of `CobotError`
+that the service uses: an unreachable pose raises `UnreachableError`.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ class Client(ForceMoves, Steps, EventConnection):
     """One robot's service.
 
     Args:
-        url: of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
+        url: URL of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
         robot: name of the robot, if it is not the default one.
-        timeout_s: for all requests that are answered at once.
-        motion_timeout_s: for motions, which are answered on arrival; longer than the service's own timeouts.
-            Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
-        token: made with `cobot token create`, for a service that requires one; default: `COBOT_TOKEN`.
+        timeout_s: timeout for all requests that are answered at once.
+        motion_timeout_s: timeout for motions, which are answered on arrival; longer than the service's own
+            timeouts. Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
+        token: access token, made with `cobot token create`, if the service requires one; by default
+            `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
-        motion_token: token of a sequence, for the sequence's own motions.
+        motion_token: token with which a sequence sends its own motions.
 
     Raises (constructor):
         InputError: the URL is invalid.
@@ -80,7 +81,7 @@ class Client(ForceMoves, Steps, EventConnection):
     def teach_position(
         self, name: str, joints: Sequence[float] | None = None, description: str = "", label: str = ""
     ) -> Json:
-        """Save a named position: the joint angles, rad, or the present ones if none are given.
+        """Save a named position with these joint angles, rad, or with the present ones if none are given.
 
         Args:
             name: for programs: letters, digits and _ . -
@@ -98,7 +99,8 @@ class Client(ForceMoves, Steps, EventConnection):
         self._request("DELETE", f"/robot/positions/{name}")
 
     def plan(self, what: str, **request: Any) -> Json:
-        """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
+        """Plan without moving. Returns `plan_id`, `duration_s`, path, utilisation of the limits, distances,
+        torques.
 
         Args:
             what: "named", "joints", "pose", "arc", "path" or "sequence".
@@ -107,8 +109,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
     def rehearse(self, plan_id: str) -> Json:
-        """Dry run of a plan on a simulated copy of the robot; nothing moves: `runs_through`, `problem`,
-        `effort`."""
+        """Dry run of a plan on a simulated copy of the robot; nothing moves. Returns `runs_through`,
+        `problem`, `effort`."""
         path = f"/robot/plans/{quote(plan_id, safe='')}/rehearse"
         return self._json("POST", path, timeout=self._motion_timeout_s)
 
@@ -127,8 +129,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/robot/tool", json=changes)
 
     def calibrate_tool(self, points: Sequence[Sequence[float]]) -> Json:
-        """Find the TCP from joint positions in which the tip touches one fixed point: its `position` in the
-        flange's frame, `point`, `error_m` and `errors_m`. Nothing changes.
+        """Find the TCP from joint positions in which the tip touches one fixed point. Nothing changes.
+        Returns its `position` in the flange's frame, `point`, `error_m` and `errors_m`.
 
         Args:
             points: 4 to 20 joint positions, rad.
@@ -140,7 +142,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", "/scene")
 
     def change_scene(self, **changes: Any) -> Json:
-        """Change the scene, completely or not at all: `version`, `stopped`, `contacts`.
+        """Change the scene, completely or not at all. Returns `version`, `stopped`, `contacts`.
 
         Args:
             changes: `clear`, `detach`, `frames`, `objects`, `move`, `attach` and `allowed`, as in POST
@@ -224,7 +226,7 @@ class Client(ForceMoves, Steps, EventConnection):
         self._fetch(self._of_service("/admin/support"), Path(path))
 
     def restore(self, path: str | Path) -> Json:
-        """Have a backup checked now, and restored with the next start of cobot: `created`, `contents`."""
+        """Check a backup now, and restore it with the next start of cobot. Returns `created`, `contents`."""
         with Path(path).open("rb") as file:
             return self._json(
                 "POST", self._of_service("/admin/restore"), files={"file": (Path(path).name, file)}
@@ -310,7 +312,7 @@ class Client(ForceMoves, Steps, EventConnection):
             label: its name for people, in any language.
             text: the sequence file, as text or as a dictionary; or the Lua program.
             kind: "sequence" or "lua".
-            base: the version that was changed; None for a new program.
+            base: number of the version on which this one is based; None for a new program.
 
         Raises:
             ChangedError: another client saved a version meanwhile; the message names it.
@@ -337,14 +339,16 @@ class Client(ForceMoves, Steps, EventConnection):
         return list(self._request("DELETE", _program_path(program)))
 
     def run_program(self, program: str, **options: Any) -> Json:
-        """Run a stored program; options as in POST /programs/{program}/run. `sequence_status` follows it."""
+        """Run a stored program; options as in POST /programs/{program}/run. `sequence_status` reports its
+        progress."""
         return self._json("POST", f"{_program_path(program)}/run", json=options)
 
     def start_study(self, document: Mapping[str, Any], max_s: float = 3600.0) -> Json:
-        """Start a study of the service, or continue it; returns as `study`, once its tasks are known.
+        """Start a study of the service, or continue it. Returns the same as `study`, once its tasks are
+        known.
 
         Args:
-            document: as a study's file, without files and functions; `program` may be {"stored": ID}.
+            document: content of a study's file, without files and functions; `program` may be {"stored": ID}.
             max_s: maximum duration of this run.
         """
         body = {**document, "max_s": max_s}
@@ -356,7 +360,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def study(self, study: str) -> Json:
         """A study: `state` (running, finished, partial, failed), `reason`, `done`, `tasks`, `left_s`,
-        `answer` (partial while it runs), `job`, whose cancel ends it."""
+        `answer` (partial while it runs), and `job`. Cancelling that job ends the study."""
         return self._json("GET", f"/studies/{study}")
 
     def study_map(self, study: str) -> Json:
@@ -364,7 +368,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", f"/studies/{study}/map")
 
     def fetch_study_table(self, study: str, file: Path | str) -> None:
-        """Write all results of a study to a file of SQLite, or of Parquet if the service has duckdb."""
+        """Write all results of a study to a file, in SQLite format, or in Parquet format if the service has
+        duckdb."""
         self._fetch(f"/studies/{study}/table", Path(file))
 
     def delete_study(self, study: str) -> list[Json]:
@@ -372,7 +377,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return list(self._json("DELETE", f"/studies/{study}")["studies"])
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
-        """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
+        """Call a vendor service of the robot by its name. Returns `code` (0 is success), `message`,
+        `result`."""
         url = self._of_service(f"/{robot}/{robot_class}/{method}")
         return self._json("POST", url, json=dict(arguments), timeout=self._motion_timeout_s)
 
@@ -382,7 +388,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return str(base.copy_with(path=f"{service_of(str(base))}{path}"))
 
     def who_controls(self) -> Json:
-        """Control and present motion: `held`, `holder`, `address`, `how`, `what`, `since`, `until`."""
+        """The control of the robot and its present motion: `held`, `holder`, `address`, `how`, `what`,
+        `since`, `until`."""
         return self._json("GET", "/robot/control")
 
     @contextlib.contextmanager
@@ -395,8 +402,8 @@ class Client(ForceMoves, Steps, EventConnection):
             force: take control from another client; its motion ends.
 
         Raises:
-            ConflictError: another client has control; the message names it. In the block: another client has
-                taken control.
+            ConflictError: another client has control; the message names it. It is raised in the block if
+                another client takes control.
         """
         body = {"timeout_s": timeout_s, "force": force}
         taken = self._json("POST", "/robot/control", json=body, timeout=15.0)
@@ -409,7 +416,7 @@ class Client(ForceMoves, Steps, EventConnection):
             del self._http.headers[CONTROL_TOKEN]
 
     def stop(self, *, category: int = 2) -> Json:
-        """End the sequence, the planning and the motion. The answer says whether the arm is at rest.
+        """End the sequence, the planning and the motion. The answer reports whether the arm is at rest.
 
         Without the name of a robot, all robots are stopped. The request is repeated if it gets no answer or a
         "busy", because an overloaded service closes connections before it reads their requests.
@@ -425,10 +432,12 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/stop", params=params, timeout=STOP_TIMEOUT_S)
 
     def acknowledge(self, *, payload_checked: bool = False) -> Json:
-        """Confirm that the arm agrees with the findings of the first contact. Motions then run at full speed.
+        """Confirm that the findings of the first contact describe the real arm. Motions then run at full
+        speed.
 
         Args:
-            payload_checked: the arm carries the tool and load of the model, so that none has to be set.
+            payload_checked: whether the arm carries the tool and load of the model, so that none has to be
+                set.
         """
         body = {"payload_checked": payload_checked}
         return self._json("POST", "/robot/acknowledge", json=body)

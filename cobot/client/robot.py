@@ -1,6 +1,6 @@
 """The real-time client: one arm, its state, and its streaming sessions.
 
-This module is long because its one class is the vocabulary of its users.
+This module is long because its one class has every method that users of an arm need.
 """
 
 from __future__ import annotations
@@ -44,35 +44,37 @@ STREAMING = {
 }
 
 LATE_S = 0.5
-"""Largest age of a network state compared with a REST answer that reports the end of a motion, in seconds."""
+"""Maximum delay of a state over the network after a REST answer that reports the end of a motion, in
+seconds."""
 
 
 class Robot(SessionSettings):
-    """An arm that `cobot run` serves on this computer, or on another one by the URL of its service.
+    """An arm that `cobot run` serves on this computer, or, given the URL of its service, on another one.
 
         with Robot("iiwa") as robot:
             robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
             with robot.start_joint_impedance_control() as control:
                 control.set_target_joints(control.get_state().q)
 
-    Every method has a name in snake_case. Methods that a libpyflexiv script calls have that name too.
+    Every method has a name in snake_case. Methods that scripts for libpyflexiv call also have their names
+    there.
 
     Args:
-        serial_number: the robot's name (`robot.name` in its settings), or http://HOST:PORT, for one of
-            several http://HOST:PORT/robots/NAME.
+        serial_number: the robot's name (`robot.name` in its settings), or a URL: http://HOST:PORT, or
+            http://HOST:PORT/robots/NAME for one of several robots.
         network_whitelist: accepted and ignored; the operating system chooses the network interface.
         connect_retries: number of further attempts while the robot does not exist yet.
         retry_interval_sec: pause between attempts.
         verbose: log the connection.
         lite: accepted and ignored.
         clock: the robot's clock.
-        client: makes a client of its service from the URL; without it a `Client`.
-        token, verify: see `Client`; for the robot's service, not for its shared memory.
+        client: creates a client of the service from its URL; by default a `Client`.
+        token, verify: see `Client`. They apply to the robot's service, not to its shared memory.
 
     Raises:
         UnavailableError: the robot does not exist, or its rtloop does not answer.
         LayoutError: another version of cobot serves the robot.
-        NotSupportedError: a name was given where the service is not installed; use the URL there.
+        NotSupportedError: a name was given, but the service is not installed on this computer; use the URL.
     """
 
     # The many parameters are the vocabulary of libpyflexiv's users; additional ones are keyword-only.
@@ -152,7 +154,7 @@ class Robot(SessionSettings):
                 self._commanding.close()
 
     def clear_fault(self, timeout: float = 5) -> bool:
-        """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may move then.
+        """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may then move.
 
         Raises:
             NotReadyError: the cause persists, with the reason.
@@ -224,7 +226,8 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) != LoopMode.ESTOP
 
     def reduced(self) -> bool:
-        """Whether a safety input reduces the speed of the arm. This controller has none: False."""
+        """Whether a safety input reduces the speed of the arm. False, because this controller has no such
+        input."""
         return False
 
     def recovery(self) -> bool:
@@ -240,7 +243,7 @@ class Robot(SessionSettings):
         return STREAMING.get(LoopMode(int(state["mode"])), self._chosen)
 
     def interventions(self) -> dict[str, int]:
-        """Number of interventions of rtloop, by kind: `jump` counts the targets that it refused."""
+        """Number of interventions of rtloop, by kind. `jump` counts the targets that it rejected."""
         counts = self._state()["interventions"].tolist()
         return {kind.name.lower(): count for kind, count in zip(Intervention, counts, strict=True)}
 
@@ -280,12 +283,12 @@ class Robot(SessionSettings):
     # Plans and primitives
 
     def execute_plan(self, name: str, **options: str | float) -> None:
-        """Begin a plan and return when the arm moves.
+        """Start a plan and return when the arm moves.
 
         Args:
             name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
-            options: of the motion or the sequence, see docs/motions.md: speed, ... A sequence runs once by
-                default.
+            options: fields of the motion or the sequence, such as speed, see docs/motions.md. A sequence runs
+                once by default.
 
         Raises:
             ConflictError: the mode is not NRT_PLAN_EXECUTION, or another client moves the arm.
@@ -306,11 +309,11 @@ class Robot(SessionSettings):
         self._begin(primitive("MoveNamed", {"name": known, **options}, self._transport.dof))
 
     def execute_primitive(self, name: str, params: Mapping[str, Any] | None = None) -> None:
-        """Begin a motion and return when the arm moves.
+        """Start a motion and return when the arm moves.
 
         Args:
             name: one of `cobot.client.primitives.PRIMITIVES`.
-            params: its parameters, and the fields of its motion, as `speed`.
+            params: its parameters, and fields of its motion such as `speed`.
 
         Raises:
             InputError: unknown primitive or wrong parameters; the message lists the valid ones.
@@ -330,9 +333,10 @@ class Robot(SessionSettings):
         """Begin to stream joint positions.
 
         Args:
-            inner_control_hz: rate at which rtloop takes a new target, 1 to 1000: the rate of the sender.
-            interpolate_cmds: move to each target at constant velocity, within one period of that rate.
-            interpolation: another interpolation: none, linear, quintic or ruckig.
+            inner_control_hz: rate at which rtloop takes a new target, 1 to 1000; give the rate of the sender.
+            interpolate_cmds: whether to move to each target at constant velocity, within one period of that
+                rate.
+            interpolation: another interpolation instead: none, linear, quintic or ruckig.
 
         Raises:
             ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or another client has a session.

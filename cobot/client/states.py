@@ -1,4 +1,4 @@
-"""What a robot is and how it stands: plain data, SI units, lists of floats."""
+"""Facts about a robot and its measured state: plain data, SI units, lists of floats."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class RobotInfo:
         model_name: name of the model, from its file.
         DoF: number of joints.
         K_q_nom: largest joint stiffness, N·m/rad.
-        K_x_nom: the same of the TCP: N/m three times, N·m/rad three times.
+        K_x_nom: largest stiffness of the TCP: N/m three times, N·m/rad three times.
         q_min, q_max: joint limits, rad.
-        dq_max: rad/s.
-        tau_max: N·m.
+        dq_max: velocity limits, rad/s.
+        tau_max: torque limits, N·m.
     """
 
     serial_num: str
@@ -42,13 +42,13 @@ class RobotInfo:
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """The gripper as it was read last. A number that it does not know is NaN.
+    """The last reading of the gripper. A number that the gripper does not know is NaN.
 
     Attributes:
-        width, commanded_width: between the fingers, m.
-        force: at the fingers, N.
-        moving: a command is under way.
-        object: what it holds.
+        width, commanded_width: distance between the fingers, m.
+        force: force at the fingers, N.
+        moving: whether a command is running.
+        object: whether and how it holds an object.
     """
 
     width: float
@@ -102,17 +102,17 @@ class CartesianState:
 class RobotStates:
     """All measured values of one cycle.
 
-    External torques and forces are those of the surroundings on the arm. The world is the base frame.
+    External torques and forces are those that the surroundings exert on the arm. The world is the base frame.
 
     Attributes:
         q, dq: joints, rad and rad/s.
-        theta, dtheta: the same on the motors' side: the drives are taken to be rigid, so they are q and dq.
+        theta, dtheta: the same on the motors' side. They equal q and dq, because the drives count as rigid.
         tau, tau_des, tau_ext: measured, commanded and external torques: N·m.
         tau_dot: change of tau, smoothed over 10 ms, N·m/s.
         tcp_pose, flange_pose: x, y, z in m, then w, x, y, z.
         tcp_vel: m/s three times, rad/s three times, in the base frame.
-        ft_sensor_raw: of the sensor at the flange, in the TCP's frame, the tool's weight and inertia in it;
-            zeros without a sensor.
+        ft_sensor_raw: reading of the sensor at the flange, in the TCP's frame, including the tool's weight
+            and inertia; zeros without a sensor.
         ext_wrench_in_tcp, ext_wrench_in_world: force and torque at the TCP, N and N·m, estimated.
         gripper: None without a gripper, or before it has been read.
     """

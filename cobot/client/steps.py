@@ -26,22 +26,22 @@ from cobot.errors import (
 Result = TypeVar("Result")
 WAIT_FOR_TIMEOUT_S = 60.0
 POLL_S = 0.05
-"""Time between two looks at the inputs, in seconds. A shorter signal can be missed."""
+"""Interval between two readings of the inputs, in seconds. A shorter signal can be missed."""
 MAX_TIME_S = 86_400.0
 """Maximum duration of a wait, in seconds."""
 MAX_RETRIES = 1000
 RECOVERABLE = (PlanningError, ExecutionError, DeviceError)
-"""Errors that `on_error` handles: a motion, a wait or a device that has failed. A mistake in the program, a
-stop and a robot that is not available always end it."""
+"""Errors that `on_error` handles: a failed motion, wait or device. A mistake in the program, a stop, and a
+robot that is not available always end the program."""
 
 
 def is_recoverable(error: BaseException) -> bool:
-    """Whether `on_error` handles it."""
+    """Whether `on_error` handles an error."""
     return isinstance(error, RECOVERABLE) and not isinstance(error, MotionStopped)
 
 
 def require_time(value: object, name: str) -> float:
-    """A time in seconds.
+    """Check a time in seconds.
 
     Raises:
         InputError: it is not a number from 0 to `MAX_TIME_S`.
@@ -58,7 +58,7 @@ def wait_until(
     clock: Clock = SYSTEM,
     paused_s: Callable[[], float] = lambda: 0.0,
 ) -> float:
-    """Wait until a condition holds. Returns how long it took, s.
+    """Wait until a condition holds. Returns the time that it took, s.
 
     Args:
         read: reads the inputs.
@@ -86,7 +86,7 @@ def wait_until(
 
 
 def wait(seconds: float, clock: Clock = SYSTEM, paused_s: Callable[[], float] = lambda: 0.0) -> None:
-    """Wait; time for which the program is paused does not count."""
+    """Wait. Time for which the program is paused does not count."""
     begin_s, paused_before_s = clock.now_s(), paused_s()
     end_s = begin_s + seconds
     while (left_s := end_s - clock.now_s()) > 0.0:
@@ -101,7 +101,8 @@ def on_error(
     run: Callable[[CobotError], object] | None = None,
     go_on: bool = False,
 ) -> Result | None:
-    """Do something, again if it fails. Returns its result, or None if it has failed and `go_on` is set.
+    """Call a function, and call it again if it fails. Returns its result, or None if it has failed and
+    `go_on` is set.
 
     Args:
         retry: number of further attempts.
@@ -109,7 +110,7 @@ def on_error(
         go_on: whether the error of the last attempt is dropped. Otherwise it is raised.
 
     Raises:
-        CobotError: an error that no retry can heal, see `RECOVERABLE`, or that of the last attempt.
+        CobotError: an error that a retry cannot cure, see `RECOVERABLE`, or the error of the last attempt.
     """
     if isinstance(retry, bool) or not isinstance(retry, int) or not 0 <= retry <= MAX_RETRIES:
         raise InputError(f"retry is {retry!r}, allowed is 0 to {MAX_RETRIES}")
@@ -146,7 +147,8 @@ class Steps(Jobs):
         return self.set(name, value)
 
     def wait_for(self, condition: Mapping[str, Any], timeout_s: float = WAIT_FOR_TIMEOUT_S) -> float:
-        """Wait until a condition holds, as `{"input": "part_there", "is": True}`. Returns how long it took.
+        """Wait until a condition such as `{"input": "part_there", "is": True}` holds. Returns the time that
+        it took, s.
 
         Raises:
             ExecutionError: it does not hold within `timeout_s`.
@@ -166,14 +168,14 @@ class Steps(Jobs):
         run: Callable[[CobotError], object] | None = None,
         go_on: bool = False,
     ) -> Result | None:
-        """Do something, again if it fails; see `cobot.client.steps.on_error`."""
+        """Call a function, and call it again if it fails; see `cobot.client.steps.on_error`."""
         return on_error(work, retry=retry, run=run, go_on=go_on)
 
     def pallet(
         self, origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
     ) -> Iterator[PalletPlace]:
-        """The places of a pallet; see `cobot.client.pallets.places`. `move_pose(**place.at(z=-0.1))` goes to
-        0.1 m before a place."""
+        """The places of a pallet; see `cobot.client.pallets.places`. `move_pose(**place.at(z=-0.1))` moves to
+        a point 0.1 m before a place."""
         return places(origin, counts, offsets)
 
     def call(self, path: str | Path, timeout_s: float = math.inf) -> Json:

@@ -23,9 +23,9 @@ Result = TypeVar("Result")
 class SharedSocket(ssl.SSLSocket):
     """A TLS connection in which one thread may read while another writes, as the clients of `websockets` do.
 
-    OpenSSL forbids that for one connection, and Python before 3.13 does not prevent it: a request that is
-    written while a session ticket is read gets lost, about once in 300 connections. So a lock lets one thread
-    use the connection at a time, and no thread waits for data while it holds the lock.
+    OpenSSL forbids this for one connection, and Python before 3.13 does not prevent it. A request that is
+    written while a session ticket is read gets lost, about once in 300 connections. So a lock lets only one
+    thread at a time use the connection, and no thread waits for data while it holds the lock.
     """
 
     def __new__(cls, *args: Any, **named: Any) -> SharedSocket:
@@ -59,7 +59,8 @@ class SharedSocket(ssl.SSLSocket):
         return self._in_turn(lambda: plain(data, flags))
 
     def shutdown(self, how: int) -> None:
-        """Shut down without freeing what a reader still uses. The reader finds the end of the stream."""
+        """Shut down the connection without freeing memory that a reader still uses. The reader reads the end
+        of the stream."""
         super(ssl.SSLSocket, self).shutdown(how)
 
     def _in_turn(self, operation: Callable[[], Result]) -> Result:
@@ -81,7 +82,7 @@ class SharedSocket(ssl.SSLSocket):
 
 
 def advice(error: Exception) -> str:
-    """What to do about a certificate that is not trusted, to be added to the error; "" for other errors."""
+    """Advice about a certificate that is not trusted, for the end of an error; "" for other errors."""
     if "CERTIFICATE_VERIFY_FAILED" not in str(error):
         return ""
     how = f"{CERTIFICATE_VARIABLE}=FILE or verify=FILE"
@@ -97,9 +98,9 @@ def tls_context(verify: Verify) -> ssl.SSLContext:
     """The TLS context for a connection to a service.
 
     Args:
-        verify: True for the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
-            names. A file: only the service's own certificate (the first PEM block in it), for any host name.
-            False for any certificate, which protects from eavesdropping but not from an interceptor.
+        verify: True: trust the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
+            names. A file: trust only the service's own certificate (the first PEM block in it), for any host
+            name. False: trust any certificate, which protects from eavesdropping but not from an interceptor.
 
     Raises:
         InputError: the file is not a certificate.

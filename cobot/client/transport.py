@@ -14,8 +14,8 @@ class Transport(Protocol):
     """A connection to a robot. Methods of one session may be called from several threads.
 
     Attributes:
-        robot: its name.
-        url: of its service, "" if it has none.
+        robot: name of the robot.
+        url: URL of its service, "" if it has none.
         dof: number of joints.
         clock: the robot's clock.
     """
@@ -27,7 +27,7 @@ class Transport(Protocol):
 
     @property
     def info(self) -> np.ndarray:
-        """The newest record of `cobot.ipc.layout.info_dtype`: its flange changes with the tool.
+        """The latest record of `cobot.ipc.layout.info_dtype`. Its flange changes with the tool.
 
         Raises:
             UnavailableError: it cannot be read.
@@ -50,7 +50,7 @@ class Transport(Protocol):
                 process and the count of stops.
 
         Returns:
-            The session's number.
+            Number of the session.
 
         Raises:
             ConflictError: another client has a session.
@@ -94,7 +94,7 @@ def local_transport(robot: str, clock: Clock) -> Transport:
         from cobot.client.shared_memory import SharedMemoryTransport
     except ImportError as exc:
         raise NotSupportedError(
-            f"robot {robot!r}: a name is looked up in shared memory, which exists on Linux with the service "
-            "installed only; use the URL of the service, Robot('http://HOST:8007')"
+            f"robot {robot!r}: a name is looked up in shared memory, which exists only on Linux and with "
+            "the service installed; use the URL of the service, Robot('http://HOST:8007')"
         ) from exc
     return SharedMemoryTransport(robot, clock)

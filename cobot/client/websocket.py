@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 class WebSocketTransport:
     """The `cobot.client.transport.Transport` over a network. A separate thread receives the newest state.
 
-    Targets are not answered. An error in one is raised by the next call that sends one.
+    The service does not answer targets. If one is wrong, the next call that sends a target raises the error.
 
     Args:
         url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
@@ -71,7 +71,7 @@ class WebSocketTransport:
                 )
             self.robot, self.dof = str(hello["robot"]), int(hello["dof"])
             self._send(json.dumps({"type": "subscribe", "rate_hz": STATE_RATE_HZ, "format": "binary"}))
-            self._wait(lambda: self._newest or None, "sent a state of rtloop's")
+            self._wait(lambda: self._newest or None, "sent a state of rtloop")
         except CobotError:
             self.close()
             raise

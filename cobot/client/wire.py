@@ -20,7 +20,7 @@ _HEADER = struct.Struct("<IIQ")
 
 
 class FrameKind(IntEnum):
-    """What a binary frame carries."""
+    """The content of a binary frame."""
 
     STATE = 1  # from the service; all others are from the client
     SESSION = 2
@@ -44,10 +44,10 @@ def packed(kind: FrameKind, sequence: int, record: np.ndarray | None = None) -> 
 
 
 def header(frame: bytes) -> tuple[FrameKind, int]:
-    """Kind and sequence number of a frame.
+    """Read the kind and the sequence number of a frame.
 
     Raises:
-        InputError: shorter than a header, or no such kind.
+        InputError: the frame is shorter than a header, or has an unknown kind.
         LayoutError: the sender has another version of the records.
     """
     if len(frame) < _HEADER.size:
@@ -65,7 +65,7 @@ def record(frame: bytes, dof: int) -> np.ndarray:
     """A copy of the record in a frame whose `header` is valid, shape ().
 
     Raises:
-        InputError: too short or too long for it.
+        InputError: the frame is too short or too long for the record.
     """
     kind = FrameKind(_HEADER.unpack_from(frame)[0])
     dtype = _DTYPES[kind](dof) if kind in _DTYPES else np.dtype([])

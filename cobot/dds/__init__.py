@@ -1,1 +1,1 @@
-"""The DDS side of the service: what ROS 2 nodes talk to."""
+"""The DDS side of the service, with which ROS 2 nodes communicate."""

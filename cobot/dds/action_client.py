@@ -1,9 +1,9 @@
 """`python -m cobot.dds.action_client SETTINGS`: a client of one action and one joint, for a gripper's driver.
 
-A process of its own, so that the traffic of a network never delays the service. It ends with its standard
-input. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`, `type`,
-`joint_states` and `joint`. A line of its input is a goal, `{"number": 1, "goal": {...}}`, or `{"cancel": 1}`.
-Each line of its output is a JSON object with `what`:
+It is a separate process, so that network traffic never delays the service. It ends when its standard input
+ends. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`, `type`,
+`joint_states` and `joint`. Each line of its input is a goal, `{"number": 1, "goal": {...}}`, or a
+cancellation, `{"cancel": 1}`. Each line of its output is a JSON object with `what`:
 
     ready       the server of the action is there, or not; five times a second
     joint       position, effort of the joint
@@ -51,7 +51,7 @@ class ActionClient:
         node.subscription(settings["joint_states"], JOINT_STATES, self._take_joints, reliable=False)
 
     async def serve(self) -> None:
-        """Do what the lines of standard input ask for, until it ends."""
+        """Execute the lines of standard input until it ends."""
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)

@@ -22,7 +22,7 @@ DELAY_S = 0.02
 
 
 class NodeGraph:
-    """Publishes the endpoints of one node.
+    """Publishes the list of one node's endpoints.
 
     Args:
         gid_bytes: size of a gid for all readers: 24 for Humble, 16 for Iron and later. None chooses the size

@@ -1,4 +1,4 @@
-"""Samples on their way from the thread of the wire to the event loop: in order and within bounds."""
+"""Passes samples from the network thread to the event loop, in order and with a bounded queue."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LossCounter:
         """Counts one more.
 
         Args:
-            reason: why this one was lost, where the reasons differ.
+            reason: the reason why this one was lost, if there is more than one possible reason.
         """
         self.count += 1
         if self.count & (self.count - 1) == 0:
@@ -44,8 +44,8 @@ class SampleInbox:
 
     Args:
         name: of the topic or service.
-        deliver: called in the event loop; what it returns, if anything, is awaited before the next sample.
-        most: maximum number of samples that wait; further ones are lost, and counted.
+        deliver: called in the event loop. If it returns an awaitable, that is awaited before the next sample.
+        most: maximum number of waiting samples; further ones are lost and counted.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SampleInbox:
         most: int = 10_000,
     ) -> None:
         self.name = name
-        self.losses = LossCounter(f"what came on {name} faster than it could be passed on")
+        self.losses = LossCounter(f"messages on {name} that came too fast to be passed on")
         self._loop = loop
         self._deliver = deliver
         self._most = most
@@ -66,7 +66,7 @@ class SampleInbox:
         self._pump: asyncio.Task[None] | None = None
 
     def put(self, sample: Sample) -> None:
-        """From any thread."""
+        """Add a sample. May be called from any thread."""
         with self._lock:
             if len(self._samples) >= self._most or self._bytes + len(sample.payload) > MAX_BYTES:
                 self.losses.add()

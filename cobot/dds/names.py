@@ -1,18 +1,18 @@
-"""How ROS 2 writes its names in DDS, and what it hides in endpoints (as rmw_fastrtps_shared_cpp does)."""
+"""ROS 2 names in DDS, and the user data of endpoints, as rmw_fastrtps_shared_cpp writes them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 ENCLAVE = b"enclave=/;"
-"""A participant's user data, in which ROS 2 looks for its enclave."""
+"""User data of a participant, in which ROS 2 looks for the enclave."""
 
 TYPE_HASH = b"typehash="
-"""What begins the hash of its type in the user data of an endpoint, from Iron on."""
+"""Prefix of the type's hash in the user data of an endpoint, from Iron on."""
 
 
 def topic_name(topic: str) -> str:
-    """rt/iiwa/joint_states of /iiwa/joint_states."""
+    """The DDS name of a topic: rt/iiwa/joint_states for /iiwa/joint_states."""
     return f"rt{topic}"
 
 
@@ -25,7 +25,7 @@ def reply_name(service: str) -> str:
 
 
 def type_name(type_: str) -> str:
-    """std_msgs::msg::dds_::String_ of std_msgs/msg/String."""
+    """The DDS name of a type: std_msgs::msg::dds_::String_ for std_msgs/msg/String."""
     package, kind, last = type_.split("/")
     return f"{package}::{kind}::dds_::{last}_"
 

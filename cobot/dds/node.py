@@ -1,9 +1,8 @@
 """A ROS 2 node: publishers, subscriptions and service servers, as rmw_fastrtps makes them.
 
 Callbacks and handlers run in the event loop; messages from the network thread are handed over in order.
-Actions need
-no code here: an action consists of three services and two topics below `NAME/_action/`, see
-https://design.ros2.org/articles/actions.html, and a handler may take any time to answer.
+Actions need no additional code. An action consists of three services and two topics below `NAME/_action/`,
+see https://design.ros2.org/articles/actions.html, and a handler may take any time to answer.
 """
 
 from __future__ import annotations
@@ -33,7 +32,8 @@ MAX_CALLS = 64
 """Maximum number of one client's calls of one service in progress; its further requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
-"""rmw_cyclonedds writes the client into the payload: uint64 guid, int64 sequence number, after 4 bytes."""
+"""rmw_cyclonedds writes the client's guid (uint64) and a sequence number (int64) into the payload, after 4
+bytes."""
 SERVICE_QOS = Qos(reliable=True, transient_local=False, depth=None)
 LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)
 
@@ -61,7 +61,7 @@ class NodePublisher:
         """Send a message, completed with ROS's defaults.
 
         Raises:
-            InputError: it does not fit the type, or is too large.
+            InputError: the message does not fit the type, or is too large.
         """
         self.publish_cdr(self._node.messages.to_cdr(self.type, message))
 
@@ -89,7 +89,7 @@ class NodeSubscription:
     ) -> None:
         self.topic = topic
         self.type = type_
-        self.rejected = LossCounter(f"messages on {topic} ({type_}) that are rejected")
+        self.rejected = LossCounter(f"rejected messages on {topic} ({type_})")
         self._node = node
         self._callback = callback
         self._inbox = SampleInbox(topic, node.loop, self._deliver)
@@ -179,7 +179,7 @@ class NodeService:
             only = asker.writer if asker.writer.is_reader else None
             self._writer.write(content, related=asker, only=only)
         except (CobotError, RtpsError) as exc:
-            log.warning("a request to %s gets no answer: %s", self.name, exc)
+            log.warning("a request to %s is not answered: %s", self.name, exc)
 
     async def _respond(self, payload: bytes) -> Message:
         type_ = f"{self.type}_Request"

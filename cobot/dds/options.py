@@ -17,8 +17,8 @@ from cobot.ros.robot_messages import STRING
 from cobot.servo.protocol import MAX_PERIOD_S, MAX_TIME_S
 
 MAX_HZ = 1000.0
-FIXED = "it is needed at the start: change ros.{} in the settings file and start cobot again"
-NO_ROS = "it means nothing here, for cobot speaks DDS itself and needs no ROS"
+FIXED = "it is only read at the start: change ros.{} in the settings file and restart cobot"
+NO_ROS = "it has no effect, because cobot implements DDS itself and needs no ROS installation"
 
 log = logging.getLogger("cobot.ros2")
 
@@ -50,19 +50,29 @@ def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | N
     domain = "the domain, ROS_DOMAIN_ID"
     return [
         fixed("domain_id", ros.domain_id, domain),
-        fixed("domin_id", ros.domain_id, f"{domain}; so it is written in the manual", "domain_id"),
+        fixed("domin_id", ros.domain_id, f"{domain}; spelled as in the manual", "domain_id"),
         fixed("localhost_only", int(ros.localhost_only), "1: this computer only; ROS_LOCALHOST_ONLY"),
-        Parameter("rmw_imp", "", "an implementation of ROS's middleware", fixed=NO_ROS),
+        Parameter("rmw_imp", "", "the implementation of the ROS middleware", fixed=NO_ROS),
         Parameter("rmw_qos_file", "", "profiles of Fast DDS", fixed=NO_ROS),
-        Parameter("ament_prefix_env", "", "where ROS is installed", fixed=NO_ROS),
-        Parameter("ld_library_env", "", "where ROS's libraries are", fixed=NO_ROS),
-        Parameter("legacy_names", False, "older names too", fixed="there have never been other names"),
-        Parameter("use_sim_time", False, "time of /clock", fixed="measurements carry the time of the clock"),
-        Parameter("debug", ros.debug, "whether the log tells more", set_debug),
+        Parameter("ament_prefix_env", "", "path of the ROS installation", fixed=NO_ROS),
+        Parameter("ld_library_env", "", "path of the ROS libraries", fixed=NO_ROS),
+        Parameter(
+            "legacy_names",
+            False,
+            "whether older names are used too",
+            fixed="there have never been other names",
+        ),
+        Parameter(
+            "use_sim_time",
+            False,
+            "whether the time of /clock is used",
+            fixed="measurements have the time of the system clock",
+        ),
+        Parameter("debug", ros.debug, "whether the log is more detailed", set_debug),
         Parameter(
             "joint_states_rate_hz",
             ros.joint_states_rate_hz,
-            "messages per second",
+            "rate of joint states, messages per second",
             set_rate,
             low=1.0,
             high=MAX_HZ,
@@ -70,14 +80,21 @@ def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | N
         Parameter(
             "enable_fjt_action",
             ros.enable_fjt_action,
-            "whether follow_joint_trajectory takes goals",
+            "whether follow_joint_trajectory accepts goals",
             later("enable_fjt_action"),
         ),
-        Parameter("fjt_mode", ros.fjt_mode, "its servo mode, 0 for none", later("fjt_mode"), low=0, high=7),
+        Parameter(
+            "fjt_mode",
+            ros.fjt_mode,
+            "servo mode of follow_joint_trajectory, 0 for none",
+            later("fjt_mode"),
+            low=0,
+            high=7,
+        ),
         Parameter(
             "fjt_time",
             ros.fjt_time,
-            "s, the time of each of its points; 0: fjt_send_period",
+            "time of each servo point, s; 0: fjt_send_period",
             later("fjt_time"),
             low=0.0,
             high=MAX_TIME_S,
@@ -85,7 +102,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | N
         Parameter(
             "fjt_send_period",
             ros.fjt_send_period,
-            "s, between its points; 0: 0.01",
+            "period between servo points, s; 0: 0.01",
             later("fjt_send_period"),
             low=0.0,
             high=MAX_PERIOD_S,

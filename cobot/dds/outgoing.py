@@ -1,7 +1,8 @@
 """Messages that wait for the one connection to the service, sent in turn for each topic and service.
 
-A topic whose publishers are faster than the connection loses messages of its own. It delays the others by one
-message at a time, and it leaves them room: no sender may hold more than a share of what is still free.
+A topic whose publishers are faster than the connection loses only its own messages. It delays the other
+topics by at most one message at a time. It also leaves them room, because no sender may hold more than a
+share of the free room.
 
 Source: A. K. Choudhury and E. L. Hahne, Dynamic queue length thresholds for shared-memory packet switches,
 IEEE/ACM Transactions on Networking 6 (2), 1998.
@@ -17,7 +18,8 @@ MAX_MESSAGES = 20_000
 MAX_CHARACTERS = 128 << 20
 """Maximum length of all messages that wait, in characters."""
 SHARE = 0.25
-"""Share of the free room that one sender may hold: twenty that flood leave a hundredth of all, 1.5 MB."""
+"""Share of the free room that one sender may hold. Even twenty senders at this limit leave a hundredth of it,
+1.5 MB."""
 
 
 @dataclass(slots=True)

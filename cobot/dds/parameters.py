@@ -1,6 +1,6 @@
 """The node's parameters: the manual's options, as `ros2 param` lists, gets and sets them.
 
-Those that the process needs at its start can be read; setting one is answered with the reason why not.
+Parameters that are only used at the start can be read, but not set; the answer gives the reason.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SEPARATOR = "."
 
 
 class ParameterType(IntEnum):
-    """As in rcl_interfaces/msg/ParameterType."""
+    """The types of rcl_interfaces/msg/ParameterType."""
 
     NOT_SET = 0
     BOOL = 1
@@ -49,9 +49,10 @@ class Parameter:
     """One parameter.
 
     Attributes:
-        value: its type is the parameter's.
-        set_: has it take effect, or raises a CobotError; None: `fixed` says why it cannot be set.
-        low, high: both included; of numbers that can be set.
+        value: the value; its type is the type of the parameter.
+        set_: applies a new value, or raises a CobotError. None: the parameter cannot be set, and `fixed` is
+            the reason.
+        low, high: smallest and largest value of a number that can be set.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Parameter:
         return made
 
     def refusal(self, message: Message) -> str:
-        """Why an rcl_interfaces/msg/ParameterValue cannot be this parameter's, "" if it can."""
+        """The reason why this parameter cannot have an rcl_interfaces/msg/ParameterValue; "" if it can."""
         if self.set_ is None:
             return f"{self.name} cannot be set while cobot runs: {self.fixed}"
         if message["type"] != self.kind:
@@ -155,7 +156,8 @@ class Parameters:
         return {"result": await self._change(request["parameters"])}
 
     async def _change(self, asked: list[Message]) -> Message:
-        """All of them or none, as far as one can know before: rcl_interfaces/msg/SetParametersResult."""
+        """Set parameters. All are checked before the first one is set. Returns an
+        rcl_interfaces/msg/SetParametersResult."""
         for each in asked:
             found = self._all.get(each["name"])
             if found is None:

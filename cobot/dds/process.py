@@ -40,13 +40,17 @@ log = logging.getLogger("cobot.ros2")
 def main() -> int:
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.dds", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
     parser.add_argument(
         "--url",
         default="",
-        help="address of the web service; without it only robot states are published",
+        help="URL of the web service; without it only robot states are published",
     )
-    parser.add_argument("--last-words", type=int, help="descriptor of a file that outlives this process")
+    parser.add_argument(
+        "--last-words",
+        type=int,
+        help="descriptor of the file for the record that announces the end of this process if it is killed",
+    )
     arguments = parser.parse_args()
     start_logging("ros2")
     logging.getLogger("websockets").setLevel(logging.WARNING)
@@ -109,7 +113,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
 
 
 def _robots(node: DdsNode, settings: Settings) -> list[Telemetry]:
-    """Start the topics of all robots, and those that they share."""
+    """Start the topics of all robots, and the topics that they share."""
     transforms = node.publisher("/tf", TRANSFORMS, depth=100)
     prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}
     robots = [Telemetry(node, each, prefixes[name], transforms) for name, each in settings.each.items()]

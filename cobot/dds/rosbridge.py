@@ -37,9 +37,9 @@ FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
 OPEN_S = 20.0
 PING_S = 3.0
-"""Time without an answer to a ping after which the service counts as away, s."""
+"""Time without an answer to a ping after which the service counts as unavailable, s."""
 AWAY = "the service of cobot is away; cobot run restarts it"
-LOST = "the connection to the service was lost during the call: whether it was done is not known"
+LOST = "the connection to the service was lost during the call: it is not known whether the call was executed"
 
 log = logging.getLogger("cobot.ros2")
 
@@ -74,7 +74,7 @@ class Rosbridge:
         self._numbers = itertools.count(1)
 
     async def run(self) -> None:
-        """Stay connected, until cancelled."""
+        """Keep the connection open until cancelled."""
         pause_s = FIRST_RETRY_S
         told = False
         while True:
@@ -189,7 +189,7 @@ class Rosbridge:
                 log.warning("the service says: %s", content["msg"])
 
     def _answer(self, number: str, values: Any, code: int | None) -> None:
-        """End a call. code: of its rejection; None for a result."""
+        """End a call. `code` is that of its rejection; None for a result."""
         answer = self._calls.get(number)
         if answer is None or answer.done():
             return

@@ -11,7 +11,7 @@ TYPE = "rcl_interfaces/msg/Log"
 
 
 class RosoutHandler(logging.Handler):
-    """Publishes records. Its levels are those of ROS: 10, 20, 30, 40, 50."""
+    """Publishes log records. Python's levels equal those of ROS: 10, 20, 30, 40, 50."""
 
     def __init__(self, node: DdsNode) -> None:
         super().__init__()

@@ -31,7 +31,7 @@ IDLE_S = 0.02
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
-"""Offset of the header's stamp, after the four bytes that begin all CDR."""
+"""Offset of the header's stamp. It follows the four bytes with which all CDR begins."""
 _SECOND_NS = 1_000_000_000
 
 log = logging.getLogger("cobot.ros2")
@@ -42,7 +42,7 @@ class JointStateWriter:
 
     Args:
         template: a message for the same joints, as CDR.
-        joints: their number, that of fingers included.
+        joints: number of joints, including fingers.
     """
 
     def __init__(self, template: bytes, joints: int) -> None:
@@ -97,7 +97,7 @@ class Telemetry:
         topics: names of this robot's own topics.
         description: std_msgs/msg/String with the URDF, as CDR.
         static_transforms: transforms of links that no joint moves, as dicts.
-        problem: why the last state was missing or old.
+        problem: the reason why the last state was missing or old.
         on_tool: called in that thread when the TCP changes, which is part of the description and the
             transforms.
     """
@@ -152,7 +152,7 @@ class Telemetry:
         self._thread.start()
 
     def take_fingers(self, message: Message) -> None:
-        """Take the fingers of the gripper, which the service reads, into the joint states."""
+        """Add the fingers of the gripper, which the service reads, to the joint states."""
         fingers = FingerState.of(message)
         self._fingers = None if fingers is None else (time.monotonic_ns(), fingers)
 

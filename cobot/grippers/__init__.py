@@ -1,16 +1,16 @@
 """Grippers: the protocol of their drivers, and the drivers that ship with cobot.
 
-protocol    what a driver has: commands, state, capabilities, options
-registry    the drivers by name, and how one is made
-positions   what two-position grippers have in common
-digital     outputs that open and close, inputs that tell when
+protocol    the interface of a driver: commands, state, capabilities, options
+registry    the drivers by name, and the creation of a driver
+positions   base of grippers with two positions
+digital     a gripper at outputs that open and close it, with inputs that report its ends
 vacuum      a suction cup at outputs, with a sensor
 point_rigs  simulated devices of these and of `simulated`, for the contract
 simulated   the hand of a simulated cell
 ros/        a gripper that has a ROS 2 driver
 robotiq/    2F-85, 2F-140 and Hand-E over Modbus RTU, and a simulated one
 
-docs/your-gripper.md is the guide to a driver of your own.
+docs/your-gripper.md explains how to write a driver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""A gripper at one or two outputs of the robot, with up to two inputs that tell where its fingers are."""
+"""A gripper at one or two outputs of the robot, with up to two inputs that report the position of its
+fingers."""
 
 from __future__ import annotations
 
@@ -24,20 +25,32 @@ from cobot.grippers.protocol import (
 class DigitalOptions(GripperOptions):
     """Options of `DigitalGripper`. Names are those of GET /robot/io, or of `modbus_points`."""
 
-    close_output: Annotated[Name | None, Field(description="On: the fingers close.")] = None
-    open_output: Annotated[Name | None, Field(description="On: the fingers open.")] = None
-    closed_input: Annotated[
-        Name | None, Field(description="On: the fingers are closed; nothing is between them.")
+    close_output: Annotated[
+        Name | None, Field(description="Output that closes the fingers while it is on.")
     ] = None
-    opened_input: Annotated[Name | None, Field(description="On: the fingers are open.")] = None
-    inverted_inputs: Annotated[bool, Field(description="Off means what on means otherwise.")] = False
-    close_time_s: Annotated[Seconds, Field(description="The fingers have closed after this time.")] = 0.3
-    open_time_s: Annotated[Seconds, Field(description="The fingers have opened after this time.")] = 0.3
-    open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Between open fingers, m.")] = 0.05
-    closed_width: Annotated[float, Field(ge=0.0, le=1.0, description="Between closed fingers, m.")] = 0.0
+    open_output: Annotated[
+        Name | None, Field(description="Output that opens the fingers while it is on.")
+    ] = None
+    closed_input: Annotated[
+        Name | None,
+        Field(description="Input that is on if the fingers are closed, with nothing between them."),
+    ] = None
+    opened_input: Annotated[Name | None, Field(description="Input that is on if the fingers are open.")] = (
+        None
+    )
+    inverted_inputs: Annotated[
+        bool, Field(description="true: both inputs are inverted, so that off has the meaning of on.")
+    ] = False
+    close_time_s: Annotated[Seconds, Field(description="Time in which the fingers close, s.")] = 0.3
+    open_time_s: Annotated[Seconds, Field(description="Time in which the fingers open, s.")] = 0.3
+    open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Width between open fingers, m.")] = 0.05
+    closed_width: Annotated[float, Field(ge=0.0, le=1.0, description="Width between closed fingers, m.")] = (
+        0.0
+    )
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN
     modbus: Annotated[
-        ModbusOptions | None, Field(description="The points are those of this device, not the robot's.")
+        ModbusOptions | None,
+        Field(description="Modbus device whose points are used instead of those of the robot."),
     ] = None
 
     @model_validator(mode="after")
@@ -57,11 +70,12 @@ class DigitalOptions(GripperOptions):
 
 
 class DigitalGripper(TwoPositions):
-    """See the module. With two outputs (a valve with two coils) one of them is on; with one it is on or off.
+    """See the module. With two outputs (a valve with two coils) one of them is on; a single output is on or
+    off.
 
-    Without inputs the fingers count as there after `close_time_s` or `open_time_s`. With `opened_input` an
-    opening that takes three times as long is a fault. With `closed_input` fingers that have closed without it
-    hold an object.
+    Without inputs a command counts as finished after `close_time_s` or `open_time_s`. With `opened_input`, it
+    is a fault if opening takes three times as long. With `closed_input`, the fingers hold an object if they
+    have closed and the input is off.
     """
 
     Options = DigitalOptions
@@ -78,11 +92,11 @@ class DigitalGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: DigitalOptions) -> DigitalRig:
-        """Fingers at such outputs and inputs."""
+        """Simulated fingers at these outputs and inputs."""
         return DigitalRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
-        """The outputs tell what the last command was, of an earlier run of cobot too."""
+        """Connect. The outputs show the last command, even if an earlier run of cobot sent it."""
         options = self._options
         self._require_points(
             options.close_output, options.open_output, options.closed_input, options.opened_input
@@ -98,7 +112,8 @@ class DigitalGripper(TwoPositions):
                 self._adopt(FingerGoal.CLOSED if closes else FingerGoal.OPEN)
 
     def stop(self) -> None:
-        """Such fingers cannot stop on their way: both outputs of two go off, one stays as it is."""
+        """Stop. These fingers cannot stop between their ends: two outputs are switched off, a single output
+        stays as it is."""
         options = self._options
         if options.close_output and options.open_output and self._moves():
             self._port.set(options.close_output, 0.0)

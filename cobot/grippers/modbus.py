@@ -1,9 +1,9 @@
 """Frames of Modbus RTU and of Modbus TCP, and a master that reads and writes registers and coils.
 
 Sources: MODBUS over Serial Line V1.02, MODBUS Messaging on TCP/IP V1.0b and MODBUS Application Protocol
-V1.1b3, modbus.org. An answer that is anything else than these say is an error. An answer that comes after its
-time must not be taken for that to the next request: after an error the line has to be quiet for the time of
-an answer first.
+V1.1b3, modbus.org. An answer that violates these is an error. A late answer must not be taken for the answer
+to the next request, so after an error the master waits until the line has been quiet for the time of an
+answer.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from cobot.grippers.protocol import GripperError
 from cobot.modbus import COIL_ON, REFUSALS, REFUSED, ModbusFunction
 
 MIN_FRAME = 5
-"""Bytes of the shortest answer, a refusal."""
+"""Number of bytes of the shortest answer, which is an exception."""
 HEAD = 6
-"""Bytes of a frame of Modbus TCP in front of the unit."""
+"""Number of bytes before the unit in a frame of Modbus TCP."""
 SOCKET = "socket://"
 MAX_DRAINS = 8
-"""How often a line is listened to until it is quiet."""
+"""Maximum number of reads until the line is quiet."""
 LOST = (OSError, termios.error)
-"""What pyserial raises on a line that is gone; its own errors are OSErrors."""
+"""Errors that pyserial raises for a line that is gone. Its own errors are OSErrors."""
 
 
 def _crc_table() -> list[int]:
@@ -43,7 +43,7 @@ _TABLE = _crc_table()
 
 
 def crc(data: bytes) -> int:
-    """The checksum of a frame (CRC-16/MODBUS)."""
+    """Compute the checksum of a frame (CRC-16/MODBUS)."""
     value = 0xFFFF
     for byte in data:
         value = value >> 8 ^ _TABLE[(value ^ byte) & 0xFF]
@@ -66,9 +66,9 @@ class Master:
     Args:
         device: /dev/ttyUSB0, or HOST:PORT.
         unit: address of the slave.
-        timeout_s: for each answer.
-        line: makes another port than pyserial's, for tests.
-        slave: what it is, for errors.
+        timeout_s: timeout for each answer.
+        line: creates a port instead of pyserial's, for tests.
+        slave: description of the slave, for errors.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Master:
         self._expects_late = False
 
     def open(self) -> None:
-        """Raises GripperError: there is no such port, or it cannot be opened."""
+        """Open the port. Raises GripperError if it does not exist or cannot be opened."""
         self.close()
         if self._line is not None:
             self._port = self._line()
@@ -113,10 +113,10 @@ class Master:
     def read(
         self, address: int, count: int, function: ModbusFunction = ModbusFunction.READ_HOLDING_REGISTERS
     ) -> list[int]:
-        """Holding registers, or input registers.
+        """Read holding registers or input registers.
 
         Raises:
-            GripperError: no answer, or one that is not the right one; with what.
+            GripperError: there is no answer, or the answer is wrong; the message has the answer.
         """
         data = self._ask(function, struct.pack(">HH", address, count), 1 + 2 * count)
         if data[0] != 2 * count:
@@ -124,27 +124,28 @@ class Master:
         return list(struct.unpack(f">{count}H", data[1:]))
 
     def write(self, address: int, values: Sequence[int]) -> None:
-        """Holding registers; raises as `read`."""
+        """Write holding registers. Raises the same errors as `read`."""
         head = struct.pack(">HH", address, len(values))
         body = struct.pack(f">B{len(values)}H", 2 * len(values), *values)
         if self._ask(ModbusFunction.WRITE_REGISTERS, head + body, len(head)) != head:
             raise self._error("has answered something else than was asked")
 
     def read_bit(self, address: int, function: ModbusFunction = ModbusFunction.READ_COILS) -> bool:
-        """A coil or a discrete input; raises as `read`."""
+        """Read a coil or a discrete input. Raises the same errors as `read`."""
         data = self._ask(function, struct.pack(">HH", address, 1), 2)
         if data[0] != 1:
             raise self._error("has answered something else than was asked")
         return bool(data[1] & 1)
 
     def write_coil(self, address: int, on: bool) -> None:
-        """Set a coil; raises as `read`."""
+        """Set a coil. Raises the same errors as `read`."""
         request = struct.pack(">HH", address, COIL_ON if on else 0)
         if self._ask(ModbusFunction.WRITE_COIL, request, len(request)) != request:
             raise self._error("has answered something else than was asked")
 
     def _ask(self, function: ModbusFunction, data: bytes, length: int) -> bytes:
-        """What an answer of this length holds between its function and its checksum."""
+        """Send a request. Returns the data of its answer, between function and checksum, if it has this
+        length."""
         if self._port is None:
             raise self._error("is not connected")
         try:
@@ -168,7 +169,7 @@ class Master:
         return bytes(frame[2:-2])
 
     def _exchange(self, request: bytes, length: int) -> bytes:
-        """Send a request, and return what comes of the frame of its answer."""
+        """Send a request, and return the bytes that arrive of the answer's frame."""
         self._port.write(framed(request))
         frame: bytes = self._port.read(MIN_FRAME)
         if len(frame) == MIN_FRAME and not frame[1] & REFUSED:
@@ -176,7 +177,7 @@ class Master:
         return frame
 
     def _await_quiet(self) -> None:
-        """After an error: wait until nothing more comes."""
+        """Wait until no more bytes arrive, after an error."""
         if self._expects_late:
             for _ in range(MAX_DRAINS):
                 if not self._port.read(256):
@@ -190,7 +191,7 @@ class Master:
 
 
 class TcpMaster(Master):
-    """A master on a TCP connection with the frames of Modbus TCP."""
+    """A master on a TCP connection that uses the frames of Modbus TCP."""
 
     _transaction = 0
 

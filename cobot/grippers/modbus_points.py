@@ -1,4 +1,4 @@
-"""Coils, inputs and registers of a Modbus device, in place of the robot's inputs and outputs."""
+"""Coils, inputs and registers of a Modbus device, used instead of the robot's inputs and outputs."""
 
 from __future__ import annotations
 
@@ -25,21 +25,28 @@ _NAME = re.compile(rf"({'|'.join(KINDS)}) ([0-9]{{1,5}})")
 
 
 class ModbusOptions(BaseModel):
-    """Where the points of a gripper are, if they are not those of the robot."""
+    """The Modbus device that has the points of a gripper."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     device: Annotated[
-        str, Field(min_length=1, max_length=200, description="HOST:PORT, or a serial port with rtu.")
+        str,
+        Field(
+            min_length=1, max_length=200, description="HOST:PORT, or with protocol rtu also a serial port."
+        ),
     ]
-    protocol: Annotated[Literal["tcp", "rtu"], Field(description="rtu: also over TCP.")] = "tcp"
+    protocol: Annotated[
+        Literal["tcp", "rtu"],
+        Field(description="tcp: Modbus TCP. rtu: Modbus RTU, on a serial port or over TCP."),
+    ] = "tcp"
     unit: Annotated[int, Field(ge=0, le=255, description="Address of the device.")] = 1
-    baud: Annotated[int, Field(ge=1200, le=4_000_000, description="Of a serial port.")] = 115_200
-    timeout_s: Annotated[float, Field(gt=0.0, le=2.0, description="For each answer.")] = 0.2
+    baud: Annotated[int, Field(ge=1200, le=4_000_000, description="Baud rate of a serial port.")] = 115_200
+    timeout_s: Annotated[float, Field(gt=0.0, le=2.0, description="Timeout for each answer, s.")] = 0.2
 
 
 class ModbusPoints:
-    """See `IoPort`. Names are `coil 3`, `input 0`, `register 7`, `input register 2`, from 0 on."""
+    """See `IoPort`. Names are such as `coil 3`, `input 0`, `register 7`, `input register 2`; numbers begin at
+    0."""
 
     def __init__(self, options: ModbusOptions) -> None:
         kind = TcpMaster if options.protocol == "tcp" else Master
@@ -48,7 +55,7 @@ class ModbusPoints:
         )
 
     def open(self) -> None:
-        """Raises GripperError: the device cannot be reached."""
+        """Connect. Raises GripperError if the device cannot be reached."""
         self._master.open()
 
     def close(self) -> None:
@@ -73,15 +80,15 @@ class ModbusPoints:
 
 
 def port_of(modbus: ModbusOptions | None, port: IoPort) -> IoPort:
-    """The points of the options, else those of the robot."""
+    """The points of the Modbus device, or without one those of the robot."""
     return port if modbus is None else ModbusPoints(modbus)
 
 
 def parts_of(name: str) -> tuple[str, int]:
-    """Kind and address of a point.
+    """Parse the name of a point into kind and address.
 
     Raises:
-        GripperError: it is no such name.
+        GripperError: the name is invalid.
     """
     found = _NAME.fullmatch(name)
     if found is None or int(found[2]) > MAX_WORD:
@@ -95,10 +102,10 @@ def parts_of(name: str) -> tuple[str, int]:
 def check_names(
     modbus: ModbusOptions | None, outputs: tuple[str | None, ...], inputs: tuple[str | None, ...]
 ) -> None:
-    """See that the points of a Modbus device have names of such a device.
+    """Check the names of points of a Modbus device.
 
     Raises:
-        ValueError: one has not, or an output is an input.
+        ValueError: a name is invalid, or an output is an input of the device.
     """
     if modbus is None:
         return

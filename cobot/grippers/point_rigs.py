@@ -1,4 +1,4 @@
-"""Simulated devices at a robot's inputs and outputs, on which the contract of their drivers is run."""
+"""Simulated devices at a robot's inputs and outputs, for the contract of their drivers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class PointRig:
     """A robot's inputs and outputs, and a clock.
 
     Attributes:
-        values: of the points, by name.
+        values: values of the points, by name.
         seconds: the time on the clock.
-        object_m: width of what is between the fingers; None for nothing.
-        silent: the robot does not report.
+        object_m: width of the object between the fingers; None for no object.
+        silent: whether the robot reports nothing.
     """
 
     faults = frozenset({"disconnect"})
@@ -48,7 +48,7 @@ class PointRig:
         self.values[name] = value
 
     def place(self, width_m: float | None) -> None:
-        """See `GripperRig`, as for `inject` and `clear`."""
+        """See `GripperRig`, also for `inject` and `clear`."""
         self.object_m = width_m
 
     def inject(self, fault: str) -> None:
@@ -59,10 +59,10 @@ class PointRig:
 
 
 class HandRig(PointRig):
-    """The hand of a cell: the fingers go to the width, and stop at what is between them.
+    """The hand of a cell: the fingers move to the width, and stop at an object between them.
 
     Attributes:
-        width: between the fingers, m.
+        width: width between the fingers, m.
     """
 
     def __init__(self, hand: AnyHand) -> None:
@@ -99,7 +99,7 @@ class HandRig(PointRig):
 
 
 class DigitalRig(PointRig):
-    """Fingers at one or two valves, which take their time; sensors at both ends."""
+    """Fingers at one or two valves, which move with a delay, with sensors at both ends."""
 
     def __init__(self, options: DigitalOptions) -> None:
         self._options = options
@@ -134,7 +134,7 @@ class DigitalRig(PointRig):
 
     @property
     def _narrowest(self) -> float:
-        """Where the fingers stop, as a share of the way from closed to open."""
+        """The position at which the fingers stop, as a share of the way from closed to open."""
         options = self._options
         if self.object_m is None:
             return 0.0
@@ -142,7 +142,8 @@ class DigitalRig(PointRig):
 
 
 class VacuumRig(PointRig):
-    """A suction cup: with a part at it the vacuum builds up and goes with time, without one there is none."""
+    """A suction cup. With a part at it, the vacuum builds up and decays over time; without a part there is
+    none."""
 
     BUILD_UP_S = 0.2
 

@@ -1,4 +1,4 @@
-"""What grippers with two positions have in common: open and closed, by outputs of the robot."""
+"""Base of grippers that outputs of the robot open and close, and that have no position in between."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
 class FingerGoal(Enum):
-    """Where the fingers are to be. NEITHER: cobot has not commanded them yet."""
+    """The commanded position of the fingers. NEITHER: cobot has not commanded one yet."""
 
     NEITHER = auto()
     OPEN = auto()
@@ -25,17 +25,18 @@ class FingerGoal(Enum):
 
 
 class TwoPositions:
-    """Base of such a gripper: which end is nearer to a width, and how long the fingers take.
+    """Base of such a gripper. It chooses the end that is nearer to a width, and measures the time of the
+    fingers.
 
     Args:
-        width_m: closed and open; None for a gripper without a width.
+        width_m: widths when closed and when open; None for a gripper without a width.
 
     Attributes:
-        goal: of the last command.
+        goal: goal of the last command.
     """
 
     LATE = 3.0
-    """Multiple of its time after which a command that has had no effect is a fault."""
+    """If a command has no effect after this multiple of its time, that is a fault."""
 
     def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port
@@ -66,7 +67,7 @@ class TwoPositions:
         self.open()
 
     def disconnect(self) -> None:
-        """Outputs stay as they are."""
+        """Disconnect. Outputs stay as they are."""
         if isinstance(self._port, ModbusPoints):
             self._port.close()
 
@@ -87,7 +88,7 @@ class TwoPositions:
         return self._clock.now_s() - self._begun_s
 
     def _require_points(self, *names: str | None) -> None:
-        """Connect to the device that has these inputs and outputs, and see that it has them."""
+        """Connect to the device with these inputs and outputs, and check that they exist."""
         if isinstance(self._port, ModbusPoints):
             self._port.open()
         for name in names:
@@ -95,5 +96,5 @@ class TwoPositions:
                 self._port.read(name)
 
     def _input(self, name: str | None, inverted: bool) -> bool | None:
-        """A boolean input; None without one."""
+        """The value of a boolean input; None without an input."""
         return None if name is None else bool(self._port.read(name)) is not inverted

@@ -1,7 +1,8 @@
 """The protocol of grippers: one class drives one kind of device.
 
-The class has its options as `Options`, imports for its instances as `sdk`, and the simulated device on which
-the contract runs as `contract_rig` (`cobot.grippers.contract`). docs/your-gripper.md is the guide.
+The class has these attributes: `Options`, its options; `sdk`, a module that its instances import;
+`contract_rig`, the simulated device on which the contract runs (`cobot.grippers.contract`).
+docs/your-gripper.md is the guide.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class GripperError(Exception):
 
 
 class HeldObject(StrEnum):
-    """What the fingers hold. INSIDE: they close on the object; OUTSIDE: they open inside a hollow one."""
+    """The object in the fingers. INSIDE: the fingers close on it; OUTSIDE: they open inside a hollow
+    object."""
 
     NONE = "none"
     HELD_INSIDE = "held_inside"
@@ -54,14 +56,14 @@ class GripperCapabilities:
     """The capabilities of a gripper. A request that needs a missing one is rejected, naming it.
 
     Attributes:
-        width_m: the smallest and the largest width between the fingers, m; None: it has none, as a suction
-            cup, and only grasps and releases.
+        width_m: the smallest and the largest width between the fingers, m. None: the gripper has no width,
+            such as a suction cup, and only grasps and releases.
         force_n: the forces that can be commanded, N; None: the force is fixed.
         speed_m_s: the speeds that can be commanded, m/s; None: the speed is fixed.
-        object_detection: `GripperState.object` is known.
-        continuous: any width within `width_m` can be commanded; otherwise only its two ends.
-        on_power_loss: what the fingers do then.
-        hardware: moves real fingers.
+        object_detection: whether `GripperState.object` is known.
+        continuous: whether any width within `width_m` can be commanded; otherwise only its two ends.
+        on_power_loss: the reaction of the fingers if the gripper loses its power.
+        hardware: whether the driver moves real fingers.
     """
 
     width_m: Range | None
@@ -98,17 +100,17 @@ class GripperCapabilities:
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """What a gripper reports; None: it does not know.
+    """The state of a gripper. None means that the gripper does not know the value.
 
     Attributes:
-        width: between the fingers, m.
-        commanded_width: of the last command, m.
-        force: at the fingers, N.
-        moving: a command is under way. True from the moment at which the command has returned.
+        width: width between the fingers, m.
+        commanded_width: width of the last command, m.
+        force: force at the fingers, N.
+        moving: whether a command is running. It must be true as soon as the command has returned.
         object: None for a gripper that does not detect objects.
-        temperature: °C
-        fault: what is wrong with the device, in words; "" for nothing.
-        ages_s: how much older than the state itself a value is, by its name, s; left out: 0.
+        temperature: temperature, °C.
+        fault: the fault of the device, as a text; "" for none.
+        ages_s: for values that are older than the state, by name, the additional age, s.
     """
 
     width: float | None
@@ -142,7 +144,8 @@ class GripperState:
 
 
 def _measured(name: str, value: Any) -> float:
-    """A value of a device as a number of Python. Raises TypeError or ValueError for any other value."""
+    """Convert a value of a device to a Python number. Raises TypeError or ValueError if that is
+    impossible."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number:
         raise TypeError(f"{name} is {shown(value)}, must be a number; report None for an unknown value")
@@ -159,9 +162,10 @@ class Grasp:
     """A request to hold an object.
 
     Attributes:
-        width: of the object, m; None: any. One wider than the present width is held from inside.
-        tolerance_inner, tolerance_outer: how much narrower and wider than `width` it may be, m.
-        speed, force: None: the driver's default.
+        width: width of the object, m; None for any. An object wider than the present width is held from
+            inside.
+        tolerance_inner, tolerance_outer: how much narrower and wider than `width` the object may be, m.
+        speed, force: speed and force of the fingers; None for the driver's default.
     """
 
     width: float | None
@@ -178,39 +182,41 @@ class Grasp:
 
 
 class GripperOptions(BaseModel):
-    """Base of a gripper's `Options`: the keys of `robot.gripper` in addition to `type`."""
+    """Base class of a gripper's `Options`: the keys of `robot.gripper` in addition to `type`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     on_stop: Annotated[
         Literal["keep", "open"],
-        Field(description="What a stop or an e-stop does: keep the grip, or open the fingers."),
+        Field(
+            description="Reaction of the gripper to a stop or an e-stop: keep the grip, or open the fingers."
+        ),
     ] = "keep"
     on_loss: Annotated[
         Literal["stop", "continue"],
-        Field(description="What the arm does when an object is lost: stop, or go on."),
+        Field(description="Reaction of the arm if an object is lost: stop, or continue."),
     ] = "stop"
 
 
 class Now(Protocol):
-    """What a driver needs of a clock: `cobot.clock.SYSTEM`, or that of a simulated device."""
+    """Interface of a driver's clock: `cobot.clock.SYSTEM`, or the clock of a simulated device."""
 
     def now_s(self) -> float: ...
 
 
 class IoPort(Protocol):
-    """The inputs and outputs of the robot, by name, as GET /robot/io has them. For a driver's thread."""
+    """The inputs and outputs of the robot, by their names in GET /robot/io. For the thread of a driver."""
 
     def read(self, name: str) -> float:
-        """The value that the robot has reported last; of a boolean 0 or 1.
+        """The last value that the robot has reported; 0 or 1 for a boolean.
 
         Raises:
-            GripperError: there is no such input or output, or the robot does not report.
+            GripperError: there is no such input or output, or the robot does not report it.
         """
         ...
 
     def set(self, name: str, value: float) -> None:
-        """Hand an output to the robot; may wait for some milliseconds.
+        """Set an output of the robot. May wait for some milliseconds.
 
         Raises:
             GripperError: there is no such output, or the robot rejects the value.
@@ -219,30 +225,30 @@ class IoPort(Protocol):
 
 
 class Gripper(Protocol):
-    """A gripper. The constructor is called with (options, port) and connects to nothing. A class that needs
-    more of the settings than its options has `of_robot(settings, port)`, which is called instead.
+    """A gripper. The constructor is called with (options, port), and must not connect. A class that needs
+    other settings too has `of_robot(settings, port)`, which is called instead.
 
-    A thread that nothing else waits for calls the methods, one at a time. Each may wait for the device some
-    tenths of a second, and may raise a GripperError. The commands return when the device has taken them, not
-    when the fingers are there; a command replaces the one before. After a GripperError `connect` is called
-    again.
+    A separate thread calls the methods, one at a time. Each method may wait for the device some tenths of a
+    second, and may raise a GripperError. A command returns when the device has accepted it, not when the
+    motion ends. It replaces a running one. After a GripperError `connect` is called again.
 
-    `connect` and `disconnect` move nothing: what is held stays held, also over a restart of cobot.
+    `connect` and `disconnect` must not move the fingers: a held object stays held, also during a restart of
+    cobot.
 
     Attributes:
-        capabilities: of this gripper, with these options.
-        state_period_s: how often the state is read while the fingers move or hold something; may be left out
-            (0.01).
+        capabilities: capabilities of this gripper with these options.
+        state_period_s: interval between readings of the state while the fingers move or hold an object.
+            Optional; the default is 0.01.
     """
 
     capabilities: GripperCapabilities
 
     def connect(self) -> None:
-        """Connect to the device, and see that it is the right one."""
+        """Connect to the device, and check that it is the right one."""
         ...
 
     def disconnect(self) -> None:
-        """Let go of the connection; also after an error, and twice."""
+        """Close the connection. May be called after an error, and twice."""
         ...
 
     def open(self) -> None:
@@ -254,15 +260,15 @@ class Gripper(Protocol):
         ...
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
-        """Go to a width, within `capabilities`; None: the default."""
+        """Move to a width, within `capabilities`. None means the default."""
         ...
 
     def grasp(self, grasp: Grasp) -> None:
-        """Go towards an object and hold it."""
+        """Move the fingers to an object and hold it."""
         ...
 
     def release(self, width: float | None) -> None:
-        """Let go: open to a width, or as far as possible."""
+        """Release the object: open to a width, or as far as possible."""
         ...
 
     def stop(self) -> None:
@@ -270,7 +276,7 @@ class Gripper(Protocol):
         ...
 
     def home(self) -> None:
-        """Find the reference, activate, whatever the device needs once. The fingers may move."""
+        """Find the reference or activate the device, as it needs once. The fingers may move."""
         ...
 
     def state(self) -> GripperState:

@@ -28,17 +28,17 @@ REGISTRY = Registry(
 
 
 HELD_SHARE, LOST_SHARE, GRASP_TIMES = 0.7, 0.5, 20.0
-"""The cup of a simulated cell holds a part at this share of its full vacuum, and has lost it at the next one.
-A grasp takes at most this many of its time constants."""
+"""The cup of a simulated cell holds a part from the first share of its full vacuum on, and has lost it at the
+second. A grasp takes at most the third value, as a multiple of the cup's time constant."""
 
 
 def gripper_names() -> dict[str, str]:
-    """The names that `robot.gripper` may have, each with the place of its class."""
+    """Valid types in `robot.gripper`, each with the location of its class."""
     return REGISTRY.names()
 
 
 def gripper_class(name: str) -> Callable[..., Gripper]:
-    """The class of a name, or of "package.module:Class".
+    """The class for a name or for "package.module:Class".
 
     Raises:
         ConfigError: it does not exist or cannot be loaded. The error lists the valid names.
@@ -78,11 +78,11 @@ def gripper_options(settings: Settings) -> GripperOptions:
     """The options of the robot's gripper, checked.
 
     Raises:
-        ConfigError: there is no gripper or no such class, or it has no such options.
+        ConfigError: there is no gripper, or its class or an option does not exist.
     """
     section = gripper_section(settings)
     if section is None:
-        raise ConfigError("robot.gripper: there is none; `cobot gripper list` shows what can be named")
+        raise ConfigError("robot.gripper: the robot has none; `cobot gripper list` shows the types")
     kind: Any = gripper_class(section.type)
     options: Any = getattr(kind, "Options", GripperOptions)
     if not (isinstance(options, type) and issubclass(options, GripperOptions)):
@@ -91,10 +91,10 @@ def gripper_options(settings: Settings) -> GripperOptions:
 
 
 def make_gripper(settings: Settings, port: IoPort) -> Gripper:
-    """The robot's gripper.
+    """Create the robot's gripper.
 
     Raises:
-        ConfigError: there is none or no such class, it has no such options, or it cannot be made.
+        ConfigError: there is no gripper, its class or an option does not exist, or it cannot be created.
     """
     options, section = gripper_options(settings), gripper_section(settings)
     assert section is not None  # see above

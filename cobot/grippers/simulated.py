@@ -26,7 +26,7 @@ WIDTH, SPEED, FORCE = "hand.width", "hand.speed", "hand.force"
 MEASURED_WIDTH, MEASURED_FORCE, MOVING = "hand.measured_width", "hand.measured_force", "hand.moving"
 MIN_FORCE_N, MIN_SPEED_M_S = 0.5, 0.001
 DEFAULT_FORCE_SHARE = 0.5
-"""Share of the largest force with which the fingers close when a command names none."""
+"""Share of the largest force with which the fingers close if a command has no force."""
 BEYOND_M = 0.003
 """Distance by which a grasp closes beyond the narrowest permitted object, so that the fingers press, m."""
 NEAR_M = 0.001
@@ -34,7 +34,7 @@ PRESSING_N, PRESSING_SHARE = 1.0, 0.5
 """Force, in N and as a share of the commanded force, above which fingers that have not reached the commanded
 width hold something."""
 REPORT_S = 1.0
-"""A command that the cell has not reported after this time was replaced, by another client of its outputs."""
+"""If the cell does not report a command within this time, another client has changed its outputs, s."""
 
 
 class SimulatedOptions(GripperOptions):
@@ -47,7 +47,8 @@ class SimulatedOptions(GripperOptions):
         ]
         | None,
         Field(
-            description="Fingers of the arm's model, as cobot new-robot writes them; null: the cell's hand."
+            description="Fingers of the arm's model, as written by cobot new-robot; null: the hand of the "
+            "cell."
         ),
     ] = None
 
@@ -93,7 +94,7 @@ class SimulatedGripper:
 
     @staticmethod
     def contract_rig(options: SimulatedOptions) -> HandRig:
-        """The hand of the options, else the one that a cell has by default."""
+        """The hand in the options, or without one the default hand of a cell."""
         return HandRig(options.hand or Hand())
 
     def connect(self) -> None:

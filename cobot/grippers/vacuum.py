@@ -24,7 +24,7 @@ from cobot.grippers.protocol import (
 from cobot.motions.fields import Finite
 
 REPORT_S = 0.02
-"""An input that is read so soon after a command may be one from before it."""
+"""An input that is read within this time after a command may still have its value from before, s."""
 OF_SENSOR = ("threshold", "hysteresis", "inverted_sensor")
 OF_BLOW = ("blow_value", "blow_time_s")
 
@@ -32,29 +32,43 @@ OF_BLOW = ("blow_value", "blow_time_s")
 class VacuumOptions(GripperOptions):
     """Options of `VacuumGripper`. Names are those of GET /robot/io, or of `modbus_points`."""
 
-    output: Annotated[Name, Field(description="Of the ejector or the pump: boolean or analog.")]
-    on_value: Annotated[Finite, Field(description="Of the output, for vacuum.")] = 1.0
-    off_value: Annotated[Finite, Field(description="Of the output, for no vacuum.")] = 0.0
-    blow_output: Annotated[Name | None, Field(description="Blows the part off at a release.")] = None
-    blow_value: Annotated[Finite, Field(description="Of that output while it blows; otherwise 0.")] = 1.0
-    blow_time_s: Annotated[Seconds, Field(description="Duration of the blow-off.")] = 0.2
-    sensor: Annotated[Name | None, Field(description="Vacuum switch, or a pressure.")] = None
+    output: Annotated[
+        Name, Field(description="Output that switches the ejector or the pump: boolean or analog.")
+    ]
+    on_value: Annotated[Finite, Field(description="Value of the output for vacuum.")] = 1.0
+    off_value: Annotated[Finite, Field(description="Value of the output for no vacuum.")] = 0.0
+    blow_output: Annotated[Name | None, Field(description="Output that blows the part off at a release.")] = (
+        None
+    )
+    blow_value: Annotated[
+        Finite, Field(description="Value of blow_output during the blow-off; otherwise it is 0.")
+    ] = 1.0
+    blow_time_s: Annotated[Seconds, Field(description="Duration of the blow-off, s.")] = 0.2
+    sensor: Annotated[Name | None, Field(description="Input with a vacuum switch or a pressure sensor.")] = (
+        None
+    )
     threshold: Annotated[
         Finite, Field(description="A part is held while the sensor is at this value or above.")
     ] = 0.5
     hysteresis: Annotated[
-        Finite, Field(ge=0.0, description="A part is lost when the sensor is further below the threshold.")
+        Finite,
+        Field(ge=0.0, description="A part is lost when the sensor is below the threshold by more than this."),
     ] = 0.0
     inverted_sensor: Annotated[
-        bool, Field(description="Held at the threshold or below, lost above: an absolute pressure.")
+        bool,
+        Field(
+            description="true: a part is held at or below the threshold, as with an absolute pressure sensor."
+        ),
     ] = False
-    grasp_time_s: Annotated[Seconds, Field(description="Without vacuum after this time nothing is held.")] = (
-        1.0
-    )
-    release_time_s: Annotated[Seconds, Field(description="The part has come off after this time.")] = 0.3
+    grasp_time_s: Annotated[
+        Seconds,
+        Field(description="Time for the vacuum to build up, s; without vacuum after it nothing is held."),
+    ] = 1.0
+    release_time_s: Annotated[Seconds, Field(description="Time in which the part comes off, s.")] = 0.3
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN
     modbus: Annotated[
-        ModbusOptions | None, Field(description="The points are those of this device, not the robot's.")
+        ModbusOptions | None,
+        Field(description="Modbus device whose points are used instead of those of the robot."),
     ] = None
 
     @model_validator(mode="after")
@@ -64,7 +78,9 @@ class VacuumOptions(GripperOptions):
         if self.on_value == self.off_value:
             raise ValueError(f"on_value and off_value are both {self.on_value:g}, they must differ")
         if self.blow_value == 0.0:
-            raise ValueError("blow_value is 0, which is what the output has when it does not blow")
+            raise ValueError(
+                "blow_value is 0, which is the value of the output when it does not blow; give another value"
+            )
         for needed, names in (("sensor", OF_SENSOR), ("blow_output", OF_BLOW)):
             alone = [name for name in names if name in self.model_fields_set]
             if alone and getattr(self, needed) is None:
@@ -74,10 +90,11 @@ class VacuumOptions(GripperOptions):
 
 
 class VacuumGripper(TwoPositions):
-    """See the module. It has no width: `grasp` makes vacuum, `release` ends it.
+    """See the module. It has no width: `grasp` switches the vacuum on, `release` switches it off.
 
-    With a sensor a grasp ends as soon as there is vacuum, and a release as soon as there is none. Without
-    one both take their times, and whether a part is held is not known. A stop leaves the vacuum as it is.
+    With a sensor, a grasp ends as soon as there is vacuum, and a release as soon as there is none. Without a
+    sensor both take the configured times, and it is not known whether a part is held. A stop leaves the
+    vacuum as it is.
     """
 
     Options = VacuumOptions
@@ -95,11 +112,11 @@ class VacuumGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: VacuumOptions) -> VacuumRig:
-        """A cup at such an output, which a part can close."""
+        """A simulated cup at this output, which a part can close."""
         return VacuumRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
-        """The output tells what the last command was, of an earlier run of cobot too."""
+        """Connect. The output shows the last command, even if an earlier run of cobot sent it."""
         options = self._options
         self._require_points(options.output, options.blow_output, options.sensor)
         if self.goal is FingerGoal.NEITHER:
@@ -108,7 +125,7 @@ class VacuumGripper(TwoPositions):
             self._adopt(FingerGoal.CLOSED if sucks else FingerGoal.OPEN)
 
     def stop(self) -> None:
-        """The blow-off ends; what is held stays held."""
+        """End the blow-off. A held part stays held."""
         if self._options.blow_output is not None:
             self._port.set(self._options.blow_output, 0.0)
         if self.goal is FingerGoal.OPEN:

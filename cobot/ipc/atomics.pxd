@@ -1,4 +1,4 @@
-"""What gcc and clang know of memory that several processes share."""
+"""Atomic operations of gcc and clang for memory that several processes share."""
 
 from libc.stdint cimport uint64_t
 

@@ -1,4 +1,4 @@
-"""Whether rtloop follows the first target of a session, and the words for a client if it does not."""
+"""Checks whether rtloop follows the first target of a session, and writes the error for the client if not."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ADVICE = (
 
 
 class FirstTarget:
-    """Watches a session until its first target is taken or refused."""
+    """Watches a session until its first target is accepted or rejected."""
 
     def __init__(self, stream: Stream, names: list[str], state: np.ndarray) -> None:
         """state: record of `cobot.ipc.state_fields.state_dtype`, before anything is sent."""
@@ -26,12 +26,14 @@ class FirstTarget:
         self._known = False
 
     def note(self, setpoint: np.ndarray) -> None:
-        """A target is on its way, a record of `cobot.ipc.layout.setpoint_dtype`; the first one counts."""
+        """Note a target, a record of `cobot.ipc.layout.setpoint_dtype`, before it is sent. Only the first one
+        counts."""
         if self._target is None and setpoint["number"]:
             self._target = setpoint.copy()
 
     def refusal(self, session: int, state: np.ndarray) -> str:
-        """Why it was refused, once; "" if it was not, or is not known yet."""
+        """The reason why the first target was rejected, returned once; "" if it was not, or if that is not
+        known yet."""
         if self._known or self._target is None:
             return ""
         if int(state["session"]) != session or not int(state["setpoint_seen"]):

@@ -1,4 +1,4 @@
-"""`python -m cobot.ipc.generate`: write the files and parts of files that follow from the state fields.
+"""`python -m cobot.ipc.generate`: writes the files and parts of files that follow from the state fields.
 
 These are the declarations for compiled modules (`cobot/ipc/state_block.pxd`) and the attributes of
 `rtloop.backends.Measured` (`rtloop/backends/compiled.pyi`). The declarations note the layout version and a
@@ -33,7 +33,7 @@ from cobot.ipc.state_fields import (
 DECLARATIONS = Path("cobot", "ipc", "state_block.pxd")
 STUB = Path("rtloop", "backends", "compiled.pyi")
 BEGIN, END = "    # measured fields: begin\n", "    # measured fields: end\n"
-"""The lines around the generated part of the stub."""
+"""The lines before and after the generated part of the stub."""
 LAST_MEASURED = ("external_effort", "wrench", "sensor")
 _C_TYPES = {"u8": "uint64_t", "i8": "int64_t", "f8": "double"}
 _NOTE = "# Layout version {version}, records {digest}.\n"
@@ -55,7 +55,8 @@ def records_digest() -> str:
 
 
 def declarations() -> str:
-    """The state block's numbers and the rows of what is measured, for compiled modules."""
+    """The declarations for compiled modules: the numbers of the state block, and the rows of the measured
+    values."""
     fields = "".join(f"    {_C_TYPES[field.kind]} {field.name}\n" for field in SCALARS)
     joints = [field.name for field in MEASURED if field.length == PER_JOINT]
     rows = "".join(f"    {name.upper()}_ROW = {row}\n" for row, name in enumerate(joints))
@@ -80,7 +81,7 @@ def attributes() -> Iterator[str]:
 
 
 def with_attributes(stub: str) -> str:
-    """The stub with the present attributes between its marks.
+    """The stub with the generated attributes between its marks.
 
     Raises:
         ConfigError: the marks are missing.
@@ -98,7 +99,7 @@ def require_order(measured: tuple[StateField, ...]) -> None:
     """Reject measured fields that are not where compiled modules expect them.
 
     Raises:
-        ConfigError: they have to be in another place of the table.
+        ConfigError: they must be in another place of the table.
     """
     names = tuple(field.name for field in measured)
     table_names = [field.name for field in STATE_FIELDS]
@@ -118,10 +119,10 @@ def require_order(measured: tuple[StateField, ...]) -> None:
 
 
 def require_version(noted: str) -> None:
-    """Refuse records that have changed under the layout version of a struct's file.
+    """Reject records that have changed while the layout version is still the noted one.
 
     Raises:
-        ConfigError: raise the version.
+        ConfigError: the version must be raised.
     """
     pattern = re.escape(_NOTE.strip()).replace(r"\{version\}", r"(\d+)").replace(r"\{digest\}", r"(\w+)")
     found = re.search(pattern, noted)
@@ -133,15 +134,15 @@ def require_version(noted: str) -> None:
 
 
 def write(root: Path) -> list[Path]:
-    """Bring the files of a checkout up to date.
+    """Update the generated files of a checkout.
 
     Returns:
-        Those that have changed.
+        The files that have changed.
 
     Raises:
         ConfigError: a record has changed without its version, a measured field is in the wrong place, or the
             stub has no marks.
-        OSError: it is not a checkout.
+        OSError: the folder is not a checkout.
     """
     before = {DECLARATIONS: "", STUB: (root / STUB).read_text("utf-8")}
     if (root / DECLARATIONS).exists():
@@ -156,7 +157,7 @@ def write(root: Path) -> list[Path]:
 
 
 def main() -> int:
-    """The exit status: 0, or 2 when nothing was written."""
+    """Run the command. Returns the exit status: 0, or 2 if nothing was written."""
     argparse.ArgumentParser(prog="python -m cobot.ipc.generate", description=__doc__).parse_args()
     try:
         changed = write(Path(__file__).parents[2])

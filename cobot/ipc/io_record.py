@@ -26,8 +26,8 @@ class IoReport:
 
 
 def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
-    """Write points into a record of `cobot.ipc.layout.IO`; returns the names of those without a place in
-    it."""
+    """Write points into a record of `cobot.ipc.layout.IO`. Returns the names of points for which it has no
+    room."""
     kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
     count = record["count"] = len(kept)
     record["names"][:count] = [each.name.encode() for each in kept]

@@ -85,7 +85,7 @@ class Intervention(IntEnum):
 
 
 class GripperObject(IntEnum):
-    """What is between the fingers, as `cobot.grippers.HeldObject` has it, and whether that is known."""
+    """The object between the fingers, as in `cobot.grippers.HeldObject`, and whether it is known."""
 
     ABSENT = 0  # no gripper, or it has not been read yet
     UNKNOWN = 1  # the gripper does not detect objects
@@ -117,7 +117,7 @@ class Interpolation(IntEnum):
 
 
 class ServoMode(IntEnum):
-    """How rtloop follows the points of a servo session; the vendor manual's numbers."""
+    """How rtloop follows the points of a servo session. The numbers are those of the vendor's manual."""
 
     NONE = 0  # no servo session
     REPLANNED = 1  # to the newest point at once, jerk-limited
@@ -176,11 +176,11 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
-"""stops: number of stop requests known to the sender. A START or REPLACE is rejected if there are more by
-now. For a RESET the number of e-stops is added: it ends only e-stops that its sender knew of.
+"""stops: number of stop requests known to the sender. A START or REPLACE is rejected if rtloop knows of more.
+For a RESET the number of e-stops is added, because it ends only e-stops that its sender knew of.
 value: rate of a SET_RATE; for a REPLACE the path time, s, of the present motion at which the new one begins.
-tool: tool version for which a START or REPLACE was planned; another one is rejected. For a TOOL: version in
-the block.
+tool: tool version for which a START or REPLACE was planned; it is rejected if the tool has another version.
+For a TOOL: version in the block.
 scene: for a SCENE or a TOOL, the version of the scene file to read."""
 TOOL = np.dtype(
     [
@@ -245,7 +245,7 @@ SLOT = np.dtype(
 
 
 class Firing(IntEnum):
-    """How an action of a motion stands."""
+    """The state of an action of a motion."""
 
     PENDING = 0
     FIRED = 1
@@ -253,7 +253,7 @@ class Firing(IntEnum):
 
 
 class Waiting(IntEnum):
-    """Which condition holds a motion up."""
+    """The condition for which a motion waits."""
 
     NO = 0
     START = 1  # `start_when` does not hold yet
@@ -281,7 +281,7 @@ SIGNAL_REPORT = np.dtype(
     ],
     align=True,
 )
-"""What rtloop reports of the actions and conditions of the last motion that has any."""
+"""Report of rtloop on the actions and conditions of the last motion that has any."""
 MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
@@ -322,8 +322,8 @@ IO = np.dtype(
 """A `cobot.ipc.io_record.IoReport`."""
 OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
 PULL = np.dtype([("link", "S64"), ("point", "f8", (3,)), ("target", "f8", (3,))])
-"""point: of the link, in its frame, m; target: where it is pulled to, in the base frame, m. No link: let go.
-"""
+"""A pull by hand. point: point of the link, in its frame, m; target: the place to which it is pulled, in the
+base frame, m. Without a link, the pull ends."""
 PULL_S = 0.2
 """Time after which the simulation ends a pull that is not renewed."""
 CELL_PARTS = 32
@@ -341,8 +341,8 @@ INFO_TEXT = "S64"
 
 
 def info_dtype(dof: int) -> np.dtype:
-    """Properties of the robot that rtloop knows from its start; those that depend on the tool change with
-    it."""
+    """Properties of the robot that rtloop knows from its start. Those that depend on the tool change with the
+    tool."""
     joints = ("f8", (dof,))
     return np.dtype(
         [
@@ -443,13 +443,13 @@ def point_dtype(dof: int) -> np.dtype:
 
 
 POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
-"""The block that holds the newest point's number."""
+"""The block with the number of the latest point."""
 SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])
 
 
 def record_of(octets: bytes, kind: np.dtype) -> np.ndarray:
-    """Make a record from its bytes; numpy would copy field by field, which takes 20 µs."""
+    """Convert bytes to a record. numpy's own conversion copies field by field, which takes 20 µs."""
     return np.ndarray((), kind, bytearray(octets))
 
 

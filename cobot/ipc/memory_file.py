@@ -24,7 +24,8 @@ REMEDIES = {
 }
 _users: Counter[Path] = Counter()
 _closed: defaultdict[Path, list[int]] = defaultdict(list)
-"""Per file: how many memories this process has open, and the descriptors of those that it has closed."""
+"""For each file: the number of memories that this process has open, and the descriptors of those it has
+closed."""
 
 
 class MemoryRole(IntEnum):
@@ -66,12 +67,12 @@ def user_of(robot: str, role: MemoryRole) -> int:
 
 
 def add_user(path: Path) -> None:
-    """Note that this process has one more memory of a file open."""
+    """Count one more open memory of a file in this process."""
     _users[path] += 1
 
 
 def remove_user(path: Path) -> None:
-    """Note that this process has one memory of a file less open; then call `close_file`."""
+    """Count one open memory of a file less in this process. Call `close_file` afterwards."""
     _users[path] -= 1
 
 
@@ -86,13 +87,14 @@ def close_file(path: Path, descriptor: int) -> None:
 
 
 def create_file(path: Path, robot: str) -> int:
-    """The descriptor of an empty file, locked for the supervisor.
+    """Create an empty file, locked for the supervisor. Returns its descriptor.
 
     The file of a killed run is removed, not reused: another process may still have it mapped, and truncating
     it would kill that process by SIGBUS.
 
     Raises:
-        ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
+        ConflictError: another supervisor, or a remaining process of one, uses the file; the message has its
+            pid.
         OSError: the system denies access.
     """
     while True:
@@ -156,7 +158,7 @@ def lock(descriptor: int, role: MemoryRole, robot: str) -> None:
     """Take a role until `unlock` or the end of the process.
 
     Raises:
-        ConflictError: another process has the role; with its pid.
+        ConflictError: another process has the role; the message has its pid.
     """
     try:
         fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))

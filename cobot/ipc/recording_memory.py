@@ -64,8 +64,8 @@ class RecordingMemory:
     it.
 
     Attributes:
-        dof, period_s, robot, joint_names: of the robot.
-        created_ns: CLOCK_MONOTONIC when the supervisor made it.
+        dof, period_s, robot, joint_names: properties of the robot.
+        created_ns: CLOCK_MONOTONIC at which the supervisor created the memory.
         status: the recorder's block.
         notes, fresh, history: the rings; history is None if it was not requested.
     """
@@ -95,7 +95,8 @@ class RecordingMemory:
     def create(
         cls, robot: str, dof: int, period_s: float, ring_s: float, joint_names: Sequence[str]
     ) -> RecordingMemory:
-        """Make the file, replacing that of a killed run. Only the owner of the robot's memory may call this.
+        """Create the file, and remove that of a killed run. Only the owner of the robot's memory may call
+        this.
 
         Raises:
             SharedMemoryError: no space in /dev/shm, or no permission.
@@ -127,7 +128,7 @@ class RecordingMemory:
 
     @classmethod
     def attach(cls, robot: str, *, history: bool) -> RecordingMemory:
-        """Map the file that the supervisor has made.
+        """Map the file that the supervisor has created.
 
         Args:
             history: whether to map the history too, which is many times larger than the rest.
@@ -135,7 +136,7 @@ class RecordingMemory:
         Raises:
             UnavailableError: there is no file.
             LayoutError: the file is damaged, is not a recording, or was made by another version of cobot.
-            SharedMemoryError: it cannot be opened or mapped.
+            SharedMemoryError: the file cannot be opened or mapped.
         """
         path = ring_path(robot)
         try:

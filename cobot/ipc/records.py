@@ -1,6 +1,6 @@
 """Records of a robot's recording in shared memory: one per cycle, and one per change of mode with its reason.
 
-A file in /dev/shm next to that of the state, made by the supervisor:
+The supervisor creates a file in /dev/shm next to that of the state. It contains:
 
     header    constant: magic, layout, dof, places of the rings, period
     status    the recorder writes: its status
@@ -8,8 +8,8 @@ A file in /dev/shm next to that of the state, made by the supervisor:
     fresh     rtloop writes, every cycle: a ring of the last seconds
     history   the recorder writes: a ring of the last minutes, copied from `fresh`
 
-There are two rings because rtloop must map and lock what it writes in a cycle: some megabytes, whatever the
-size of the history. `cobot.ipc.ring` reads and writes them.
+There are two rings because rtloop must map and lock all memory that it writes in a cycle. These are some
+megabytes, independent of the size of the history. `cobot.ipc.ring` reads and writes the rings.
 """
 
 from __future__ import annotations

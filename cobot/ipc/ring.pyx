@@ -1,11 +1,13 @@
 """A ring of numbered records in shared memory: one writer, any number of readers, and no lock.
 
-The record of number n stands at place n modulo the capacity. Its first word is its number and its last one
-the checksum of all before it, so a reader copies a place and looks at the copy alone: another number is a
-record that is not there yet or not any more, a wrong checksum one that is being written. The writer neither
-waits nor allocates, and knows nothing of its readers; a reader that comes too late finds newer numbers.
+The record with number n is at place n modulo the capacity. Its first word is its number, and its last word is
+the checksum of all words before it. A reader copies a place and checks only the copy. Another number means
+that the record does not exist yet or has been overwritten; a wrong checksum means that it is being written.
+The writer neither waits nor allocates, and does not depend on its readers. A reader that is too slow finds
+higher numbers.
 
-The number that was written last stands before the places. It is a hint: what it leads to is looked at.
+The last written number is stored before the places. It is only a hint: the record that it leads to is
+checked.
 """
 
 from cobot.arrays cimport bytes_of
@@ -24,14 +26,15 @@ cdef enum:
 cdef class Ring:
     """
     Attributes:
-        dtype: of a record: its first field is the number, its last one the checksum, both u8.
-        capacity: so many records it holds.
+        dtype: type of a record. Its first field is the number, its last field the checksum, both u8.
+                capacity: number of records in the ring.
     """
 
     def __init__(self, memory, Py_ssize_t offset, dtype, long long capacity):
         """
         Raises:
-            ValueError: beyond the mapping, not at a multiple of 8 bytes, or records of another kind.
+            ValueError: the ring is beyond the mapping or not at a multiple of 8 bytes, or its records have
+                another form.
         """
         if offset < 0 or offset % 8 or dtype.itemsize % 8 or capacity < 1:
             raise ValueError(f"a ring of {capacity} records of {dtype.itemsize} bytes cannot be at {offset}")
@@ -47,27 +50,27 @@ cdef class Ring:
 
     @staticmethod
     def size(dtype, capacity):
-        """Bytes that a ring takes in the file."""
+        """Number of bytes of a ring in the file."""
         return HEAD_BYTES + capacity * dtype.itemsize
 
     @property
     def newest(self):
-        """The number of the record that was written last, 0 for none."""
+        """The number of the last written record, 0 for none."""
         return self.c_newest()
 
     def touch(self):
-        """Have every page in memory, so that no write waits for one; what stands there stays."""
+        """Load every page into memory, so that no write waits for a page. The content does not change."""
         cdef Py_ssize_t at
         cdef char* first = <char*>self._head
         for at in range(0, HEAD_BYTES + self.capacity * <Py_ssize_t>self._size, PAGE):
             atomic_add(<uint64_t*>(first + at), 0, RELAXED)
 
     def put(self, record):
-        """Write a record, which has its number, as the newest one; its checksum is filled in."""
+        """Write a record as the latest one. It must have its number; the checksum is filled in."""
         self.c_put(bytes_of(record, self._size))
 
     def read(self, first, count):
-        """Copies of the records from number `first` on, `count` numbers, without those that are not there.
+        """Copies of the records with `count` numbers from `first` on, except those that do not exist.
 
         Returns:
             An array of `dtype`, in the order of the numbers.
@@ -86,10 +89,10 @@ cdef class Ring:
         return found[:taken]
 
     def copy_from(self, Ring other not None, first):
-        """Write all that another ring of such records has, from number `first` on.
+        """Copy all records of another ring of the same kind, from number `first` on.
 
         Returns:
-            The number to go on with, and how many before it were not there any more.
+            The number with which to continue, and the number of records that had already been overwritten.
         """
         if other.dtype != self.dtype:
             raise ValueError("the rings have records of different kinds")

@@ -7,7 +7,8 @@ READ_TRIES: int
 def checksum(record: object) -> int: ...
 
 class SharedCounter:
-    """A number to which any process may add, at any time: it has no owner who could have died writing it."""
+    """A number that any process may increment at any time. It has no single writer that could die during a
+    write."""
 
     def __init__(self, memory: mmap, offset: int) -> None: ...
     @property
@@ -17,9 +18,9 @@ class SharedCounter:
 class Block:
     """One record of the given dtype at an offset of a mapped file.
 
-    `data` is this process's private copy: a writer fills it and calls `publish`, a reader calls
-    `read` and finds the newest consistent record in it; `buffer` are its bytes, shape (size,), writable.
-    `name` and `writer` (the process that publishes) are what errors call them.
+    `data` is this process's private copy: a writer fills it and calls `publish`; after a reader calls `read`,
+    it has the latest consistent record. `buffer` is its bytes, shape (size,), writable. `name` and `writer`
+    (the process that publishes) are names for errors.
     """
 
     name: str

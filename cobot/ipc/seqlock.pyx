@@ -1,15 +1,14 @@
 """A record in shared memory with one writer, any number of readers, and no lock.
 
-The writer makes the sequence counter odd, copies, writes a checksum, makes the counter even. A
-reader copies and accepts the copy only if the counter was even and the same before and after, and
-the checksum fits; so a torn read is found on any memory model, and a writer that died half way
-cannot pass off its half.
+The writer makes the sequence counter odd, copies the record, writes a checksum, and makes the counter even. A
+reader accepts its copy only if the counter was even, did not change meanwhile, and the checksum fits. So a
+torn read is found on any memory model, and the incomplete record of a writer that has died is never accepted.
 
-Whatever bytes lie in shared memory: they are copied once, and only the copy is looked at.
+Bytes in shared memory may be anything, so they are copied once, and only the copy is used.
 
-The checksum is XXH64 with seed 0 (Y. Collet, "xxHash fast digest algorithm", specification 0.1.1), on
-words in the order of the machine. It needs no table, which a cycle that has slept would find outside of the
-caches, and takes in 32 bytes in the time of two multiplications.
+The checksum is XXH64 with seed 0 (Y. Collet, "xxHash fast digest algorithm", specification 0.1.1), on words
+in the order of the machine. It needs no table, which would often be outside the caches after a cycle has
+slept, and processes 32 bytes in the time of two multiplications.
 """
 
 import time
@@ -24,7 +23,8 @@ import numpy as np
 from cobot.errors import TornReadError
 
 READ_TRIES = 100
-"""A write takes some microseconds; so many failures in a row mean that the writer died in one."""
+"""Maximum number of consecutive failed reads. A write takes some microseconds, so more failures mean that the
+writer has died during a write."""
 
 cdef enum:
     HEAD_BYTES = 16  # counter and checksum
@@ -71,12 +71,12 @@ cdef class Block:
 
     @staticmethod
     def size(dtype):
-        """Bytes that a block takes in the file."""
+        """Number of bytes of a block in the file."""
         return HEAD_BYTES + dtype.itemsize
 
     @property
     def sequence(self):
-        """Twice the number of publications; odd while one is under way."""
+        """Twice the number of publications; odd during a publication."""
         return self.c_sequence()
 
     def publish(self):
@@ -84,22 +84,22 @@ cdef class Block:
         self.c_publish()
 
     def try_read(self):
-        """Copy the record into `data` if it is consistent; one try, real-time safe.
+        """Copy the record into `data` if it is consistent. Makes one try; real-time safe.
 
-        On False `data` holds garbage.
+        If the result is False, the content of `data` is undefined.
         """
         return self.c_try_read()
 
     def salvage(self):
-        """What lies there (`data`), consistent or not: for a writer that takes over from a dead one."""
+        """The record (`data`), consistent or not, for a writer that replaces a dead one."""
         memcpy(self.c_data, self.mapped.shared, self.mapped.size)
         return self.data
 
     def read(self):
-        """The newest consistent record (`data`, overwritten by the next read).
+        """The latest consistent record (`data`, which the next read overwrites).
 
         Raises:
-            TornReadError: none in `READ_TRIES` tries.
+            TornReadError: no try of `READ_TRIES` was consistent.
         """
         for attempt in range(READ_TRIES):
             if self.c_try_read():
@@ -132,7 +132,8 @@ cdef class Block:
 
 
 cdef class SharedCounter:
-    """A number to which any process may add, at any time: it has no owner who could have died writing it."""
+    """A number that any process may increment at any time. It has no single writer that could die during a
+    write."""
 
     def __init__(self, memory, Py_ssize_t offset):
         """
@@ -150,7 +151,7 @@ cdef class SharedCounter:
         return self.c_value()
 
     def add(self):
-        """Add one; real-time safe."""
+        """Increment the number. Real-time safe."""
         atomic_add(self.place, 1, RELEASE)
 
     cdef uint64_t c_value(self) noexcept nogil:
@@ -158,7 +159,7 @@ cdef class SharedCounter:
 
 
 cdef char* _of_kind(Block block, str name, str kind) except NULL:
-    """A field that consists of words of 8 bytes, at an address that a processor can read."""
+    """The address of a field that consists of words of 8 bytes, correctly aligned."""
     cdef char* address = block.c_field(name)
     found = block.data.dtype.fields[name][0].base
     if found != np.dtype(kind) or <size_t>address % 8:
@@ -222,7 +223,7 @@ cdef uint64_t xxh64(const char* at, size_t size) noexcept nogil:
 
 
 cdef inline uint64_t _lanes(const char* at, size_t stripes) noexcept nogil:
-    """Four lanes, each of which takes in every fourth word."""
+    """The combination of four lanes; each processes every fourth word."""
     cdef uint64_t a = P1 + P2, b = P2, c = 0, d = 0 - P1, digest
     for _ in range(stripes):
         a = _round(a, _word(at))

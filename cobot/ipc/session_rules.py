@@ -1,4 +1,4 @@
-"""Defaults and checks of what clients write into shared memory.
+"""Defaults and checks for the records that clients write into shared memory.
 
 Records are those of `cobot.ipc.layout`. The checks raise an InputError with field, value and the valid range.
 """
@@ -13,12 +13,12 @@ from cobot.types import Array
 
 DAMPING_RATIO = 0.7
 DAMPING_RATIOS = (0.3, 1.0)
-"""Range of damping ratios: below it the arm would oscillate, above it the control cycle could not follow."""
+"""Range of damping ratios. Below it the arm would oscillate; above it the control cycle could not follow."""
 MAX_DECIMATION = 1000
 """The largest number of cycles between two targets."""
 FORCE_RATE_RAD_S = 5.0
-"""How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
-surroundings give way too. It is well below what the estimate of the external wrench can follow."""
+"""Decay rate of a force error if only the arm's own springs are elastic; with elastic surroundings it decays
+more slowly. The rate is well below the bandwidth of the estimated external wrench."""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """Shortest and longest duration of a `move_to_pose`, s."""
@@ -58,9 +58,9 @@ def decimation(command_hz: float, period_s: float) -> int:
 
 
 def stiffness_flaw(name: str, values: Array, nominal: Array) -> str:
-    """Describe an invalid stiffness, N·m/rad or N/m, given the nominal values; "" if all are valid.
+    """The error for an invalid stiffness, N·m/rad or N/m, given the nominal values; "" if all are valid.
 
-    Where the nominal value is 0, the arm cannot move the TCP, and only 0 is valid.
+    If a nominal value is 0, the arm cannot move the TCP in that direction, and only 0 is valid.
     """
     if (((values > 0.0) | (nominal == 0.0)) & (values >= 0.0) & (values <= nominal)).all():
         return ""
@@ -68,7 +68,7 @@ def stiffness_flaw(name: str, values: Array, nominal: Array) -> str:
 
 
 def damping_flaw(name: str, values: Array) -> str:
-    """Describe an invalid damping ratio; "" if all are valid."""
+    """The error for an invalid damping ratio; "" if all are valid."""
     low, high = DAMPING_RATIOS
     if ((values >= low) & (values <= high)).all():
         return ""
@@ -76,7 +76,7 @@ def damping_flaw(name: str, values: Array) -> str:
 
 
 def check_session(request: np.ndarray, info: np.ndarray) -> None:
-    """Check what rtloop does not check itself, and normalise the force frame's quaternion."""
+    """Check the values that rtloop does not check, and normalise the force frame's quaternion."""
     if not np.isin(request["force_axes"], (0.0, 1.0)).all():
         raise InputError(f"force_axes must be 0 or 1 each, got {request['force_axes'].tolist()}")
     _normalise(request["force_frame"], "force_frame")
@@ -86,7 +86,7 @@ def check_session(request: np.ndarray, info: np.ndarray) -> None:
 
 
 def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
-    """Check a target for this stream, and a move; normalise their quaternions."""
+    """Check a target for this stream, and a move, and normalise their quaternions."""
     for name in _TARGETS[stream]:
         _require_finite(setpoint[name], name)
     if stream is not Stream.CARTESIAN:
@@ -132,10 +132,10 @@ def _normalise(pose: Array, name: str) -> None:
 
 
 def force_gain(cartesian_stiffness: Array) -> float:
-    """Velocity of the TCP for each N that is missing of the force, m/s per N; 0 without springs.
+    """Velocity of the TCP per force error, m/s per N; 0 without springs.
 
     Args:
-        cartesian_stiffness: of a session, shape (6,), N/m and N·m/rad.
+        cartesian_stiffness: stiffness of a session, shape (6,), N/m and N·m/rad.
     """
     stiffest = float(cartesian_stiffness[:3].max())
     return FORCE_RATE_RAD_S / stiffest if stiffest else 0.0

@@ -1,6 +1,6 @@
 """The shared memory of one robot. Only this module and `cobot.ipc.layout` know the position of the blocks.
 
-A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
+It is a file in /dev/shm, which the supervisor creates and rtloop and the service map:
 
     header      constant: magic, layout version, dof, period, names; the supervisor repairs a damaged one
     state       rtloop writes, every cycle
@@ -18,13 +18,13 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     device, io  rtloop writes, some times a second: the device's capabilities and status; inputs and outputs
     cell        rtloop writes, 50 times a second: parts of a simulated cell
     session_ack rtloop writes: its answer to a session
-    signals     rtloop writes: which actions of the motion have fired, and what its conditions have done
+    signals     rtloop writes: which actions of the motion have fired, and the state of its conditions
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; points that rtloop has not read
                 are not overwritten
 
-Every block has one writer (`cobot.ipc.seqlock`); only the outside counters have several. Locks on the file
-ensure this (`cobot.ipc.memory_file`).
+Every block has one writer (`cobot.ipc.seqlock`), which locks on the file ensure (`cobot.ipc.memory_file`).
+Only the outside counters have several writers.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ MAX_DOF = 16
 MEND_S = 1.0
 """Time in which a running supervisor repairs a damaged header, s."""
 _RTLOOP, _SERVICE, _STREAM = "rtloop", "the service", "the streaming client"
-"""Writers of the blocks, as errors name them."""
+"""Names of the blocks' writers in errors."""
 
 _PAGE = 4096
 
@@ -107,7 +107,7 @@ def _aligned(size: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place for one trajectory. The arrays are views into shared memory with the whole capacity."""
+    """A place for one trajectory. The arrays are views of the whole capacity in shared memory."""
 
     head: Block
     breakpoints_s: Array
@@ -124,7 +124,7 @@ class Slot:
 
         Args:
             fence: the space that the TCP must not leave, and its maximum speed.
-            signals: actions and conditions on its way.
+            signals: actions and conditions of the motion.
 
         Raises:
             InputError: the motion has more segments than the slot's capacity.
@@ -150,7 +150,7 @@ class Slot:
 
 
 class RobotMemory:
-    """A robot's mapped memory. Make it with `create` or `attach`, leave it with `close`."""
+    """A robot's mapped memory. Create it with `create` or `attach`, and leave it with `close`."""
 
     def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
         """raw: the header, already checked."""
@@ -201,13 +201,14 @@ class RobotMemory:
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
-        """Make the file of a robot, replacing that of a killed run.
+        """Create the file of a robot, and remove that of a killed run.
 
         Args:
             url: address of the robot's service, for local clients; "" for none.
 
         Raises:
-            ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
+            ConflictError: another supervisor, or a remaining process of one, uses the file; the message has
+                its pid.
             SharedMemoryError: no space in /dev/shm, or no permission.
         """
         path, size = path_of(robot), _file_size(dof, capacity)
@@ -239,7 +240,7 @@ class RobotMemory:
 
     @classmethod
     def attach(cls, robot: str, role: MemoryRole) -> RobotMemory:
-        """Map the file that the supervisor has made.
+        """Map the file that the supervisor has created.
 
         Raises:
             UnavailableError: there is no file.
@@ -279,10 +280,10 @@ class RobotMemory:
         return True
 
     def take(self, role: MemoryRole) -> None:
-        """Become the one writer of a further role's blocks, until `release` or the end of the process.
+        """Become the writer of another role's blocks, until `release` or the end of the process.
 
         Raises:
-            ConflictError: another process has it, with its pid.
+            ConflictError: another process has the role; the message has its pid.
         """
         lock(self._descriptor, role, self.robot)
         self._roles.add(role)
@@ -329,7 +330,7 @@ class RobotMemory:
 
 
 def memory_bytes(dof: int, capacity: int) -> int:
-    """Bytes that a robot needs in /dev/shm."""
+    """Number of bytes that a robot needs in /dev/shm."""
     return _file_size(dof, capacity)
 
 
@@ -358,8 +359,8 @@ def _file_size(dof: int, capacity: int) -> int:
 
 
 def _checked_header(path: Path, descriptor: int) -> bytes:
-    """Read and check the header. A damaged one is read again until its supervisor, if any, should have
-    repaired it.
+    """Read and check the header. A damaged header is read again for the time in which a supervisor repairs
+    it.
 
     Raises:
         LayoutError: the file is damaged, is not a robot's memory, or was made by another version of cobot.

@@ -1,4 +1,4 @@
-"""Actions and conditions of a motion in shared memory, and what rtloop reports of them."""
+"""Actions and conditions of a motion in shared memory, and rtloop's report on them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ ALWAYS = (0.0, math.inf)
 
 @dataclass(frozen=True, slots=True)
 class Fired:
-    """What became of an action.
+    """The outcome of an action.
 
     Attributes:
-        path_time_s, robot_time_s: of the cycle.
-        pose: of the TCP, measured in that cycle, shape (7,), m and (w, x, y, z), in the base frame.
-        reason: why the device rejects it; "" if it does not.
+        path_time_s, robot_time_s: times of the cycle.
+        pose: pose of the TCP, measured in that cycle, shape (7,), m and (w, x, y, z), in the base frame.
+        reason: the reason why the device rejects it; "" if it does not.
     """
 
     firing: Firing
@@ -36,9 +36,9 @@ class Met:
     """The cycle in which `until` was met.
 
     Attributes:
-        value: of what the condition compares.
-        wrench: at the TCP, in the base frame, shape (6,), N and N·m; the zero is subtracted.
-        pose: as `Fired.pose`.
+        value: the value that the condition compares.
+        wrench: wrench at the TCP, in the base frame, shape (6,), N and N·m; the zero is subtracted.
+        pose: see `Fired.pose`.
     """
 
     path_time_s: float
@@ -50,11 +50,11 @@ class Met:
 
 @dataclass(frozen=True, slots=True)
 class SignalReport:
-    """What rtloop reports of the signals of a motion.
+    """rtloop's report on the signals of a motion.
 
     Attributes:
-        fired: by the numbers of the actions, those that are not pending.
-        met: None while `until` is not met.
+        fired: outcomes by number of the action, without those of pending actions.
+        met: the cycle in which `until` was met; None before.
     """
 
     motion_id: int
@@ -64,7 +64,7 @@ class SignalReport:
 
 
 def fill_signals(record: np.ndarray, placed: Placed) -> None:
-    """Put them into a record of `cobot.ipc.layout.SIGNALS`."""
+    """Write signals into a record of `cobot.ipc.layout.SIGNALS`."""
     count = record["count"] = len(placed.actions)
     for row, each in enumerate(placed.actions):
         action = each.action
@@ -96,10 +96,10 @@ def _fill_condition(record: np.ndarray, condition: Condition | None, times_s: tu
 
 
 def signal_report(record: np.ndarray) -> SignalReport:
-    """What a record of `cobot.ipc.layout.SIGNAL_REPORT` says.
+    """Read a record of `cobot.ipc.layout.SIGNAL_REPORT`.
 
     Raises:
-        ValueError: it says what rtloop cannot report.
+        ValueError: the record is invalid.
     """
     count = int(record["count"])
     if count > len(record["numbers"]):

@@ -1,9 +1,9 @@
 """The state block of a robot, field by field: what rtloop publishes in each cycle.
 
-A field is declared in `STATE_FIELDS` and nowhere else. From this table come the record in shared memory, the
-struct and the rows of the compiled modules and the attributes of `rtloop.backends.Measured`
-(`python -m cobot.ipc.generate` writes them), the JSON of `GET /robot/state` with its schema and of the
-WebSocket, the record of a cycle in recordings, and what recordings and Foxglove show of it.
+A field is declared only in `STATE_FIELDS`. All of these follow from this table: the record in shared memory;
+the struct and the rows of the compiled modules and the attributes of `rtloop.backends.Measured`, which
+`python -m cobot.ipc.generate` writes; the JSON of `GET /robot/state` with its schema, and of the WebSocket;
+the record of a cycle in recordings; and the messages in recordings and in Foxglove.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ LAYOUT_VERSION = 21
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
-"""Topics of recordings and of Foxglove whose messages are made of this table."""
+"""Topics of recordings and of Foxglove whose messages follow from this table."""
 _STRUCT_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
-"""The kinds of numbers, and what `struct` calls them."""
+"""The kinds of numbers, and their codes in `struct`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +32,18 @@ class StateField:
 
     Attributes:
         name: the same in shared memory, in JSON and in recordings.
-        kind: type in shared memory, as numpy calls it: "u8", "i8", "f8", or `TEXT`.
-        unit: "" for counts, flags and texts; of a field per joint those of a hinge and of a slide.
+        kind: numpy's type in shared memory: "u8", "i8", "f8", or `TEXT`.
+        unit: unit; "" for counts, flags and texts. A field per joint has the units of a hinge and of a slide.
         meaning: a phrase for the documents and the JSON schema, with the frame of a vector.
-        length: 0 for one number or text, `PER_JOINT`, or how many numbers.
-        member: enumeration whose member's name stands in JSON in place of the number.
-        keys: enumeration with a number for each member: JSON has an object with these keys.
-        measured: whether backends measure it in each cycle: an attribute of `rtloop.backends.Measured`.
+        length: number of numbers, 0 for one number or text, or `PER_JOINT`.
+        member: enumeration; JSON has the name of a member instead of the number.
+        keys: enumeration with a number for each member; JSON has an object with these keys.
+        measured: whether backends measure it in each cycle, as an attribute of `rtloop.backends.Measured`.
         recorded: type in the recording's record, "" for a field that is not recorded.
         message: place and ROS type in the message of `topic`, which recordings and Foxglove show. Readers
-            know that message: a place is never given to another field, a new field gets the next place.
-        topic: whose message has the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
+            depend on the
+        places: a place is never given to another field, and a new field gets the next place.
+        topic: the topic whose message has the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 
     name: str
@@ -59,7 +60,7 @@ class StateField:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether it is one number, which the cycle writes with all others at once."""
+        """Whether it is one number. The cycle writes all of these at once."""
         return self.length == 0 and not self.is_text
 
     @property
@@ -108,7 +109,7 @@ GRIPPER_FIELDS = (
         "gripper_moving",
         "u8",
         "",
-        "1 while a command to the gripper is under way",
+        "1 while a command to the gripper is running",
         recorded="u1",
         message=(4, "bool"),
         topic=GRIPPER,
@@ -117,7 +118,7 @@ GRIPPER_FIELDS = (
         "gripper_object",
         "u8",
         "",
-        "What the gripper holds; `ABSENT` without a gripper",
+        "Object in the gripper; `ABSENT` without a gripper",
         member=GripperObject,
         recorded="u1",
         message=(5, "uint8"),
@@ -130,8 +131,8 @@ GRIPPER_FIELDS = (
         "CLOCK_MONOTONIC when the gripper was last read, 0 without a gripper",
     ),
 )
-"""What the service reports of the gripper, and rtloop publishes. A number that the gripper does not know is
-NaN, which is null in JSON."""
+"""Fields of the gripper, which the service writes and rtloop publishes. A number that the gripper does not
+know is NaN, which is null in JSON."""
 
 STATE_FIELDS = (
     StateField("cycle", "u8", "", "Number of the cycle since rtloop started"),
@@ -157,7 +158,7 @@ STATE_FIELDS = (
         "motion_result",
         "u8",
         "",
-        f"How that motion stands: {_members(MotionResult)}",
+        f"Result of that motion: {_members(MotionResult)}",
         recorded="u1",
         message=(4, "uint8"),
     ),
@@ -177,7 +178,7 @@ STATE_FIELDS = (
     ),
     StateField("stops_seen", "u8", "", "Number of stop requests that rtloop has acted on"),
     StateField("estops_seen", "u8", "", "Number of e-stop requests that rtloop has acted on"),
-    StateField("command_seen", "u8", "", "Number of the command that rtloop took last"),
+    StateField("command_seen", "u8", "", "Number of the last command that rtloop has taken"),
     StateField(
         "session",
         "u8",
@@ -186,17 +187,24 @@ STATE_FIELDS = (
         recorded="u8",
         message=(8, "uint64"),
     ),
-    StateField("setpoint_seen", "u8", "", "Number of the session's target that rtloop took last"),
-    StateField("move_seen", "u8", "", "Number of the session's `move` that rtloop took last"),
-    StateField("move_running", "u8", "", "1 while that `move` is under way"),
-    StateField("chunk_seen", "u8", "", "Number of the session's chunk that rtloop took last"),
-    StateField("point_seen", "u8", "", "Number of the servo point that rtloop read last"),
-    StateField("points_taken", "u8", "", "Servo points of the session that became targets"),
-    StateField("points_dropped", "u8", "", "Servo points that were dropped: jumps, unreadable ones"),
-    StateField("points_buffered", "u8", "", "Servo points of the session that are still ahead"),
-    StateField("underruns", "u8", "", "How often the session had to wait for a servo point"),
-    StateField("overruns", "u8", "", "Cycles that were missed", recorded="u4", message=(11, "uint32")),
-    StateField("torn_reads", "u8", "", "Inconsistent copies that rtloop found and read again"),
+    StateField("setpoint_seen", "u8", "", "Number of the session's last target that rtloop has taken"),
+    StateField("move_seen", "u8", "", "Number of the session's last `move` that rtloop has taken"),
+    StateField("move_running", "u8", "", "1 while that `move` is running"),
+    StateField("chunk_seen", "u8", "", "Number of the session's last chunk that rtloop has taken"),
+    StateField("point_seen", "u8", "", "Number of the last servo point that rtloop has read"),
+    StateField("points_taken", "u8", "", "Number of the session's servo points that became targets"),
+    StateField(
+        "points_dropped",
+        "u8",
+        "",
+        "Number of servo points that were dropped because they jump or are unreadable",
+    ),
+    StateField(
+        "points_buffered", "u8", "", "Number of the session's servo points that wait to become targets"
+    ),
+    StateField("underruns", "u8", "", "Number of times that the session had to wait for a servo point"),
+    StateField("overruns", "u8", "", "Number of missed cycles", recorded="u4", message=(11, "uint32")),
+    StateField("torn_reads", "u8", "", "Number of inconsistent copies that rtloop found and read again"),
     StateField("monotonic_ns", "i8", "ns", "CLOCK_MONOTONIC when the state was published", recorded="i8"),
     StateField(
         "measured_monotonic_ns",
@@ -226,7 +234,7 @@ STATE_FIELDS = (
         "external_effort",
         "f8",
         "N·m or N",
-        "Estimated joint efforts from the surroundings",
+        "Estimated joint efforts that the surroundings exert",
         PER_JOINT,
         measured=True,
         recorded="f4",
@@ -273,7 +281,7 @@ STATE_FIELDS = (
         "interventions",
         "u8",
         "",
-        "How often the safety layer has acted, by kind",
+        "Number of interventions of the safety layer, by kind",
         len(Intervention),
         keys=Intervention,
     ),
@@ -285,25 +293,25 @@ STATE_FIELDS = (
         len(Intervention),
         keys=Intervention,
     ),
-    StateField("reason", TEXT, "", "Why the mode is ESTOP or FAULT, or why the last motion ended"),
+    StateField("reason", TEXT, "", "Reason of the mode ESTOP or FAULT, or of the end of the last motion"),
 )
-"""In the order of the record. Arrays that the cycle copies at once are listed together: the measured ones and
-the commanded ones. Of the measured ones the rows per joint come first, and `external_effort` is the last of
-them, because its values and those of `wrench` are also used as one array."""
+"""The fields in the order of the record. Arrays that the cycle copies at once are listed together: the
+measured ones and the commanded ones. The measured fields per joint come first, with `external_effort` as the
+last one, because its values and those of `wrench` are also used as one array."""
 
 SCALARS = tuple(field for field in STATE_FIELDS if field.is_scalar)
-"""Fields that stand first in the record, without gaps: `StateScalars` of the compiled modules."""
+"""Fields at the beginning of the record, without gaps: `StateScalars` of the compiled modules."""
 STATE_SCALARS = tuple((field.name, field.kind) for field in SCALARS)
 STATE_STRUCT = struct.Struct("=" + "".join(_STRUCT_CODES[field.kind] for field in SCALARS))
 _ARRAYS = tuple(field for field in STATE_FIELDS if not field.is_scalar)
 MEASURED = tuple(field for field in STATE_FIELDS if field.measured)
 MEASURED_NAMES = tuple(field.name for field in MEASURED if field.name != "sensor")
-"""What a device can declare to measure (`cobot.robot.device.Capabilities`). The force-torque sensor at the
-flange is not declared: without one its readings are zeros."""
+"""Quantities that a device can declare to measure (`cobot.robot.device.Capabilities`). The force-torque
+sensor at the flange is not declared; without one its readings are zeros."""
 GRIPPER_RECORD = np.dtype([(field.name, field.kind) for field in GRIPPER_FIELDS])
-"""The gripper's block, which rtloop copies into its state as it is."""
+"""The gripper's block, which rtloop copies into its state without changes."""
 RECORDED = tuple(field for field in STATE_FIELDS if field.recorded)
-"""Fields that a recording has of each cycle."""
+"""Fields of each cycle in a recording."""
 
 
 def state_dtype(dof: int) -> np.dtype:

@@ -27,7 +27,7 @@ class StreamWriter:
         self._memory = memory
 
     def begin(self, request: np.ndarray, stops: int) -> int:
-        """Request a session from rtloop; read the result with `answer`, and call `release` in any case.
+        """Request a session from rtloop. Read the result with `answer`, and always call `release` afterwards.
 
         Args:
             request: record of `cobot.ipc.layout.session_dtype`; this fills in number, process and count of
@@ -35,7 +35,7 @@ class StreamWriter:
             stops: stops requested so far; rtloop rejects the session if there are more by then.
 
         Returns:
-            The session's number.
+            Number of the session.
 
         Raises:
             ConflictError: another process is streaming.
@@ -52,7 +52,7 @@ class StreamWriter:
         return number
 
     def answer(self, number: int) -> str | None:
-        """Why rtloop rejects this session, "" if it accepts it, None if there is no answer yet."""
+        """The reason why rtloop rejects this session; "" if it accepts it; None if there is no answer yet."""
         ack = self._memory.session_ack
         if not ack.try_read() or int(ack.data["session"]) != number:
             return None
@@ -76,7 +76,7 @@ class StreamWriter:
         self._memory.session.publish()
 
     def finish(self) -> None:
-        """End a servo session after the points it has, or shortly after."""
+        """End a servo session when its points have been executed, or shortly after."""
         self._memory.session.data["open"] = 2
         self._memory.session.publish()
 
@@ -101,7 +101,7 @@ class PointWriter:
         self._session, self._seen, self.number = session, 0, 0
 
     def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
-        """Write a point, rad and s; False if rtloop has not read enough points to make room for it."""
+        """Write a point, rad and s. False if there is no room, because rtloop has not read enough points."""
         if self.number - self._seen >= POINTS:
             self._look()
             if self.number - self._seen >= POINTS:

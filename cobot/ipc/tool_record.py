@@ -1,4 +1,4 @@
-"""The load of the arm in shared memory, as far as rtloop needs it."""
+"""The load of the arm in shared memory, with the values that rtloop needs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def fill(record: np.ndarray, tool: Tool, mounted: Tool) -> None:
     """Write a load into a record of `cobot.ipc.layout.TOOL`.
 
     Args:
-        tool: with all that the arm carries.
-        mounted: the same without the parts of a simulated cell.
+        tool: the tool with everything that the arm carries.
+        mounted: the tool without the carried parts of a simulated cell.
     """
     record["version"], record["mass"], record["centre"] = tool.version, tool.mass, tool.centre
     record["mounted_mass"], record["mounted_centre"] = mounted.mass, mounted.centre
@@ -25,7 +25,7 @@ def fill(record: np.ndarray, tool: Tool, mounted: Tool) -> None:
 
 
 def load_of(record: np.ndarray) -> tuple[Tool, Tool]:
-    """Read a load from a record, without names and shapes: the tools that `fill` has written.
+    """Read the two tools that `fill` has written into a record. They have no names and shapes.
 
     Raises:
         ValueError: the record is invalid; `cobot.robot.tool.check_tool` checks the rest.

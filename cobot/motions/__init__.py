@@ -1,1 +1,2 @@
-"""Requests to the planners, in a package of their own: code that only makes requests imports no algorithm."""
+"""Requests to the planners. They are a separate package, so that code with requests does not import the
+planners."""

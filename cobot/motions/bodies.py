@@ -1,7 +1,7 @@
 """Requests for motions as JSON: the bodies of the REST API, the targets of sequences and programs.
 
-Their form and bounds have their home here and in `cobot.motions.fields`. What depends on the robot (joints,
-frames, reach) is checked by `cobot.motions.checks`, the services and the planners.
+Their form and bounds are defined here and in `cobot.motions.fields`. Values that depend on the robot (joints,
+frames, reach) are checked by `cobot.motions.checks`, the services and the planners.
 """
 
 from __future__ import annotations
@@ -50,13 +50,18 @@ class PathPoint(RequestModel):
 
 
 class KeptOrientation(RequestModel):
-    """An axis of the tool stays near a direction: a glass stays upright."""
+    """Constraint that an axis of the tool stays near a direction, so that for example a glass stays
+    upright."""
 
-    tool_axis: Direction = Field(Direction(x=0.0, y=0.0, z=1.0), description="In the TCP's frame.")
-    direction: Direction | None = Field(
-        None, description="In the base frame. Default: where the axis points at the start."
+    tool_axis: Direction = Field(
+        Direction(x=0.0, y=0.0, z=1.0), description="Axis of the tool, in the TCP's frame."
     )
-    within_rad: Finite = Field(gt=0.0, le=math.pi, description="Largest angle between the two, rad.")
+    direction: Direction | None = Field(
+        None, description="Direction of the axis, in the base frame. Default: its direction at the start."
+    )
+    within_rad: Finite = Field(
+        gt=0.0, le=math.pi, description="Largest angle between axis and direction, rad."
+    )
 
 
 class KeptBox(RequestModel):
@@ -69,8 +74,10 @@ class KeptBox(RequestModel):
 class MotionConstraints(RequestModel):
     """Constraints on the whole motion, including its start and goal."""
 
-    orientation: KeptOrientation | None = Field(None, description="Of the tool.")
-    box: KeptBox | None = Field(None, description="For the TCP.")
+    orientation: KeptOrientation | None = Field(
+        None, description="Constraint on the orientation of the tool."
+    )
+    box: KeptBox | None = Field(None, description="Constraint on the position of the TCP.")
     joints: Annotated[
         dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], limit_entries(64)
     ] = Field({}, max_length=64, description="Smallest and largest angle of joints, by name, rad.")
@@ -96,7 +103,9 @@ class JointMotion(SignalFields):
     constraints: KeptTo = None
 
 
-PositionName = Annotated[str, Field(max_length=200, description="One of GET /robot/positions.")]
+PositionName = Annotated[
+    str, Field(max_length=200, description="Name of a position in GET /robot/positions.")
+]
 Joints = Annotated[list[Finite], Field(min_length=1, max_length=64, description="One angle per joint, rad.")]
 
 
@@ -190,9 +199,15 @@ class MoveArc(TcpMotion):
         description="Direction of the axis, of any length. The arc turns about it by the right-hand rule."
     )
     angle: Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_ARC_RAD)] = Field(
-        description="Angle of the arc, rad. It may be several turns."
+        description="Angle of the arc, rad. It may be more than one turn."
     )
-    rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="Distance along the axis, m. Not 0: a helix.")
+    rise: Finite = Field(
+        0.0,
+        ge=-10.0,
+        le=10.0,
+        description="Distance of the TCP along the axis during the arc, m. If it is not 0, the path is a "
+        "helix.",
+    )
     turn_tool: bool = Field(False, description="true: the tool turns with the arc. false: it does not.")
 
 
@@ -234,8 +249,8 @@ class MovePose(TcpMotion, PathPose):
     )
     radius: Radius = Field(
         0.0,
-        description=f"For {users_of('radius_m')}: blend radius at each of them, m. Within it the TCP may "
-        "leave its path to go on without a stop. 0: it stops.",
+        description=f"For {users_of('radius_m')}: blend radius at each of these poses, m. Within it the "
+        "TCP may leave its path to continue without a stop. 0: the TCP stops there.",
     )
 
 
@@ -244,7 +259,8 @@ KINDS = {"name": NAMED, "named": NAMED, "joints": JOINT, "angle": ARC}
 
 
 def kind_of(value: Any) -> str:
-    """Return which of `MOTION_TAGS` a motion is: that of the first of `KINDS` that it has, else `POSE`."""
+    """The tag of a motion, one of `MOTION_TAGS`: that of the first key of `KINDS` in the motion, else
+    `POSE`."""
     keys = value if isinstance(value, dict) else vars(value) if isinstance(value, BaseModel) else ()
     return next((tag for key, tag in KINDS.items() if key in keys), POSE)
 
@@ -261,7 +277,7 @@ MAX_MOTIONS = 50
 
 
 class MoveSequence(RequestModel):
-    """Motions one after the other, with a blend radius where one leads into the next."""
+    """Motions in sequence, with a blend radius between each two."""
 
     model_config = example(
         {
@@ -282,6 +298,7 @@ class MoveSequence(RequestModel):
     radii: list[Radius] = Field(
         [],
         max_length=MAX_MOTIONS - 1,
-        description="Blend radius at the end of each motion but the last, m. Within it the TCP may leave its "
-        "path to go on without a stop. 0: it stops. Without radii it stops at the end of each motion.",
+        description="Blend radius at the end of each motion except the last, m. Within it the TCP may "
+        "leave its path to "
+        "continue without a stop. 0: the arm stops. Without radii the arm stops at the end of each motion.",
     )

@@ -1,4 +1,4 @@
-"""Checks of requests for motions: which planner uses which field, and which values.
+"""Checks of requests for motions: the fields that each planner uses, and their values.
 
 `check_request` needs no robot; each `MotionRequest` calls it when it is made.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cobot.robot.description import RobotDescription
 
 MIN_AXIS_LENGTH = 1e-3
-"""Shorter vectors are rejected as directions."""
+"""Minimum length of a vector that gives a direction."""
 
 
 def check_request(request: MotionRequest) -> None:
@@ -73,7 +73,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
 
 
 def _is_given(request: MotionRequest, field: str) -> bool:
-    """Whether a request gives an optional field. `cyclic` false asks for nothing."""
+    """Whether a request gives an optional field. `cyclic` false counts as not given."""
     value = getattr(request, field)
     if value is None or value is False or isinstance(value, np.ndarray):
         return isinstance(value, np.ndarray)
@@ -81,7 +81,7 @@ def _is_given(request: MotionRequest, field: str) -> bool:
 
 
 def _named(request: MotionRequest, field: str) -> str:
-    """A field as an error begins with it: its name in JSON, and its value if that is a word."""
+    """A field for the beginning of an error: its name in JSON, and its value if that is a word."""
     value = getattr(request, field)
     if field == "tcp_speed" and value.linear_m_s is None:
         return f"{BODY_FIELDS[field][1]}:"
@@ -90,7 +90,7 @@ def _named(request: MotionRequest, field: str) -> str:
 
 
 def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]) -> None:
-    """Require exactly one of the fields that the planner needs."""
+    """Require exactly one of the fields of which the planner needs one."""
     needed = [field for field in traits.needs if field in given]
     if traits.needs and not needed:
         raise InputError(traits.missing)
@@ -106,7 +106,8 @@ def _check_arc(arc: Arc) -> None:
     if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
         length = math.hypot(*arc.axis)
         raise InputError(
-            f"axis: has a length of {length:g}, so it has no direction; above {MIN_AXIS_LENGTH:g} is"
+            f"axis: has a length of {length:g}, so it has no direction; the length must be above "
+            f"{MIN_AXIS_LENGTH:g}"
         )
 
 

@@ -14,13 +14,19 @@ PointName = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class InputTest(RequestModel):
-    """What the value of an input has to be."""
+    """A test of the value of an input."""
 
     TESTS: ClassVar[tuple[str, ...]] = ("is", "above", "below")
 
-    is_: bool | None = Field(None, alias="is", description="The boolean input has this value.")
-    above: Finite | None = Field(None, description="The input is greater; for digital and analog inputs.")
-    below: Finite | None = Field(None, description="The input is less; for digital and analog inputs.")
+    is_: bool | None = Field(
+        None, alias="is", description="The condition holds while the boolean input has this value."
+    )
+    above: Finite | None = Field(
+        None, description="The condition holds while the digital or analog input is greater than this."
+    )
+    below: Finite | None = Field(
+        None, description="The condition holds while the digital or analog input is less than this."
+    )
 
     @property
     def tests(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Path constraints: what a whole motion keeps in addition to the limits."""
+"""Path constraints, which a whole motion keeps in addition to the limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Cone:
 
     Attributes:
         axis: shape (3,), unit length, in the TCP's frame.
-        within_rad: the largest angle between the two.
+        within_rad: the largest angle between axis and direction.
         direction: shape (3,), unit length, in the base frame; None: the axis's direction at the start.
     """
 

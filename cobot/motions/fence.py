@@ -35,11 +35,11 @@ class Fence:
     speed_m_s: float
 
     def values(self) -> list[float]:
-        """The fence as shared memory has it: low, high, speed."""
+        """The values in shared memory: low, high, speed."""
         return [*self.low, *self.high, self.speed_m_s]
 
     def breach(self, trajectory: Trajectory, chain: Chain) -> str:
-        """Describe where a motion first leaves the fence; "" if it stays inside.
+        """A sentence on the place where a motion first leaves the fence; "" if it stays inside.
 
         Args:
             chain: the arm's kinematics up to the TCP.
@@ -55,7 +55,7 @@ class Fence:
         return f"{times_s[first]:.2f} s into the motion {found}" if found else ""
 
     def beyond(self, place: Array, speed_m_s: float) -> str:
-        """Describe how a TCP position, shape (3,), m, or speed violates the fence; "" if neither does."""
+        """A sentence if a TCP position, shape (3,), m, or a speed violates the fence; "" if neither does."""
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:
                 return f"the TCP would be at {axis} = {value:.4f} m, the fence is from {low:g} to {high:g} m"

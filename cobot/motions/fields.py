@@ -59,7 +59,7 @@ Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 10
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """A word of a table, with the schema and the error of a `Literal`."""
+    """A word from a table, with the same schema and error as a `Literal`."""
 
     words: tuple[str, ...]
 
@@ -72,7 +72,7 @@ def _lower(value: Any) -> Any:
 
 
 def limit_entries(most: int) -> BeforeValidator:
-    """Limit the entries of a dictionary. More of them are rejected before each one is validated."""
+    """Limit the number of entries of a dictionary. Too many are rejected before the entries are validated."""
 
     def check(value: Any) -> Any:
         if isinstance(value, dict) and len(value) > most:
@@ -113,7 +113,7 @@ JointPlanner = Annotated[
     str,
     OneOf(ANY_GOAL),
     BeforeValidator(_lower),
-    Field(description="As for a pose."),
+    Field(description="See the same field of a motion to a pose."),
 ]
 OmplAlgorithm = Annotated[Algorithm, Field(description="Algorithm of planner ompl, by its name in OMPL.")]
 

@@ -19,14 +19,14 @@ Pattern = Literal["spiral", "raster", "tilt"]
 NotMet = Annotated[
     Literal["error", "success"],
     Field(
-        description="Result if the requested end is not reached: `success` false, or true. `stopped_by` "
-        "says in both cases what ended the motion."
+        description="Result if the requested end is not reached. error: `success` is false. success: it is "
+        "true. In both cases `stopped_by` reports what ended the motion."
     ),
 ]
 
 
 class ForceMotion(RequestModel):
-    """Fields of all motions with force: where the TCP pushes, how hard, and what bounds it."""
+    """Fields of all motions with force: direction and force of the TCP, and the limits of the motion."""
 
     direction: Direction = Field(
         Direction(x=0.0, y=0.0, z=1.0), description="Direction in which the TCP pushes, in `frame`."
@@ -41,8 +41,7 @@ class ForceMotion(RequestModel):
         le=10_000.0,
         description="External force along an axis of the base frame beyond which the real-time loop stops "
         "the arm, checked in every cycle, N. Default: twice `force`, at least 20 N more. Less than 1 N is "
-        "within the "
-        "noise of the measurement.",
+        "within the noise of the measurement.",
     )
     speed: Finite = Field(0.02, ge=0.001, le=0.1, description="Maximum speed towards the contact, m/s.")
     max_distance: Finite = Field(
@@ -77,7 +76,7 @@ class PressMotion(ForceMotion):
 
 
 class FollowMotion(ForceMotion):
-    """Approach until contact, then go along a path with the force held."""
+    """Approach until contact, then move along a path while the force is held."""
 
     model_config = example(
         {
@@ -96,8 +95,8 @@ class FollowMotion(ForceMotion):
     )
 
     motion: MovePose = Field(
-        description="Path of the TCP from where it starts: planner lin, circ or polyline. Along "
-        "`direction` the force decides, not the path."
+        description="Path of the TCP from its start: planner lin, circ or polyline. Along `direction` the "
+        "force decides, not the path."
     )
     max_deviation: Finite = Field(
         0.02,
@@ -125,7 +124,7 @@ class FollowMotion(ForceMotion):
 
 
 class SearchMotion(ForceMotion):
-    """Approach until contact, then look for a hole or an edge with the contact kept."""
+    """Approach until contact, then search for a hole or an edge while contact is kept."""
 
     model_config = example(
         {"force": 8.0, "radius": 0.004, "pitch": 0.0005, "max_distance": 0.02, "if_not_met": "success"}
@@ -133,13 +132,19 @@ class SearchMotion(ForceMotion):
 
     pattern: Pattern = Field(
         "spiral",
-        description="spiral: outwards about the start. raster: lines across a square. tilt: the tool leans "
-        "over in all directions, the TCP stays.",
+        description="spiral: outwards around the start. raster: lines across a square. tilt: the tool "
+        "tilts in all directions around the TCP, which stays in place.",
     )
-    radius: Finite = Field(0.005, gt=0.0, le=0.2, description="Of spiral and raster, m.")
+    radius: Finite = Field(
+        0.005, gt=0.0, le=0.2, description="Radius of the spiral, or half the side of the raster's square, m."
+    )
     pitch: Finite = Field(0.001, ge=1e-5, le=0.05, description="Distance between two turns or lines, m.")
-    angle: Finite = Field(0.05, gt=0.0, le=0.5, description="Of tilt, and how far it leans over, rad.")
-    search_speed: Finite = Field(0.01, ge=0.0005, le=0.1, description="Of the TCP along the pattern, m/s.")
+    angle: Finite = Field(
+        0.05, gt=0.0, le=0.5, description="Largest angle by which the tool tilts in the pattern tilt, rad."
+    )
+    search_speed: Finite = Field(
+        0.01, ge=0.0005, le=0.1, description="Speed of the TCP along the pattern, m/s."
+    )
     drop: Finite = Field(
         0.001,
         ge=1e-4,
@@ -151,7 +156,12 @@ class SearchMotion(ForceMotion):
         description="The hole is also found when the TCP is within `tolerance` of this point of the base "
         "frame.",
     )
-    tolerance: Finite = Field(0.001, ge=1e-4, le=0.1, description="Distance to `target`, m.")
+    tolerance: Finite = Field(
+        0.001,
+        ge=1e-4,
+        le=0.1,
+        description="Largest distance from `target` at which the hole counts as found, m.",
+    )
     until: StepCondition | None = Field(
         None, description="The hole is also found when an input has this value after the contact."
     )
@@ -176,8 +186,8 @@ class InsertMotion(SearchMotion):
         0.05,
         ge=0.01,
         le=1.0,
-        description="Stiffness of the TCP against tilting, as a share of the robot's nominal one: a peg that "
-        "is not quite parallel to its hole turns into it.",
+        description="Stiffness of the TCP against tilting, as a share of the robot's nominal stiffness. "
+        "With a low value, a peg that is not quite parallel to its hole aligns itself with it.",
     )
 
 
@@ -188,4 +198,4 @@ FORCE_MOTIONS: dict[str, type[AnyForceMotion]] = {
     "search": SearchMotion,
     "insert": InsertMotion,
 }
-"""Each motion with force, by its name in REST, sequences, Lua and Python."""
+"""The motions with force, by their names in REST, sequences, Lua and Python."""

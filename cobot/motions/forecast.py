@@ -10,10 +10,10 @@ from cobot.types import Array, Numbers3
 
 @dataclass(frozen=True, slots=True)
 class Closest:
-    """The shortest distance of two bodies along a motion, m.
+    """The shortest distance between two bodies along a motion, m.
 
     Attributes:
-        share: where it occurs, as a share of the duration.
+        share: time at which it occurs, as a share of the duration.
         points: the nearest points of the first and of the second body, in the base frame, m.
     """
 
@@ -36,8 +36,8 @@ class Forecast:
         peaks: maximum of each joint, shape (dof,), by quantity (velocity, acceleration, jerk, torque); the
             first three are true extrema.
         utilisation: the peaks as shares of the robot's limits, without the request's scaling.
-        closest_self, closest_environment: among the samples; None if everything is farther than the search
-            distance.
+        closest_self, closest_environment: shortest distances among the samples; None if everything is farther
+            apart than the search distance.
     """
 
     trajectory: Trajectory | None

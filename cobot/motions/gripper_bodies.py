@@ -16,15 +16,17 @@ from cobot.strict import sentences, shown
 Width = Annotated[Finite, Field(ge=0.0, le=10.0, description="Width between the fingers, m.")]
 Tolerance = Annotated[Finite, Field(ge=0.0, le=1.0)]
 FingerSpeed = Annotated[
-    Finite | None, Field(gt=0.0, le=10.0, description="Of the fingers, m/s; null: the gripper's default.")
+    Finite | None,
+    Field(gt=0.0, le=10.0, description="Speed of the fingers, m/s; null: the gripper's default."),
 ]
 GripForce = Annotated[
-    Finite | None, Field(gt=0.0, le=10_000.0, description="Of the grip, N; null: the gripper's default.")
+    Finite | None,
+    Field(gt=0.0, le=10_000.0, description="Force of the fingers, N; null: the gripper's default."),
 ]
 
 
 class GripperMove(RequestModel):
-    """Go to a width."""
+    """Move the fingers to a width."""
 
     model_config = example({"width": 0.04, "speed": 0.1})
 
@@ -33,8 +35,8 @@ class GripperMove(RequestModel):
     force: GripForce = None
     if_blocked: Literal["error", "success"] = Field(
         "error",
-        description="Result if something stops the fingers on their way: `success` false, or true, and then "
-        "they hold it.",
+        description="Result if an object stops the fingers before the width. error: `success` is false. "
+        "success: it is true, and the fingers hold the object.",
     )
 
 
@@ -54,13 +56,13 @@ class GripperGrasp(RequestModel):
     force: GripForce = None
     if_missed: Literal["error", "success"] = Field(
         "error",
-        description="Result if the fingers close on nothing: `success` false, or true. `object` is `none` "
-        "in both cases.",
+        description="Result if the fingers close without an object. error: `success` is false. success: it "
+        "is true. `object` is `none` in both cases.",
     )
 
 
 class GripperRelease(RequestModel):
-    """Let go of the object."""
+    """Release the object."""
 
     model_config = example({"width": 0.08})
 
@@ -95,8 +97,8 @@ class GripperRequest:
         """Read a command.
 
         Args:
-            fields: `command`, and the body of that command.
-            valid: the names that are permitted here.
+            fields: `command` and the fields of that command's body.
+            valid: the permitted names.
 
         Raises:
             InputError: there is no such command, or its fields are wrong.
@@ -114,7 +116,7 @@ class GripperRequest:
 
     @property
     def words(self) -> str:
-        """What the fingers are to do, for people."""
+        """The command as a text for people."""
         given = self.command.model_dump(exclude_defaults=True)
         values = [f"{name} {shown(value)} {UNITS.get(name, '')}".rstrip() for name, value in given.items()]
         return ", ".join([f"gripper {self.name}", *values])

@@ -1,4 +1,4 @@
-"""The planners that a motion can ask for: their names and traits.
+"""The planners that a motion can request: their names and traits.
 
 This table is the only list of planners. The web service, the schemas and the documents read it, and so does
 `cobot.planners`, which the web service does not import.
@@ -12,7 +12,7 @@ from enum import Enum, StrEnum
 
 
 class PlannerName(StrEnum):
-    """The planners a motion can ask for, in the order in which schemas and documents list them."""
+    """The planners that a motion can request, in the order in which schemas and documents list them."""
 
     PTP = "ptp"
     LIN = "lin"
@@ -24,13 +24,14 @@ class PlannerName(StrEnum):
 
 
 class Way(Enum):
-    """How a planner gets to the goal, and so with which arguments its function is called.
+    """The kind of way to the goal. It determines the arguments with which the planner's function is called.
 
     PATH: the TCP follows the path of the request. `function(robot, request)` returns None if the arm is
-        there already.
-    DIRECT: the joints go to the nearest joint angles of the goal. `function(robot, request, joints)`.
-    SEARCH: it finds a way around obstacles to any joint angles of the goal, and leaves a start in collision
-        first. `function(robot, request, goals)`, the nearest goal first.
+        already at the goal.
+    DIRECT: the joints move to the nearest joint angles of the goal. Called as `function(robot, request,
+        joints)`.
+    SEARCH: the planner finds a way around obstacles to any joint angles of the goal, and first leaves a start
+        in collision. Called as `function(robot, request, goals)`, the nearest goal first.
     """
 
     PATH = "path"
@@ -40,19 +41,20 @@ class Way(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PlannerTraits:
-    """Everything that other modules need to know of a planner.
+    """The properties of a planner that other modules need.
 
     Attributes:
-        function: the function that plans, as "module:function" below `cobot.planners`, called as `way` says.
-            Empty for auto, which calls other planners.
-        way: how it gets to the goal.
+        function: the function that plans, as "module:function" below `cobot.planners`; for its arguments see
+            `Way`. Empty for auto, which calls other planners.
+        way: the kind of way to the goal.
         summary: the motion in a few words, for schemas.
-        fields: the optional fields of `MotionRequest` that it uses; a request with others is rejected.
-        needs: the request gives exactly one of these fields.
-        missing: the error if it gives none of them, and what to do.
-        one_piece: what is left of its path after a stop cannot be planned as a motion of its own, unlike the
-            rest of a line.
-        alternative: the planner to try where this one finds no motion.
+        fields: the optional fields of `MotionRequest` that it uses; a request with other optional fields is
+            rejected.
+        needs: fields of which the request must give exactly one.
+        missing: the error if the request gives none of them, with advice.
+        one_piece: whether the rest of its path after a stop cannot be planned as a separate motion, unlike
+            that of a line.
+        alternative: the planner to try if this one finds no motion.
     """
 
     function: str
@@ -101,7 +103,7 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         "the TCP on straight lines through several poses",
         TCP_PATH | {"through", "radius_m"},
         needs=("through",),
-        missing="through: is empty; planner polyline needs at least one pose on the way; or take lin",
+        missing="through: is empty; planner polyline needs at least one pose on the way; otherwise use lin",
         one_piece=True,
     ),
     PlannerName.OMPL: PlannerTraits(
@@ -142,7 +144,7 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.follows_path)
 """The planners that go to joint angles as well as to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
-"""The planners that need nothing but a goal."""
+"""The planners that need only a goal."""
 
 
 def users_of(field: str) -> str:
@@ -157,5 +159,5 @@ def in_words(names: Iterable[str], conjunction: str = "and") -> str:
 
 
 def summaries(names: Iterable[PlannerName]) -> str:
-    """What these planners do, for schemas."""
+    """The summaries of these planners, for schemas."""
     return "; ".join(f"{name}: {PLANNERS[name].summary}" for name in names) + "."

@@ -13,8 +13,7 @@ from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
 MIN_INTERVAL_S, MAX_TIME_S = 1e-9, 1e6
-"""Minimum time between two points, and latest time of the last. An arm needs neither; both prevent
-overflow."""
+"""Minimum time between two points, and maximum time of the last point. They only prevent overflow."""
 MAX_NUMBER = 1e6
 """Largest absolute position, velocity or acceleration of a point. It prevents overflow."""
 
@@ -24,9 +23,9 @@ class WaysOut:
     """Advice in error messages about timed points, in the words of the client's interface.
 
     Attributes:
-        start: if the points do not begin where the arm is.
-        rates: if the points are too fast and the client can have them slowed down.
-        time: if the motion takes longer than the client permits; `{late_s}` is the excess, s.
+        start: advice if the points do not begin at the position of the arm.
+        rates: advice if the points are too fast and the client can request a slower motion.
+        time: advice if the motion takes longer than the client permits; `{late_s}` is the excess, s.
     """
 
     start: str
@@ -35,13 +34,13 @@ class WaysOut:
 
 
 REST = WaysOut(
-    "go there first, or send move_to_start=true (of a command: --move-to-start)",
+    "move there first, or send move_to_start=true (on the command line: --move-to-start)",
     "retime=true slows the motion down until the limits hold",
 )
 FOLLOW_JOINT_TRAJECTORY = WaysOut(
-    "go there first, or give the first point a time_from_start above 0, so that the arm goes there from "
-    "where it is",
-    time="raise goal_time_tolerance to {late_s:.3f} s, or set it to 0, and time does not matter",
+    "move there first, or give the first point a time_from_start above 0, so that the arm moves there from "
+    "its present position",
+    time="raise goal_time_tolerance to {late_s:.3f} s, or set it to 0 to accept any duration",
 )
 
 
@@ -74,7 +73,7 @@ def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
     """The name of each point in error messages.
 
     Raises:
-        InputError: there are no points, or one has not one number per joint.
+        InputError: there are no points, or a point does not have one number per joint.
     """
     if not points:
         raise InputError("points: at least one is needed")

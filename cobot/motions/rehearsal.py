@@ -31,9 +31,9 @@ class SimulatedRun:
         times_s: times of the rows since the motion began, shape (n,).
         positions: measured, shape (n, dof), rad.
         effort: maximum of each joint as a share of its limit, shape (dof,).
-        off_rad: maximum distance of each joint from its commanded position, shape (dof,).
-        duration_s: time until it settled or ended otherwise.
-        flaw: None if it arrived and settled without an intervention.
+        off_rad: maximum distance of each joint from its commanded position, shape (dof,), rad.
+        duration_s: time until the motion settled or ended otherwise.
+        flaw: the first problem; None if the motion arrived and settled without an intervention.
     """
 
     times_s: Array
@@ -49,7 +49,8 @@ class Rehearsal:
     """A dry run, with the shortest distances.
 
     Attributes:
-        closest_self, closest_environment: see `cobot.motions.forecast.Forecast`, of the measured positions.
+        closest_self, closest_environment: shortest distances at the measured positions; see
+            `cobot.motions.forecast.Forecast`.
     """
 
     run: SimulatedRun

@@ -37,8 +37,8 @@ class Arc:
         centre: shape (3,), m in the base frame.
         axis: shape (3,), any length, in the base frame. The arc turns about it by the right-hand rule. None:
             the shorter arc to the goal.
-        angle_rad: angle of the arc, more than one turn too. None: the arc ends at the goal.
-        rise_m: how far the TCP moves along the axis meanwhile, for a helix.
+        angle_rad: angle of the arc, which may be more than one turn. None: the arc ends at the goal.
+        rise_m: distance of the TCP along the axis during the arc, for a helix.
         turns_tool: whether the tool turns with the arc instead of keeping its orientation. Needs an angle.
     """
 
@@ -61,12 +61,13 @@ ANY_SPEED = TcpSpeed()
 
 
 NO_START = np.empty(0)
-"""The start of a motion that begins wherever the arm will be by then."""
+"""The start of a motion that begins at the position that the arm will have then."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
-    """A motion from rest to rest. Construction validates what does not depend on the robot. Picklable.
+    """A motion from rest to rest. The constructor validates everything that does not depend on the robot.
+    Picklable.
 
     A goal is a request whose start is not known yet: its `start` is `NO_START`.
 
@@ -77,16 +78,16 @@ class MotionRequest:
         via: shape (3,), m in the base frame: a point on the arc.
         seed: for planners that draw random samples.
         timeout_s: time limit of a search.
-        algorithm: for planner ompl.
-        synchronization: of the joints.
+        algorithm: algorithm of planner ompl.
+        synchronization: synchronization of the joints.
         arc: replaces `via`. An arc with an angle ignores the goal.
         through: poses on the way to the goal.
         radius_m: blend radius at these poses; 0: the TCP stops there.
         tcp_speed: maximum speed of the TCP.
         constraints: path constraints; None: only the limits apply.
         free_axes: rotations of the TCP about its own axes that its poses leave free: none, one or all three.
-        cyclic: whether a closed path of the TCP ends in the joints that it began with. None: full circles do
-            if possible, other paths end in the joints that the path leads to.
+        cyclic: whether a closed path of the TCP ends at the joint angles at which it began. None: full
+            circles do so if possible, and other paths end at the joint angles that follow from the path.
         end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None: any.
         signals: actions on its path and conditions; planners do not use them.
         in_tool: whether all poses and points are in the TCP's frame at the start instead of the base frame.
@@ -125,12 +126,12 @@ class MotionRequest:
 
     @property
     def is_by_angle(self) -> bool:
-        """Whether its end is given by the angle of an arc."""
+        """Whether the end is given by the angle of an arc."""
         return self.arc is not None and self.arc.angle_rad is not None
 
     @property
     def is_relative(self) -> bool:
-        """Whether its end depends on its start."""
+        """Whether the end depends on the start."""
         return self.in_tool or self.is_by_angle
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
@@ -149,9 +150,9 @@ class WaypointRequest:
         start_tolerance_rad: largest distance of a first point at time 0 from `start`.
         check_limits: check position, velocity, acceleration and jerk limits; collisions are always checked.
         retime: slow the motion down until it keeps the rate limits, instead of rejecting it.
-        corridor_rad: how far each joint may deviate where the curve through the points violates the limits,
-            shape (dof,) or one value for all joints; 0: the curve is kept and the whole motion is slowed
-            down.
+        corridor_rad: maximum deviation of each joint from the curve through the points if it violates the
+            limits, shape (dof,) or one value for all joints. 0: the curve is kept, and the whole motion is
+            slowed down.
         longest_s: maximum duration after `retime`, without `approach`.
         approach: scaling of a ptp motion to the first point; None: the first point must be at `start`.
         ways: advice for error messages.
@@ -182,8 +183,8 @@ class RatedMove:
 
     Attributes:
         request: the motion. Its `scaling` applies too; the lower limit counts.
-        velocity, acceleration: of the fastest joint, rad/s and rad/s²; on a TCP path those of the TCP, m/s
-            and m/s², and its rotation is limited in proportion.
+        velocity, acceleration: limits of the fastest joint, rad/s and rad/s². On a TCP path those of the TCP,
+            m/s and m/s², and its rotation is limited in proportion.
         envelope: the limits.
         duration_s: if above 0, the duration of the motion; velocity and acceleration are ignored then.
     """
@@ -200,9 +201,10 @@ class Blended:
     """Several motions joined into one.
 
     Attributes:
-        ends_s: when each motion gives way to the next: the middle of their blend.
+        ends_s: the time at which each motion ends and the next begins: the middle of their blend.
         blended: for each corner, whether the arm passes it without a stop.
-        used_m: for each corner, how far from it the TCP leaves its path; at most the blend radius.
+        used_m: for each corner, the distance from it at which the TCP leaves its path; at most the blend
+            radius.
     """
 
     trajectory: Trajectory

@@ -39,7 +39,9 @@ class ActionPlace(RequestModel):
     ] = None
 
     from_: Literal["start", "end"] = Field(
-        "start", alias="from", description="Where the distance, time or fraction begins."
+        "start",
+        alias="from",
+        description="End of the path from which distance, time or fraction are measured.",
     )
 
     @model_validator(mode="after")
@@ -63,10 +65,12 @@ class SetAction(RequestModel):
 
 
 class PathAction(RequestModel):
-    """Something to do at a place on the path. Give one of `set`, `event` and `gripper`."""
+    """An action at a place on the path. Give one of `set`, `event` and `gripper`."""
 
-    at: ActionPlace = Field(description="Where on the path.")
-    set: SetAction | None = Field(None, description="Set an output, in the cycle that reaches the place.")
+    at: ActionPlace = Field(description="Place on the path.")
+    set: SetAction | None = Field(
+        None, description="Output to set in the cycle in which the arm reaches the place."
+    )
     event: Annotated[
         str | None,
         Field(min_length=1, max_length=MAX_TEXT, description="Text of an event in GET /events."),
@@ -80,7 +84,7 @@ class PathAction(RequestModel):
         ),
     ] = None
     on_failure: Literal["continue", "stop"] = Field(
-        "continue", description="What the motion does if the device rejects the output."
+        "continue", description="Reaction of the motion if the device rejects the output."
     )
 
     @model_validator(mode="after")
@@ -95,7 +99,7 @@ class _EdgeTest(InputTest):
     TESTS = (*InputTest.TESTS, "edge")
 
     edge: Literal["rising", "falling"] | None = Field(
-        None, description="The boolean input becomes true or false after it was not."
+        None, description="The condition holds once the boolean input has changed to this value."
     )
 
 
@@ -108,7 +112,7 @@ class ForceThreshold(RequestModel):
 
     direction: Direction | None = Field(
         None,
-        description="The force along this direction counts, in either sense. null: in any direction.",
+        description="Direction along which the force counts, in both senses. null: any direction.",
     )
     frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
     threshold: Finite = Field(DEFAULT_FORCE_N, gt=0.0, le=MAX_FORCE, description="N")
@@ -118,10 +122,11 @@ class TorqueThreshold(RequestModel):
     """A torque on a joint or at the TCP."""
 
     joint: PointName | None = Field(
-        None, description="Name of a joint: the external torque on it counts. null: the torque at the TCP."
+        None,
+        description="Name of the joint whose external torque counts. null: the torque at the TCP counts.",
     )
     direction: Direction | None = Field(
-        None, description="At the TCP: the torque about this direction counts. null: about any direction."
+        None, description="Axis about which the torque at the TCP counts. null: any axis."
     )
     frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
     threshold: Finite = Field(DEFAULT_TORQUE_NM, gt=0.0, le=MAX_FORCE, description="N·m")
@@ -143,13 +148,14 @@ class UntilCondition(_EdgeTest):
     )
     relative_to: Literal["start", "zero"] = Field(
         "start",
-        description="start: forces and torques are relative to those at the start of the motion. zero: to "
-        "those of the last POST /robot/force/zero.",
+        description="start: forces and torques are relative to those at the start of the motion. zero: "
+        "they are relative "
+        "to those at the last POST /robot/force/zero.",
     )
     stop: Literal["fast", "path"] = Field(
         "fast",
-        description="fast: each joint stops as fast as its limits permit, off the path. path: the arm stops "
-        "on its path, over a longer distance.",
+        description="fast: each joint stops as fast as its limits permit, so the arm leaves its path. "
+        "path: the arm stops on its path, over a longer distance.",
     )
     retract: Finite = Field(
         0.0,
@@ -169,7 +175,7 @@ class UntilCondition(_EdgeTest):
         if self.input is not None:
             self._require_one_test()
         elif self.tests:
-            raise ValueError(f"{self.tests[0]}: is a test of an input, and there is no input")
+            raise ValueError(f"{self.tests[0]}: is a test of an input; give input too")
         return self
 
 
@@ -177,7 +183,7 @@ class SignalFields(RequestModel):
     """Fields of a motion with actions on its path, and with conditions."""
 
     actions: Annotated[list[PathAction], FailFast()] = Field(
-        [], max_length=MAX_ACTIONS, description="Actions at places on the path, each done once."
+        [], max_length=MAX_ACTIONS, description="Actions at places on the path. Each is executed once."
     )
     start_when: InputCondition | None = Field(
         None,

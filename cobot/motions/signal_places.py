@@ -1,4 +1,4 @@
-"""The places of actions on a trajectory: from distances, times and fractions to path times."""
+"""Converts the places of actions on a trajectory from distances, times and fractions to path times."""
 
 from __future__ import annotations
 
@@ -26,23 +26,24 @@ if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
 SAMPLE_S = 0.002
-"""Period at which the path of the TCP is measured, s: chords are then exact to a millionth."""
+"""Period at which the path of the TCP is sampled, s. With it, the chords are exact to a millionth."""
 MAX_SAMPLES = 100_000
 MIN_LENGTH_M = 1e-4
-"""A TCP that moves less than this only turns: fractions of its path are fractions of its time, m."""
+"""If the TCP moves by less than this, m, it only turns, and fractions of its path are fractions of its
+time."""
 REST_S = 0.01
-"""Duration of the motion of an arm that is at its goal already, but has actions or conditions, s."""
+"""Duration of a motion whose goal is already reached, but that has actions or conditions, s."""
 
 
 class TcpWay:
     """The way of the TCP along a trajectory.
 
     Attributes:
-        duration_s: of the trajectory.
+        duration_s: duration of the trajectory.
     """
 
     def __init__(self, trajectory: Trajectory, chain: Chain) -> None:
-        """chain: of the arm, with the tool's TCP."""
+        """chain: kinematics of the arm, with the tool's TCP."""
         self.duration_s = trajectory.duration_s
         count = min(max(math.ceil(self.duration_s / SAMPLE_S), 1), MAX_SAMPLES) + 1
         self._times_s: Array = np.linspace(0.0, self.duration_s, count)
@@ -51,7 +52,7 @@ class TcpWay:
         self._lengths_m: Array = np.concatenate([[0.0], np.cumsum(steps)])
 
     def behind(self, before: TcpWay | None, at_s: float, from_s: float) -> TcpWay:
-        """This way, that much later, behind what another one is from `from_s` until then."""
+        """This way, delayed by `at_s`, appended to the part of the way `before` from `from_s` to `at_s`."""
         found = copy(self)
         found.duration_s = at_s + self.duration_s
         found._times_s = at_s + self._times_s
@@ -71,7 +72,7 @@ class TcpWay:
         return float(np.interp(length_m, *self._increasing()))
 
     def _increasing(self) -> tuple[Array, Array]:
-        """Lengths and times without those at which the TCP stands still."""
+        """Lengths and times, except those at which the TCP stands still."""
         grows = np.concatenate([[True], np.diff(self._lengths_m) > 0.0])
         return self._lengths_m[grows], self._times_s[grows]
 
@@ -84,14 +85,14 @@ def place_signals(
     *,
     is_cut: bool = False,
 ) -> Placed:
-    """The actions and conditions of motions that a trajectory goes through.
+    """The actions and conditions of the motions of which a trajectory consists.
 
     Args:
-        segments: those of each motion.
+        segments: the signals of each motion.
         ends_s: the path time at which each motion ends.
         begin_s: the path time at which the first one begins.
-        is_cut: whether a blend may have cut off the ends of a motion: an action that lies there is at its end
-            then.
+        is_cut: whether a blend may have cut off the ends of a motion. An action in a cut part is then placed
+            at the end.
 
     Raises:
         InputError: an action is beyond the end of its motion, there are too many, or a condition is given for
@@ -127,7 +128,7 @@ def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str,
 def _path_time_s(
     action: Action, prefix: str, part_s: tuple[float, float], way: TcpWay, *, is_cut: bool
 ) -> float:
-    """The path time of a place on the part of the way between two path times."""
+    """The path time of an action's place within the part of the way between two path times."""
     place, (begin_s, end_s) = action.place, part_s
     begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)
     by_time = place.unit == "time_s" or (place.unit == "fraction" and end_m - begin_m < MIN_LENGTH_M)
@@ -153,11 +154,11 @@ def _path_time_s(
 def rest_of(
     signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay
 ) -> PathSignals:
-    """The signals of what is left of a motion that was cut off: its actions keep their places on the path.
+    """The signals for the rest of an interrupted motion. Its actions keep their places on the path.
 
     Args:
         times_s: the path time of each action.
-        now_s, end_s: where the arm rests, and where the motion would have ended.
+        now_s, end_s: path times at which the arm rests, and at which the motion would have ended.
     """
     left_m, left_s = way.length_m(end_s) - way.length_m(now_s), end_s - now_s
     by_time = left_m < MIN_LENGTH_M
@@ -177,7 +178,8 @@ def rest_of(
 
 
 def resting(joints: Array) -> Trajectory:
-    """The motion of an arm that is at its goal already, for its actions and conditions."""
+    """A motion at rest for an arm that is already at its goal, so that its actions and conditions are
+    executed."""
     coefficients = np.zeros((1, len(joints), 6))
     coefficients[0, :, 0] = joints
     return Trajectory(np.array([0.0, REST_S]), coefficients)

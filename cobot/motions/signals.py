@@ -1,8 +1,7 @@
-"""What happens on the way of a motion: actions at places of its path, and conditions for its start, its
-progress and its end.
+"""Actions at places on the path of a motion, and conditions for its start, its progress and its end.
 
-A request names places; `cobot.motions.signal_places` turns them into path times of a trajectory. rtloop knows
-path times only.
+A request names places; `cobot.motions.signal_places` converts them to path times of a trajectory. rtloop uses
+only path times.
 """
 
 from __future__ import annotations
@@ -39,10 +38,10 @@ class PathPlace:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Something to do at a place: set an output, report an event, or command the gripper.
+    """An action at a place: set an output, report an event, or command the gripper.
 
     Attributes:
-        field: its name in the request, for errors.
+        field: the action's field in the request, for errors.
         output, value: the output to set; "" for none.
         event: the text of the event; "" for none.
         gripper: the command of the gripper, as in the request; None for none.
@@ -59,14 +58,14 @@ class Action:
 
     @property
     def words(self) -> str:
-        """What it does, for people."""
+        """The action as a text for people."""
         if self.output:
             return f"set {self.output} to {self.value:g}"
         return f"gripper {self.gripper['command']}" if self.gripper else f"event {self.event!r}"
 
 
 class Quantity(IntEnum):
-    """What a condition compares."""
+    """The quantity that a condition compares."""
 
     NONE = 0  # there is no condition
     INPUT = 1
@@ -80,14 +79,14 @@ class Condition:
     """A condition that rtloop evaluates in each cycle. It holds while the value is between `low` and `high`.
 
     Attributes:
-        name: of the input or of the joint.
-        low, high: bounds of the value, exclusive. The value of a force or torque is an amount.
-        edge: it holds once the value has come into the bounds from outside.
-        direction: of a force or torque, unit length; None: the amount in any direction.
+        name: name of the input or of the joint.
+        low, high: bounds of the value, exclusive. The value of a force or torque is its magnitude.
+        edge: whether the condition holds only once the value has entered the bounds from outside.
+        direction: direction of a force or torque, unit length; None: the magnitude in any direction.
         in_tool: whether the direction turns with the tool.
         joint: index of the joint.
-        zero: of what is measured, the amount that does not count: force and torque at the TCP, shape (6,), or
-            the torque of the joint; None: what is measured when the condition begins to be watched.
+        zero: value that is subtracted from the measured one: force and torque at the TCP, shape (6,), or the
+            torque of the joint. None: the value measured when the condition starts to be watched.
     """
 
     quantity: Quantity
@@ -126,7 +125,7 @@ class Condition:
 
 
 TRUE, FALSE = BOOLEANS = ((0.5, math.inf), (-math.inf, 0.5))
-"""The bounds of an input that is true or false."""
+"""The bounds for a boolean input that is true, and for one that is false."""
 
 
 SLOWLY = Scaling(0.1)
@@ -137,12 +136,12 @@ class Until:
     """A condition that ends a motion.
 
     Attributes:
-        fast: whether each joint stops as fast as its limits permit, next to the path; else the arm stops on
-            its path.
-        retract_m: how far the TCP goes back afterwards, m.
-        is_required: whether a motion that arrives without it has failed.
-        from_zero: whether forces count from the zero of `POST /robot/force/zero`.
-        scaling: of the motion back.
+        fast: whether each joint stops as fast as its limits permit, which leaves the path; else the arm stops
+            on its path.
+        retract_m: distance by which the TCP then moves back, m.
+        is_required: whether a motion that arrives without meeting it has failed.
+        from_zero: whether forces are relative to the zero of `POST /robot/force/zero`.
+        scaling: scaling of the motion back.
     """
 
     condition: Condition
@@ -174,7 +173,7 @@ class PlacedAction:
     """An action and the path time at which it fires.
 
     Attributes:
-        number: from 1 on, unique in its motion.
+        number: number of the action, from 1 on, unique in its motion.
     """
 
     number: int
@@ -187,9 +186,9 @@ class Placed:
     """The actions and conditions of a trajectory.
 
     Attributes:
-        actions: in the order of their path times.
-        pause_s: path times between which `pause_while` counts.
-        until_s: path time from which on `until` counts.
+        actions: the actions in the order of their path times.
+        pause_s: path times between which `pause_while` is watched.
+        until_s: path time from which on `until` is watched.
     """
 
     actions: tuple[PlacedAction, ...] = ()
@@ -201,7 +200,7 @@ class Placed:
 
     @property
     def words(self) -> Iterator[str]:
-        """All of them for people, one sentence each."""
+        """All actions and conditions as texts for people, one sentence each."""
         for name, condition in (("start_when", self.start_when), ("pause_while", self.pause_while)):
             if condition is not None:
                 yield f"{name}: {condition.words}"
@@ -215,7 +214,7 @@ NO_PLACED = Placed()
 
 
 class HasConditions(Protocol):
-    """A motion with the conditions that it was given, in any form; None for those that it does not have."""
+    """Interface of a motion with conditions, in any form; None for those that it does not have."""
 
     @property
     def start_when(self) -> object: ...
@@ -226,10 +225,10 @@ class HasConditions(Protocol):
 
 
 def require_conditions(motions: Sequence[HasConditions], prefixes: Sequence[str]) -> None:
-    """Check which motions have conditions, of those that follow each other in one trajectory.
+    """Check which of the motions in one trajectory have conditions.
 
     Args:
-        prefixes: of the fields of each motion, for errors.
+        prefixes: prefix of the fields of each motion, for errors.
 
     Raises:
         InputError: a condition is given for a motion that cannot have it.

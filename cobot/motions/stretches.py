@@ -1,4 +1,5 @@
-"""Stretches: motions that the arm executes as one, with the data to extend them, for planning processes."""
+"""Stretches: motions that the arm executes as one, with the data for extending them, for planning
+processes."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """A blend: a curve that replaces the last `before` of one path and the first `after` of the next."""
+    """A blend: a curve that replaces the last part of one path, of length `before`, and the first part of the
+    next, of length `after`."""
 
     curve: Trajectory
     before: float
@@ -38,12 +40,13 @@ class Stretch:
     """Motions as one trajectory, with the data for extending it. Picklable.
 
     Attributes:
-        trajectory: from rest at the start of the first motion, or from a place on the trajectory that it
-            replaces.
-        ends_s: when each motion gives way to the next; of completed motions only the last ones.
+        trajectory: the motion from rest at the start of the first motion, or from a place on the trajectory
+            that it replaces.
+        ends_s: the time at which each motion ends and the next begins; of completed motions only the last
+            ones.
         used_m: for the latest motions, the used blend radius of the corner before each; 0: the arm stops or
-            begins there.
-        legs, radii_m, corners: those since the last stop; each radius belongs to the end of a motion.
+            starts there.
+        legs, radii_m, corners: those since the last stop. Each radius belongs to the end of a motion.
         progress: path parameter over the time since `since_s`, valid from `valid_s` on; None if no motion can
             follow without a stop.
         offset_s: path time of the replaced trajectory at which this one begins.

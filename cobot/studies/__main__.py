@@ -1,4 +1,4 @@
-"""`cobot study`: runs a study from its file, and shows what has been found."""
+"""`cobot study`: runs a study from its file, and shows its results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXIT_OK, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 DESCRIPTION = """\
 Answer a question about a robot that needs thousands of computations: docs/studies.md.
 
-  cobot study FILE.yaml      compute what is missing, and answer; run it again to continue
+    cobot study FILE.yaml      compute the missing results, and answer; run it again to continue
   cobot study show FOLDER    answer from the results so far, also during a run, and draw the maps"""
 
 
@@ -51,9 +51,11 @@ def _parser() -> argparse.ArgumentParser:
         "--output",
         type=Path,
         metavar="FOLDER",
-        help="of the results; without it a new one per study, named after FILE",
+        help="folder of the results; by default a new one for each study, named after FILE",
     )
-    parser.add_argument("--workers", type=_positive, metavar="N", help="processes; without it one per core")
+    parser.add_argument(
+        "--workers", type=_positive, metavar="N", help="number of processes; by default one per core"
+    )
     parser.add_argument(
         "--nice", type=_niceness, metavar="N", default=0, help="niceness of the processes, 0 to 19"
     )
@@ -61,15 +63,18 @@ def _parser() -> argparse.ArgumentParser:
         "--engine",
         metavar="ENGINE",
         default=LOCAL,
-        help="local, or dask://HOST:PORT, the scheduler of a Dask cluster (cobot[study])",
+        help="where to compute: local, or dask://HOST:PORT for the scheduler of a Dask cluster "
+        "(cobot[study])",
     )
     parser.add_argument("--json", action="store_true", help="print the answer as one JSON document")
     return parser
 
 
 def _show_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("cobot study show", description="Answer from the results in a folder.")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of the results")
+    parser = argparse.ArgumentParser(
+        "cobot study show", description="Show the answer from the results in a folder."
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="folder with the results")
     parser.add_argument("--json", action="store_true", help="print the answer as one JSON document")
     return parser
 
@@ -121,7 +126,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _report(bar: Bar, question: str, advance: Advance) -> None:
-    """Draw the part of this run that is done, from which the bar estimates the time left."""
+    """Show the finished part of this run, from which the bar estimates the remaining time."""
     missing = advance.tasks - (advance.done - advance.computed)
     bar.update(advance.computed, missing, f"{question[:40]} {advance.rate_hz:.3g}/s")
 
@@ -159,7 +164,8 @@ def _tell_run(result: StudyResult, workers: int) -> None:
         rate = result.computed / result.duration_s
         show(
             f"{result.computed} tasks in {result.duration_s:.1f} s on {workers} workers: "
-            f"{rate / workers:.4g} tasks/s per worker; {result.kernel_share:.0%} of the time was work"
+            f"{rate / workers:.4g} tasks/s per worker; the workers computed for {result.kernel_share:.0%} "
+            "of the time"
         )
     if result.lost:
         show(f"{result.lost} times a worker died; its tasks were computed again")

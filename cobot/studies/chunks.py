@@ -1,4 +1,4 @@
-"""Results of consecutive tasks as columns, and their bytes.
+"""Results of consecutive tasks as columns, and their conversion to bytes.
 
 The same results always have the same bytes, so a hash of them names the file.
 """
@@ -25,7 +25,7 @@ KINDS = {"b": np.dtype(bool), "i": np.dtype(np.int64), "u": np.dtype(np.int64), 
 
 
 def as_columns(columns: Mapping[str, npt.ArrayLike], tasks: int) -> dict[str, Column]:
-    """Columns with the few types that a chunk has.
+    """Convert columns to the few types that a chunk may have.
 
     Raises:
         InputError: a column has another type or another number of elements.
@@ -65,7 +65,7 @@ def digest(content: bytes) -> str:
 
 
 def joined(parts: Sequence[Columns]) -> dict[str, Column]:
-    """The columns of all parts, one after the other. What a part lacks is NaN, 0, false or ""."""
+    """The columns of all parts, one after the other. Values that a part lacks are NaN, 0, false or ""."""
     names = sorted({name for part in parts for name in part})
     for name in names:
         texts = {part[name].dtype.kind == "U" for part in parts if name in part}

@@ -1,4 +1,4 @@
-"""Colours of maps: a scale from dark blue over green to yellow, and grey for what has no value."""
+"""Colours of maps: a scale from dark blue over green to yellow, and grey for places without a value."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import numpy as np
 from cobot.types import Array
 
 SCALE = np.array([[59, 40, 110], [45, 105, 142], [33, 158, 137], [120, 205, 84], [250, 228, 45]], dtype=float)
-"""Colours at even distances, RGB; each is brighter than the one before, so the order survives in grey."""
+"""Colours at even distances, RGB; each is brighter than the previous one, so that the order is visible in
+grey."""
 NOTHING = np.array([205, 208, 212])
 """Colour of places that are not reached."""
 
 
 def colours_of(values: Array, low: float, high: float) -> np.ndarray:
-    """uint8, shape (n, 3). Values that are not finite have no value."""
+    """The colours of values, uint8, shape (n, 3). A value that is not finite counts as missing."""
     known = np.isfinite(values)
     share = np.clip((np.where(known, values, low) - low) / max(high - low, 1e-12), 0.0, 1.0)
     places = np.linspace(0.0, 1.0, len(SCALE))
@@ -22,7 +23,8 @@ def colours_of(values: Array, low: float, high: float) -> np.ndarray:
 
 
 def range_of(values: Array) -> tuple[float, float]:
-    """The range of the finite values for a scale: from 0 if none is negative; 0 to 1 without any."""
+    """The range of the finite values for a scale. It begins at 0 if none is negative, and is 0 to 1 without
+    values."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0

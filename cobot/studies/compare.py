@@ -17,11 +17,11 @@ VARIANT = "variant"
 
 
 class CompareStudy(Study):
-    """One study with variants, whose answers stand side by side.
+    """One study with variants, whose answers are shown side by side.
 
     Attributes:
-        study: what all variants have in common: a study without question and seed.
-        variants: by name, the keys in which each differs; mappings are merged.
+        study: the common part of all variants: a study without question and seed.
+        variants: the keys in which each variant differs, by name of the variant; mappings are merged.
     """
 
     kind: Literal["compare"]
@@ -34,7 +34,8 @@ class CompareStudy(Study):
             raise ValueError("study.kind: a comparison cannot compare comparisons")
         if "search" in self.study or any("search" in changes for changes in self.variants.values()):
             raise ValueError(
-                "search: a comparison computes the same tasks for all variants; search each by itself"
+                "search: a comparison computes the same tasks for all variants; run a search for each "
+                "separately"
             )
         for key in ("question", "seed"):
             if key in self.study:
@@ -46,7 +47,7 @@ class CompareStudy(Study):
         """The study of each variant.
 
         Raises:
-            ConfigError: one of them is invalid; with its name.
+            ConfigError: one of them is invalid; the message names it.
         """
         common = {"question": self.question, "seed": self.seed}
         return {
@@ -83,7 +84,7 @@ class CompareStudy(Study):
         return compute
 
     def _ranges(self, first: int, last: int) -> list[tuple[str, int, int]]:
-        """The tasks of each variant in a range of all tasks, by their own numbers."""
+        """The tasks of each variant within a range of all tasks, numbered within the variant."""
         found, begin = [], 0
         for name, end in self._ends.items():
             low, high = max(first, begin), min(last, end)

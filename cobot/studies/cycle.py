@@ -20,18 +20,19 @@ from cobot.studies.robot_study import RobotStudy
 from cobot.studies.study import Kernel
 
 PARAMETERS = ("speed", "blend_radius_m")
-"""Names of the parameters that a file may give; the others follow from the program."""
+"""Parameters that a file may have; the other parameters follow from the program."""
 MAX_FREE = 6
-"""Maximum number of motions whose order is free together: 720 orders."""
+"""Maximum number of motions in a group with free order; six give 720 orders."""
 
 
 class CycleStudy(RobotStudy):
-    """The parameters with which a program is fastest.
+    """Finds the parameters with which a program is fastest.
 
     Attributes:
         space: some of `PARAMETERS`. Each move with `within_m` adds move1_x_m, move1_y_m and move1_z_m (with
             its number), and each group of `orders` adds order1: the number of a permutation.
-        orders: groups of moves, by their places in the program, whose goals may be visited in any order.
+        orders: groups of moves whose goals may be visited in any order. A move is given by its place in the
+            program.
     """
 
     first_chunk: ClassVar[int] = 2
@@ -134,7 +135,7 @@ class _CycleKernel:
 
 
 def duration_of(planned: list[PlannedMove], robot: RobotDescription, radius_m: float) -> float:
-    """The duration of a program, s, with this blend radius at all corners at which the arm need not stop.
+    """The duration of a program, s, with this blend radius at all corners where the arm need not stop.
 
     Raises:
         PlanningError: the motions cannot be blended.

@@ -1,4 +1,4 @@
-"""What a real cell differs in from its model, acting on a simulated arm."""
+"""The differences between a real cell and its model, applied to a simulated arm."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ PARAMETERS = (
 )
 """Names of the parameters of a robustness study."""
 STEP_S = 1e-3
-"""Step with which the acceleration of the payload is computed, in seconds."""
+"""Time step for the acceleration of the payload, in seconds."""
 
 
 @dataclass(slots=True)
 class UnknownLoad:
-    """Forces and errors that the cycle does not know; see `rtloop.rehearsal.Disturbance`.
+    """Forces and errors that are unknown to the cycle; see `rtloop.rehearsal.Disturbance`.
 
     Attributes:
         payload_kg: mass at the TCP, in addition to the tool.

@@ -1,4 +1,4 @@
-"""Where a study is computed: processes on this computer, or a Dask cluster."""
+"""The engines that compute a study: processes on this computer, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CONNECT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class StudyEngine:
-    """An executor with its number of workers; None: the pool of the run itself."""
+    """An executor with its number of workers. If the executor is None, the run creates its own pool."""
 
     executor: Executor | None
     workers: int
@@ -31,13 +31,13 @@ class StudyEngine:
 
 @contextmanager
 def engine(name: str, workers: int | None, niceness: int) -> Iterator[StudyEngine]:
-    """The engine of a name: local or dask://HOST:PORT.
+    """The engine with a name: local or dask://HOST:PORT.
 
     Args:
         workers: number of processes on this computer; None: one per core. Dask has its own number.
 
     Raises:
-        InputError: the name is none of these, or the options do not fit it.
+        InputError: the name is invalid, or the options do not fit it.
         NotSupportedError: Dask is not installed.
         UnavailableError: the scheduler does not answer or has no workers.
     """
@@ -84,7 +84,7 @@ def _cluster(host: str, port: int) -> Iterator[StudyEngine]:
     encrypted = bool(security.require_encryption and security.tls_ca_file and security.tls_client_cert)
     if not encrypted and not _is_loopback(host):
         raise InputError(
-            f"--engine {DASK}://{host}:{port}: a Dask worker executes whatever reaches it, so a host "
+            f"--engine {DASK}://{host}:{port}: a Dask worker executes any code that reaches it, so a host "
             "other than 127.0.0.1 needs mutual TLS; give Dask its certificates "
             "and require encryption (docs/studies.md)"
         )

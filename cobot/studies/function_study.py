@@ -32,10 +32,10 @@ class FunctionStudy(SampledStudy):
     """Calls a function with the parameters of each point, by name.
 
     Attributes:
-        function: FILE.py:NAME, relative to the study, or MODULE:NAME. It returns a number, true or false,
-            or a mapping of names to these or texts. A parameter `seed` that is not in the space gets
-            an integer of its own for each task.
-        metric: the name of a result; that of a function which returns only a value is `value`.
+        function: FILE.py:NAME, relative to the study, or MODULE:NAME. It returns a number, true or false, or
+            a mapping from names to numbers, booleans or texts. A parameter `seed` that is not in the space
+            gets a different integer for each task.
+        metric: name of a result. If the function returns only a value, its name is `value`.
     """
 
     kind: Literal["python"]
@@ -132,9 +132,9 @@ class FunctionStudy(SampledStudy):
         return results
 
     def _objection(self, name: Any, value: Any) -> str:
-        """Why a result cannot be kept; empty if it can."""
+        """The reason why a result cannot be stored; empty if it can."""
         if not isinstance(name, str) or not name or name in {*self.space, "task", FAILURE}:
-            return "is the name of a parameter or no name; return another one"
+            return "is the name of a parameter or not a valid name; return another one"
         if not isinstance(value, bool | np.bool_ | str | Real):
             return f"is a {type(value).__name__}, must be a number, bool or text"
         if isinstance(value, int) and abs(value) > sys.float_info.max:
@@ -143,7 +143,7 @@ class FunctionStudy(SampledStudy):
 
 
 def _columns(rows: list[dict[str, Any]]) -> dict[str, Column]:
-    """Columns of what the calls returned; what a call did not return is NaN, false or ""."""
+    """The results of the calls as columns. A value that a call did not return is NaN, false or ""."""
     names = sorted({name for row in rows for name in row})
     return {name: _column(name, [row.get(name) for row in rows]) for name in names}
 
@@ -160,7 +160,7 @@ def _column(name: str, values: list[Any]) -> Column:
 
 
 def _load(path: Path) -> Any:
-    """A module of a file that is in no package. It may import its neighbours."""
+    """Load a file that is not in a package as a module. It may import files next to it."""
     spec = importlib.util.spec_from_file_location(f"study_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None

@@ -1,9 +1,9 @@
-"""A pool of processes as `concurrent.futures.Executor`, which survives the death of its workers.
+"""A pool of processes as `concurrent.futures.Executor` that continues if a worker dies.
 
 `concurrent.futures.ProcessPoolExecutor` fails as a whole when one of its processes dies, and its processes
-survive their parent. Here a dead worker fails only the call that it was computing and is replaced, and Linux
-kills the workers when this process ends in any way. Workers are new interpreters, so they do not import the
-caller's main module.
+survive their parent. Here, if a worker dies, only the call that it was computing fails, and the worker is
+replaced. Linux kills the workers when this process ends in any way. Workers are new interpreters, so they do
+not import the caller's main module.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from typing import Any, ParamSpec, TypeVar
 from cobot.errors import UnavailableError, exhausted
 
 MAX_STARTS_IN_A_ROW = 5
-"""A pool whose workers die this often before they compute anything gives up."""
+"""The pool gives up after this many workers in a row have died before they computed anything."""
 SINGLE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables that keep libraries of a worker from using more than one core."""
+"""Environment variables that limit the libraries of a worker to one core."""
 READY = b"ready"
 
 Arguments = ParamSpec("Arguments")
@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 
 
 class LostWorkerError(UnavailableError):
-    """The process that was computing a call has died; the call may be made again."""
+    """The process that was computing a call has died. The call may be repeated."""
 
 
 @dataclass(slots=True)
@@ -147,7 +147,7 @@ class LocalPool(Executor):
             self._listen(workers)
 
     def _take_orders(self, waiting: deque[_Call]) -> bool:
-        """False if everything is to end at once."""
+        """Move new calls to `waiting`. Returns False if the pool must end at once."""
         while True:
             try:
                 call = self._orders.get_nowait()

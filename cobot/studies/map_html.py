@@ -28,7 +28,7 @@ def map_page(
 
     Args:
         columns: x, y, z (m) and the metrics.
-        metrics: columns that may colour it, the chosen one first.
+        metrics: columns that may colour the map, the chosen one first.
     """
     content = map_content(columns, metrics, spacing_m)
     parts = {

@@ -13,7 +13,7 @@ from cobot.types import Array
 
 MAX_SLICES = 12
 TILE = 220
-"""Width of a tile without its caption, in pixels, at most."""
+"""Maximum width of a tile without its caption, in pixels."""
 GAP, CAPTION, MARGIN = 14, 18, 16
 PAPER, INK = np.array([255, 255, 255]), np.array([40, 44, 52])
 BAR = 160
@@ -59,7 +59,7 @@ def draw_map(places: Array, values: Array, title: str) -> bytes:
 
 
 def _tiles(places: Array, colours: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
-    """Pictures with captions."""
+    """The tiles: pictures with captions."""
     heights = np.unique(places[:, 2].round(9))
     pitch = _pitch(places[:, 0]), _pitch(places[:, 1])
     if len(heights) * 3 > len(places) or len(places) < 4:  # a surface, whose places have no common heights
@@ -81,7 +81,7 @@ def _tiles(places: Array, colours: np.ndarray) -> Iterator[tuple[np.ndarray, str
 
 
 def _pitch(values: Array) -> float:
-    """Distance of neighbouring values of a grid; 0 if there is only one."""
+    """Distance between neighbouring values of a grid; 0 if there is only one value."""
     distinct = np.unique(values.round(9))
     return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0
 
@@ -123,7 +123,7 @@ def _legend(image: np.ndarray, title: str, low: float, high: float) -> None:
 
 
 def _write(image: np.ndarray, text: str, x: int, y: int) -> None:
-    """Write lower-case text with its upper left corner at a pixel; what does not fit is cut."""
+    """Write lower-case text with its upper left corner at a pixel. Parts that do not fit are cut off."""
     for place, character in enumerate(text):
         rows = GLYPHS.get(character)
         if rows is None:

@@ -23,11 +23,11 @@ METRICS = ("share", "manipulability", "redundancy")
 
 
 class MapColumns(NamedTuple):
-    """The places of a map with their metrics, NaN where a place is not reached.
+    """The places of a map with their metrics. A metric is NaN at places that are not reached.
 
     Attributes:
-        metrics: names of the columns that may colour it, the chosen one first.
-        every: the columns have one place of this many.
+        metrics: names of the columns that may colour the map, the chosen one first.
+        every: the map shows one of this many places.
     """
 
     columns: Columns
@@ -77,7 +77,7 @@ def write_maps(
 
 
 def _spacing(places: np.ndarray) -> float:
-    """Typical distance of neighbouring places, m."""
+    """Typical distance between neighbouring places, m."""
     if len(places) < 2:
         return 0.01
     some = places[:: max(1, len(places) // SAMPLES)]

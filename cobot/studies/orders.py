@@ -1,4 +1,4 @@
-"""What a worker is asked to compute, and the check that it has the same cobot, models and scene."""
+"""The orders to a worker, and the check that the worker has the same cobot, models and scene."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ _KEPT = 2
 
 
 class ForeignWorkerError(UnavailableError):
-    """A worker has another version of cobot, or other files, so it computes nothing."""
+    """A worker has another version of cobot or other files, so it must not compute."""
 
 
 def keys_of_answer(document: Mapping[str, Any]) -> set[str]:
-    """Keys of a document that change its answer, but no result of a task."""
+    """Keys of a document that affect its answer, but not the results of tasks."""
     keys = {"question", "confidence"}
     return keys if document.get("search") else keys | {"metric", "goal"}
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A study for workers, which make it from its document. Picklable, also for other computers.
+    """A study in a form for workers, which create it again from its document. It can be pickled, also for
+    other computers.
 
     Attributes:
         contents: hashes of everything that the results depend on, by names for people.
@@ -58,7 +59,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The results of consecutive tasks, as the bytes of their chunk, and the time that they took, s."""
+    """The results of consecutive tasks as the bytes of a chunk, and the time that the tasks took, s."""
 
     content: bytes
     busy_s: float
@@ -68,7 +69,7 @@ _warm: dict[str, tuple[Study, Kernel]] = {}
 
 
 def fill(order: Order, first: int, last: int, points: list[dict[str, Any]] | None = None) -> Filled:
-    """Compute the tasks from `first` up to `last`, which is not included, in a worker.
+    """Compute the tasks from `first` up to `last` (excluded) in a worker.
 
     The models of a study are built once per worker.
 
@@ -102,7 +103,8 @@ def _build(order: Order) -> tuple[Study, Kernel]:
 
 
 def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
-    """Names that only `wanted` has are those of files, which are compared later."""
+    """Check that this worker has the wanted versions. Names that are only in `wanted` are those of files,
+    which are compared later."""
     for name, value in own.items():
         if wanted.get(name) != value:
             import socket
@@ -115,7 +117,7 @@ def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the programs whose results enter a study's."""
+    """Versions of the programs that affect the results of a study."""
     found = {name: version(name) for name in ("cobot", "mujoco-core", "numpy", "scipy")}
     python = ".".join(map(str, sys.version_info[:2]))
     return {**found, "source of cobot": _source(), "python": python}

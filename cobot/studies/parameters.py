@@ -1,4 +1,4 @@
-"""Spaces of parameters: axes of a grid, and random parameters that are drawn for each point of it."""
+"""Spaces of parameters: axes of a grid, and random parameters that are drawn for each point of the grid."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ Value = float | str | bool
 Real = Annotated[float, Field(allow_inf_nan=False)]
 Design = Literal["random", "sobol", "halton", "latin"]
 QMC = {"sobol": "Sobol", "halton": "Halton", "latin": "LatinHypercube"}
-"""Classes of `scipy.stats.qmc` by the names of their designs."""
+"""Classes of `scipy.stats.qmc` by name of the design."""
 INSIDE = 2.0**-53
-"""Smallest distance of a share from 0 and 1, where a normal distribution is infinite."""
+"""Smallest distance of a share from 0 and 1, because there the inverse of a normal distribution is
+infinite."""
 
 
 class Axis(StrictModel):
-    """One parameter: of the grid (`values`, or `low`, `high` and `count`), or random (`uniform`: low and
-    high, or `normal`: mean and standard deviation).
+    """One parameter: an axis of the grid (`values`, or `low`, `high` and `count`), or a random parameter
+    (`uniform`: low and high, or `normal`: mean and standard deviation).
     """
 
     values: Annotated[list[Real] | list[str] | list[bool], Field(min_length=1, max_length=100_000)] | None = (
@@ -83,10 +84,9 @@ class Axis(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpace:
-    """All points: each of the grid with each sample of the random parameters.
+    """All points: each point of the grid combined with each sample of the random parameters.
 
-    The same samples are used at each point of the grid, so that differences between its points are not
-    differences of luck.
+    The same samples are used at each point of the grid, so that the points can be compared.
     """
 
     grid: dict[str, list[Value]]
@@ -124,7 +124,7 @@ class ParameterSpace:
         return self.count * self.points_of_grid
 
     def at_grid(self, number: int) -> dict[str, Value]:
-        """The values of a point of the grid; the last axis changes fastest."""
+        """The values at a point of the grid. The last axis changes fastest."""
         found = {}
         for name in reversed(self.grid):
             number, index = divmod(number, len(self.grid[name]))
@@ -149,5 +149,5 @@ def _shares(design: Design, axes: int, count: int, seed: int) -> Array:
 
 
 def seed_of(seed: int, task: int) -> int:
-    """A seed for the random numbers of one task, which depends on nothing else."""
+    """A seed for the random numbers of one task. It depends only on `seed` and the task."""
     return int(np.random.SeedSequence([seed, task]).generate_state(1, np.uint64)[0] >> 1)

@@ -1,4 +1,4 @@
-"""Where the base and the tool's TCP must be, to reach most or to be fastest.
+"""Finds the place of the base and of the tool's TCP with the largest reach or the shortest program.
 
 A task is one placement: objects and targets stay where they are, and the arm moves.
 """
@@ -36,18 +36,18 @@ PARAMETERS = (
     "tcp_z_m",
     "tcp_pitch_rad",
 )
-"""Names of the parameters: the new base in the present base frame, the new TCP in the present TCP's frame."""
+"""The parameters: the new base in the present base frame, and the new TCP in the present TCP's frame."""
 
 
 class PlacementStudy(RobotStudy):
-    """The placement with the largest reach, or with the shortest program.
+    """Finds the placement with the largest reach, or with the shortest program.
 
     Attributes:
         space: some of `PARAMETERS`.
         targets: places to reach, in the present base frame; for the metrics of reach.
-        program: motions, whose poses are in the present base frame; for `duration_s`.
-        metric: share: mean share of the orientations that are reached at the targets; manipulability: the
-            mean, 0 where a target is not reached; duration_s: of the program.
+        program: motions with poses in the present base frame; for the metric `duration_s`.
+        metric: share: mean share of the orientations that are reached at the targets; manipulability: its
+            mean, with 0 for a target that is not reached; duration_s: duration of the program.
     """
 
     first_chunk: ClassVar[int] = 2
@@ -91,12 +91,12 @@ class PlacementStudy(RobotStudy):
 
 @dataclass(frozen=True, slots=True)
 class _Surroundings:
-    """What the model file has around the robot, such as a floor: solids of the world.
+    """The solids of the world in the model file, such as a floor.
 
     Attributes:
-        numbers: of the solids in MuJoCo's model.
-        poses: in the world.
-        world: the world in the base frame.
+        numbers: numbers of the solids in MuJoCo's model.
+        poses: poses of the solids in the world.
+        world: pose of the world in the base frame.
     """
 
     robot: RobotDescription
@@ -124,10 +124,10 @@ class _Surroundings:
         return cls(robot, numbers, poses, robot.model.fixed_frames["world"])
 
     def move(self, back: Pose) -> None:
-        """Move the solids as a new base sees them; `surround` uses them afterwards.
+        """Move the solids to their poses relative to a new base; `surround` uses them afterwards.
 
         Args:
-            back: the present base in the frame of the new one.
+            back: pose of the present base in the frame of the new one.
         """
         spec = self.robot.model.spec
         shift = self.world.inverse() @ back @ self.world
@@ -190,7 +190,7 @@ class _PlacementKernel:
         return found
 
     def _place(self, base: Pose, tip: Pose) -> None:
-        """Move what stands around the base, and the TCP."""
+        """Move the objects around the base, and the TCP."""
         back = base.inverse()
         objects = {
             name: each if each.attached else replace(each, pose=(back @ Pose.from_numbers(each.pose)).numbers)
@@ -218,7 +218,7 @@ class _PlacementKernel:
         }
 
     def _duration_s(self, program: list[StudyMove], base: Pose) -> float:
-        """NaN if a motion cannot be planned."""
+        """The duration of the program, s; NaN if a motion cannot be planned."""
         back = base.inverse()
         moved = [
             move

@@ -22,17 +22,17 @@ MIN_SPEED = 0.01
 
 
 class StudyMove(StrictModel):
-    """One motion. The first entry of a program is where it starts.
+    """One motion. The first entry of a program is its start.
 
     Attributes:
         to: a named position or joint angles, rad.
         pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
         speed_m_s: largest speed of the TCP on its path.
-        accel_scale: share of the largest accelerations; 0: as `speed`.
-        label: for people, in errors.
-        stop: the arm stops here, and no blend passes the corner.
-        within_m: the pose may be moved along each axis by up to this distance, in a study of cycles.
-        tolerance_m: the TCP works on a part here, and may miss it by at most this distance.
+        accel_scale: share of the largest accelerations; 0 means the same as `speed`.
+        label: name for people, in errors.
+        stop: whether the arm stops at the end of this motion instead of blending into the next one.
+        within_m: distance by which a study of cycles may move the pose along each axis.
+        tolerance_m: maximum distance of the TCP from the part on which it works at the end of this motion.
     """
 
     to: str | list[float] | None = None
@@ -61,7 +61,7 @@ class PlannedMove:
     """A planned motion of a program.
 
     Attributes:
-        place: in the program, for errors.
+        place: place of the motion in the program, for errors.
         trajectory: None if the arm is at the goal already.
         goal: pose of the TCP at the end.
     """
@@ -78,13 +78,13 @@ class PlannedMove:
 def plan_program(
     robot: RobotDescription, program: Sequence[StudyMove], speed: float, seed: int
 ) -> list[PlannedMove]:
-    """Plan all motions, each from where the one before ends.
+    """Plan all motions. Each starts where the previous one ends.
 
     Args:
-        speed: factor on the speeds.
+        speed: factor for all speeds.
 
     Raises:
-        CobotError: a motion cannot be planned; with its number.
+        CobotError: a motion cannot be planned; the message has its number.
     """
     from cobot.planners import plan
 

@@ -1,4 +1,5 @@
-"""Which poses an arm reaches: by inverse kinematics, without collision, or on a straight line from a start.
+"""Finds the poses that an arm reaches: by inverse kinematics, without collision, or on a straight line from a
+start.
 
 A task is one place with all its orientations.
 """
@@ -34,12 +35,13 @@ Indices = npt.NDArray[np.int64]
 
 
 class ReachStudy(Study):
-    """Which places an arm reaches with its TCP, in which share of the orientations.
+    """Finds the places that an arm reaches with its TCP, and the share of orientations at each.
 
     Attributes:
         metric: the result that colours the map.
-        method: ik: some joints within the limits; free: such joints without collision; lin: a straight,
-            collision-free line of the TCP from `start` at full speed.
+        method: ik: a pose counts as reached if some joints within the limits lead to it; free: if they are
+            also free of collision; lin: if a straight, collision-free line of the TCP leads there from
+            `start` at full speed.
         approach: directions of the TCP's z axis, see `Approach`.
         spins: number of turns about each direction.
         start: a named position or joint angles, rad, for lin.
@@ -117,7 +119,7 @@ class ReachStudy(Study):
         return answer
 
     def _nearest(self, columns: Columns) -> dict[str, Any]:
-        """What to say of a space without any place that is reached."""
+        """A sentence about a space in which no place is reached."""
         gaps = np.asarray(columns["gap_m"], dtype=float)
         nearest = int(np.nanargmin(gaps)) if np.isfinite(gaps).any() else 0
         place = [round(float(columns[axis][nearest]), 6) for axis in "xyz"]
@@ -127,7 +129,7 @@ class ReachStudy(Study):
 
 
 class Reached(NamedTuple):
-    """How an arm reaches one place; see docs/studies.md."""
+    """The result for one place; see docs/studies.md."""
 
     orientations: int
     solved: int
@@ -167,10 +169,10 @@ class ReachKernel:
         return np.column_stack([np.broadcast_to(self.places.positions[task], (len(turns), 3)), turns])
 
     def evaluate(self, poses: Array, task: int) -> Reached:
-        """How an arm reaches the poses of one place.
+        """Examine the poses of one place.
 
         Args:
-            task: for the random numbers of arms without a closed form.
+            task: number of the task, which seeds the random numbers for arms without a closed form.
         """
         arm = self.robot.model.inverse_kinematics
         grid = arm.grid(poses, ARM_ANGLES) if isinstance(arm, SrsArm) else None
@@ -191,15 +193,15 @@ class ReachKernel:
         return Reached(count, solved, reached, reached / count, float(best), float(redundancy), float(gap))
 
     def _turns(self, task: int) -> Array:
-        """The orientations at a place, which are the same everywhere unless they follow a surface."""
+        """The orientations at a place. They are the same everywhere unless they follow a surface."""
         normals = self.places.normals if self.approach == "inward" else None
         if self.same is None or normals is not None:
             self.same = orientations(self.approach, self.spins, None if normals is None else normals[task])
         return self.same
 
     def _solutions(self, pose: Array, task: int, grid: Array | None, index: int) -> tuple[Array, Indices]:
-        """Joints at a pose, shape (n, dof): the best of each branch, and those on the grid of arm angles. And
-        the number of the arm angle of each, -1 for those that are not on the grid.
+        """Joints at a pose, shape (n, dof): the best of each branch, and those on the grid of arm angles.
+        Also returns the number of each one's arm angle on the grid, or -1.
         """
         limits = self.robot.limits
         arm, middle = self.robot.model.inverse_kinematics, 0.5 * (limits.min_position + limits.max_position)
@@ -213,13 +215,13 @@ class ReachKernel:
         return np.vstack([found, grid[index, angles, branches]]), marks
 
     def _usable(self, rows: Array) -> npt.NDArray[np.bool_]:
-        """Whether each of the solutions is free of collision, if the method asks for that."""
+        """Whether each solution may be used: it must be free of collision unless the method is ik."""
         if self.method == "ik" or not len(rows):
             return np.ones(len(rows), bool)
         return self.robot.collision.clearance.are_free(rows)
 
     def _is_on_line(self, pose: Array) -> bool:
-        """Whether a straight line leads from the start to a pose."""
+        """Whether the TCP can move on a straight line from the start to a pose."""
         from cobot.planners import plan
 
         assert self.start is not None

@@ -47,7 +47,7 @@ class MeshSpace(StrictModel):
     Attributes:
         file: STL, OBJ, PLY or another file that trimesh reads; in m.
         pose: x, y, z (m) and w, x, y, z of the mesh in the base frame.
-        standoff_m: distance of the places from the surface, outside.
+        standoff_m: distance of the places from the surface, on its outer side.
     """
 
     file: Location
@@ -61,7 +61,7 @@ class PlacesSpace(StrictModel):
     """Either a box or a mesh.
 
     Attributes:
-        spacing_m: distance of neighbouring places.
+        spacing_m: distance between neighbouring places.
     """
 
     box: BoxSpace | None = None
@@ -117,7 +117,8 @@ def _require_few(places: float, spacing_m: float) -> None:
 
 
 def _surface(mesh: MeshSpace, spacing_m: float) -> Places:
-    """The middles of triangles that are divided until no edge is longer than the spacing."""
+    """Points on the surface: the middles of its triangles, divided until no edge is longer than the
+    spacing."""
     vertices, triangles = read_mesh(mesh.file)
     corners = vertices[triangles]
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -152,7 +153,7 @@ def read_mesh(path: Path) -> tuple[Array, np.ndarray]:
     """Vertices, shape (n, 3), m, and triangles, shape (m, 3).
 
     Raises:
-        ConfigError: the file is missing or no mesh.
+        ConfigError: the file is missing or is not a mesh.
     """
     import trimesh
 
@@ -169,7 +170,7 @@ def read_mesh(path: Path) -> tuple[Array, np.ndarray]:
 
 
 def _checked_approach(value: Any) -> Any:
-    """One sentence instead of one for each alternative."""
+    """Check `approach`. Gives one error message instead of one for each alternative."""
     if value in ("down", "inward") or (type(value) is int and 1 <= value <= MAX_DIRECTIONS):
         return value
     if isinstance(value, list) and 0 < len(value) <= MAX_DIRECTIONS and all(map(_is_direction, value)):
@@ -198,7 +199,7 @@ def orientations(approach: Any, spins: int, normal: Array | None) -> Array:
 
     Args:
         spins: number of turns about each direction, evenly from 0.
-        normal: of the surface, for inward.
+        normal: normal of the surface, for inward.
     """
     found = []
     for direction in _directions(approach, normal):

@@ -39,7 +39,7 @@ _NAME = re.compile(r"(\d{9})-(\d{9})-([0-9a-f]{32})\.npz")
 
 
 class ChunkFile(NamedTuple):
-    """A finished chunk: the tasks from `first` up to `last`, which is not included."""
+    """A finished chunk: the tasks from `first` up to `last` (excluded)."""
 
     first: int
     last: int
@@ -47,18 +47,18 @@ class ChunkFile(NamedTuple):
 
 
 class ResultsFolder:
-    """One folder of results, which need not be complete."""
+    """One folder of results. The results may be incomplete."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
 
     @contextmanager
     def writing(self, study: Study, order: Order) -> Iterator[None]:
-        """Own the folder for the results of a study.
+        """Reserve the folder for the results of a study.
 
         Raises:
-            ConflictError: it has the results of another study, or another process is writing.
-            UnavailableError: it cannot be written.
+            ConflictError: the folder has the results of another study, or another process is writing to it.
+            UnavailableError: the folder cannot be written.
         """
         try:
             (self.path / CHUNKS).mkdir(parents=True, exist_ok=True)
@@ -126,12 +126,13 @@ class ResultsFolder:
             raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
 
     def study(self) -> Study:
-        """The study whose results are here, for its answer; its files need not exist any more."""
+        """The study whose results are in this folder, to compute its answer. Its files need not exist any
+        more."""
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
     def add(self, first: int, last: int, content: bytes) -> None:
-        """Keep a finished chunk. It is not flushed to the disk, which would take longer than many a chunk: a
-        file that a power cut has spoiled is noticed by its hash.
+        """Store a finished chunk. It is not flushed to the disk, because that may take longer than a chunk.
+        If a power cut damages the file, its hash shows it.
 
         Raises:
             UnavailableError: the disk is full or cannot be written; earlier chunks are kept.
@@ -146,8 +147,8 @@ class ResultsFolder:
             raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc.strerror}") from exc
 
     def chunks(self, begin: int = 0, end: int = MAX_TASKS) -> list[ChunkFile]:
-        """The finished chunks that begin with a task from `begin` up to `end`, in order and without overlaps.
-        Files that are damaged are removed.
+        """The finished chunks whose first task is from `begin` up to `end`, in order and without overlaps.
+        Damaged files are removed.
         """
         found: list[ChunkFile] = []
         with contextlib.suppress(FileNotFoundError):
@@ -165,9 +166,9 @@ class ResultsFolder:
         return found
 
     def gaps(self, tasks: int, first: int = 0) -> list[tuple[int, int]]:
-        """The ranges of tasks that are not finished, of those from `first` up to `tasks`.
+        """The ranges of unfinished tasks from `first` up to `tasks`.
 
-        A chunk has tasks of one round.
+        A chunk contains only tasks of one round.
         """
         begin, gaps = first, []
         for chunk in self.chunks(first, tasks):

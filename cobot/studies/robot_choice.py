@@ -1,4 +1,4 @@
-"""The robot of a study: settings, objects around it and its tool, and hashes of their content."""
+"""The robot of a study: settings, surrounding objects and tool, with hashes of their content."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cobot.types import Array, NamedPosition, Numbers3, Numbers7
 
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LENGTH_TOLERANCE = 1e-3
-"""How much the length of a quaternion may differ from 1."""
+"""Maximum difference of a quaternion's length from 1."""
 Positive = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 _POSITIONS = TypeAdapter(dict[str, NamedPosition])
 Finite = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
@@ -72,7 +72,7 @@ class StudyTool(StrictModel):
 
 
 class RobotChoice(StrictModel):
-    """Which robot, with what around it and on its flange.
+    """The robot of a study, with the objects around it and the tool on its flange.
 
     Attributes:
         settings: file of the settings; None: those shipped with cobot.
@@ -157,7 +157,7 @@ class RobotChoice(StrictModel):
 
 
 def hashes_of(robot: RobotDescription) -> dict[str, str]:
-    """Hashes of the content of a robot, by names for people; the places of its files do not matter."""
+    """Hashes of the content of a robot, by names for people. The paths of its files do not matter."""
     limits = robot.limits
     rates = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
     ranges = (limits.min_position, limits.max_position)
@@ -204,7 +204,7 @@ def numbers3(values: list[float]) -> Numbers3:
 
 
 def numbers7(values: list[float], place: str) -> Numbers7:
-    """A pose with a unit quaternion.
+    """Check a pose with a unit quaternion.
 
     Raises:
         InputError: its quaternion has another length.

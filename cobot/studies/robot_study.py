@@ -21,7 +21,7 @@ class RobotStudy(SampledStudy):
 
     @cached_property
     def description(self) -> RobotDescription:
-        """The robot in its scene, which a kernel may change while it computes."""
+        """The robot in its scene. A kernel may change it while it computes."""
         return self.robot.load()
 
     def contents(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""How often a program succeeds when the cell differs from its model.
+"""Finds how often a program succeeds if the cell differs from its model.
 
 A task is one run of the program on a simulated arm, with the real cycle and safety layer.
 """
@@ -31,7 +31,7 @@ MAX_CAUSES = 5
 
 
 class RobustnessStudy(RobotStudy):
-    """The share of runs of a program that succeed, under random differences from the model.
+    """Finds the share of runs of a program that succeed, under random differences from the model.
 
     Attributes:
         space: some of `PARAMETERS`.
@@ -114,7 +114,7 @@ class _RobustnessKernel:
     def _move(
         self, move: PlannedMove, given: dict[str, float], random: np.random.Generator, run: _Outcome
     ) -> Array:
-        """Simulate a motion, and return where the arm is at its end, rad."""
+        """Simulate a motion, and return the joint positions at its end, rad."""
         if move.trajectory is None:
             return move.start
         load = UnknownLoad(
@@ -140,7 +140,7 @@ class _RobustnessKernel:
         return load.joints
 
     def _check(self, move: PlannedMove, place: Array, part: Array, run: _Outcome) -> None:
-        """Whether the TCP is at the part, which is not exactly where it is expected."""
+        """Check that the TCP is at the part, whose position differs from the expected one."""
         assert move.tolerance_m is not None
         error_m = float(np.linalg.norm(place - (move.goal.position + part)))
         run.error_m = max(run.error_m, error_m)

@@ -24,7 +24,7 @@ from cobot.studies.results_folder import ResultsFolder
 from cobot.studies.study import Round, Study
 
 CHUNK_S = 1.0
-"""Duration of the work in a chunk that is aimed for."""
+"""Target duration of the work in a chunk, s."""
 GROWTH = 8
 """Maximum ratio of the sizes of consecutive chunks, because the first tasks may be unusual."""
 IN_FLIGHT = 2
@@ -33,15 +33,15 @@ TRIES = 3
 """Number of times that a worker may die with one task before the task is given up."""
 POLL_S = 0.2
 DEATHS = ("KilledWorker", "LostWorkerError")
-"""Names of the errors by which executors report that the workers of one call have died."""
+"""Names of the errors with which executors report that the worker of a call has died."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advance:
-    """How far a run is.
+    """Progress of a run.
 
     Attributes:
-        computed: number of tasks that this run has computed; `done` has those of earlier runs too.
+        computed: number of tasks that this run has computed; `done` includes those of earlier runs.
         rate_hz: tasks per second of this run; 0 before the first chunk.
         left_s: estimated remaining time; infinite before the first chunk.
     """
@@ -60,7 +60,7 @@ class StudyResult:
     Attributes:
         answer: by names for people; partial if not all tasks are done.
         computed: number of tasks that this run has computed.
-        duration_s: of this run.
+        duration_s: duration of this run.
         kernel_share: the time that the workers spent in tasks, as a share of their whole time.
         lost: number of times that a worker died.
     """
@@ -117,7 +117,8 @@ class _Run:
         self.size = min(max(wanted, 1), GROWTH * max(self.size, last - first))
 
     def give_back(self, first: int, last: int, reason: BaseException) -> None:
-        """Try a range again whose worker has died, in halves to find the task that kills workers."""
+        """Compute a range again after its worker has died, in two halves, to find the task that kills
+        workers."""
         self.lost += 1
         tries = self.tries.pop((first, last), 0) + 1
         if last - first > 1 and tries > 1:
@@ -147,13 +148,13 @@ def run_study(
     report: Callable[[Advance], None] | None = None,
     cancel: threading.Event | None = None,
 ) -> StudyResult:
-    """Compute what is missing in a folder, and answer from all results.
+    """Compute the missing results in a folder, and answer from all results.
 
     Args:
-        folder: of the results; a new one, or one of an earlier run of the same study.
+        folder: folder of the results: a new one, or that of an earlier run of the same study.
         executor: where to compute; None: a `LocalPool` for this run.
         workers: number of the executor's workers; None: all cores of this computer.
-        niceness: of the workers of the `LocalPool`.
+        niceness: niceness of the workers of the `LocalPool`.
         report: called after each chunk, and at least five times a second.
         cancel: when it is set, the run ends with a partial answer.
 
@@ -189,7 +190,8 @@ def run_study(
 
 @contextmanager
 def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
-    """A pool of processes. The end of the block ends its running calls, as their results would be lost."""
+    """A pool of processes. At the end of the block its running calls are ended, because their results would
+    be lost."""
     pool = LocalPool(workers, niceness)
     try:
         yield pool

@@ -1,4 +1,4 @@
-"""Studies whose tasks are the points of a space of parameters, and what their results say."""
+"""Studies whose tasks are the points of a space of parameters, and their answers."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class SampledStudy(Study):
 
     Attributes:
         space: parameters by name.
-        samples: number of samples of the random parameters, at each point of the grid.
-        design: of the samples: independent, or one of `scipy.stats.qmc`.
-        goal: which value of the metric is the best.
-        confidence: of intervals.
-        search: search for the best parameters instead of computing all; None: compute all.
+        samples: number of samples of the random parameters at each point of the grid.
+        design: design of the samples: independent, or a design of `scipy.stats.qmc`.
+        goal: whether the smallest or the largest value of the metric is the best.
+        confidence: confidence level of intervals.
+        search: how to search for the best parameters; None computes all.
     """
 
     space: Annotated[dict[str, Axis], Field(max_length=50)]
@@ -76,7 +76,7 @@ class SampledStudy(Study):
 
     @property
     def measure(self) -> str:
-        """Name of the result that the answer is about."""
+        """Name of the result that the answer evaluates."""
         raise NotImplementedError
 
     @property
@@ -166,7 +166,8 @@ class SampledStudy(Study):
         )
 
     def _numbers(self, columns: Columns, found: list[tuple[int, Column]]) -> dict[str, Any]:
-        """The distribution, and the best point of the grid by its mean; without samples by its value."""
+        """The distribution, and the best point of the grid, chosen by its mean, or without samples by its
+        value."""
         values = np.asarray(columns[self.measure], dtype=float)
         finite = values[np.isfinite(values)]
         if not len(finite):

@@ -1,7 +1,8 @@
-"""Search for the best parameters by Optuna, in rounds: each asks for trials and learns from their values.
+"""Search for the best parameters with Optuna, in rounds: each round asks for trials and learns from their
+values.
 
-The trials of a round depend only on the seed and on the rounds before, so they are the same for any number of
-workers, and a run that continues another one finds its trials again.
+The trials of a round depend only on the seed and on earlier rounds, so they are the same for any number of
+workers. A run that continues another one gets the same trials again.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class OptunaSearch:
 
     Raises:
         NotSupportedError: Optuna is not installed.
-        InputError: an axis is no range.
+        InputError: an axis is not a range.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """A sequence file as the program of a study.
 
-A study plans and simulates motions from one position to the next. What a sequence does between them, such as
-commands to grippers, is left out: the arm stops there.
+A study plans and simulates motions from one position to the next. Other steps of the sequence, such as
+commands to grippers, are left out: the arm stops there.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str
     The results of a study then do not depend on these files, and workers need not have them.
 
     Args:
-        folder: for relative paths.
-        name: of the document, for errors.
+        folder: folder for relative paths.
+        name: name of the document, for errors.
 
     Raises:
         ConfigError: a file is missing or invalid, or has motions that a study cannot compute.
@@ -123,7 +123,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _motions(place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
-    """The steps with their places in the file; None for one during which the arm stands still."""
+    """The steps with their places in the file. A step during which the arm stands still is None."""
     for number, step in enumerate(steps):
         here = f"{place}[{number}]"
         keys = set(step) if isinstance(step, dict) else set()

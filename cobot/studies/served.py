@@ -1,4 +1,4 @@
-"""The process of one study of the service.
+"""The process that computes one study of the service.
 
 It reads a request from standard input, and writes lines of JSON to standard output: first `id` and `tasks`,
 then its progress, last its `end` or an `error`. SIGTERM ends it with a partial answer. It computes with the
@@ -39,21 +39,21 @@ from cobot.studies.study_file import study_of
 KINDS = ("reach", "placement", "cycle", "robustness", "compare")
 """Kinds of studies that a request may have. A function is not allowed, because it would be foreign code."""
 OF_THE_ROBOT = ("objects", "tool")
-"""Keys of `robot` that a request may have."""
+"""Keys that `robot` may have in a request."""
 COPIES = ("scene", "tool_file", "positions")
-"""Files of the service whose content belongs to a study, by their keys in `robot`."""
+"""Files of the service whose content becomes part of a study, by their keys in `robot`."""
 MAX_POINTS = 20_000
 """Maximum number of places in a map of the service."""
 REPORT_S = 0.5
 PARTIAL_S = 5.0
-"""Shortest interval between partial answers, in seconds."""
+"""Minimum interval between partial answers, in seconds."""
 PARTIAL_REST = 20.0
-"""Interval between partial answers, as a multiple of the time that one takes."""
+"""Minimum interval between partial answers, as a multiple of the time that one takes."""
 ID_LENGTH = 12
 
 
 class ServedRequest(StrictModel):
-    """What the service asks for.
+    """The request of the service.
 
     Attributes:
         parent: process number of the service.
@@ -61,11 +61,11 @@ class ServedRequest(StrictModel):
         stored: text of the stored program that `document` names, and its file name.
         base: folder of all studies.
         copies: content of the service's files that belong to the study, by `COPIES`.
-        settings, robot: file of the settings, None for the shipped ones, and a robot of them.
+        settings, robot: file of the settings, None for the shipped ones, and the name of one of its robots.
         map: name of the file with the map, in the folder of the study.
         may_create: whether the study may be a new one.
-        niceness: of the computation.
-        max_bytes: by which the folder of the study may grow.
+        niceness: niceness of the computation.
+        max_bytes: maximum growth of the study's folder.
     """
 
     parent: int
@@ -110,7 +110,7 @@ def _tell(**content: Any) -> None:
 
 
 def finite(value: Any) -> Any:
-    """The value with null for each number that JSON does not have."""
+    """The value with each number that JSON does not have replaced by null."""
     if isinstance(value, dict):
         return {name: finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
@@ -143,7 +143,8 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
 
 
 def settle(request: ServedRequest) -> tuple[Study, Path]:
-    """The study and its folder, which is named after its content: the same study continues there.
+    """The study and its folder. The folder is named after the study's content, so the same study continues
+    there.
 
     Raises:
         CobotError: the request is invalid, or its folder would be a new one and there are too many.
@@ -171,7 +172,7 @@ def settle(request: ServedRequest) -> tuple[Study, Path]:
 
 
 def _document(request: ServedRequest, folder: Path) -> dict[str, Any]:
-    """The document with the robot of the service, its scene, tool and positions as they are now."""
+    """The document with the robot of the service and its present scene, tool and positions."""
     document = dict(request.document)
     require_no_files(document)
     if document["kind"] == "compare":
@@ -198,7 +199,7 @@ def _parts(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         {f"variants.{name}": each for name, each in variants.items()} if isinstance(variants, dict) else {}
     )
     if not isinstance(document.get("study"), dict):
-        raise InputError("study: is missing; give what all variants have in common")
+        raise InputError("study: is missing; give the keys that all variants have in common")
     return {
         place: part
         for place, part in ({"study": document["study"]} | parts).items()
@@ -210,7 +211,7 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
     """Check that a part of a request names no file of this computer and no function.
 
     Raises:
-        InputError: It does. The error names the alternative.
+        InputError: it names one. The message says what to use instead.
     """
     kind = part.get("kind", KINDS[0] if place.startswith("variants") else None)
     if kind not in KINDS or (place and kind == "compare"):
@@ -250,10 +251,10 @@ def _stored_program(request: ServedRequest, choice: dict[str, Any]) -> list[dict
 
 @dataclass(slots=True)
 class _Watch:
-    """Reports a run, and ends it at its limits.
+    """Reports the progress of a run, and ends the run at its limits.
 
     Attributes:
-        reason: why the run has ended before all tasks were done; "" for a cancel.
+        reason: the reason why the run has ended before all tasks were done; "" for a cancel.
     """
 
     request: ServedRequest

@@ -12,7 +12,7 @@ from cobot.strict import StrictModel
 from cobot.studies.chunks import Columns
 
 Kernel = Callable[[int, int], Columns]
-"""Computes the results of the tasks from the first number up to the second, which is not included.
+"""Computes the results of the tasks from the first number up to the second (excluded).
 
 A worker keeps it, so it may hold models. It must be pure: the same tasks always give the same results.
 """
@@ -20,10 +20,10 @@ MAX_TASKS = 100_000_000
 
 
 class Round(NamedTuple):
-    """Tasks that can be computed in any order: from `first` up to `last`, which is not included.
+    """Tasks that can be computed in any order: from `first` up to `last` (excluded).
 
     Attributes:
-        points: parameters of each, if they depend on the results of earlier rounds.
+        points: parameters of each task, if they depend on the results of earlier rounds.
     """
 
     first: int
@@ -32,7 +32,7 @@ class Round(NamedTuple):
 
 
 class Study(StrictModel):
-    """A question, a space of parameters, a seed and a metric; validated when it is made.
+    """A question, a space of parameters, a seed and a metric. It is validated when it is created.
 
     Attributes:
         first_chunk: number of tasks in the first chunk; later ones follow from the measured rate.
@@ -52,7 +52,7 @@ class Study(StrictModel):
 
     @property
     def document(self) -> dict[str, Any]:
-        """The study as its file has it."""
+        """The study as written in its file."""
         return self._document
 
     @property
@@ -61,7 +61,7 @@ class Study(StrictModel):
         return self._folder
 
     def keep_source(self, document: dict[str, Any], folder: Path) -> None:
-        """Keep what the study was made from, which workers make it from again."""
+        """Store the document and the folder, from which workers create the study again."""
         self._document, self._folder = document, folder
 
     @property
@@ -70,7 +70,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def rounds(self) -> Generator[Round, Columns, None]:
-        """The rounds in which the tasks are computed; those with points are sent their results."""
+        """The rounds in which the tasks are computed. A round with points gets its results sent back."""
         yield Round(0, self.tasks, None)
 
     def take_points(self, first: int, points: list[dict[str, Any]]) -> None:
@@ -82,7 +82,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def kernel(self) -> Kernel:
-        """Build what the tasks need.
+        """Create the function that computes tasks.
 
         Raises:
             CobotError: the study contradicts the robot or a file.

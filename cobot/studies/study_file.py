@@ -22,7 +22,7 @@ KINDS: Mapping[str, str] = {
     "robustness": "robustness:RobustnessStudy",
     "compare": "compare:CompareStudy",
 }
-"""Module and class of each kind; only those of a used kind are imported."""
+"""Module and class of each kind. Only those of the used kind are imported."""
 
 
 def load_study(path: Path | str) -> Study:
@@ -43,7 +43,7 @@ def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "st
         name: of the document, for errors.
 
     Raises:
-        ConfigError: as `load_study`.
+        ConfigError: see `load_study`.
     """
     kind = document.get("kind")
     if "kind" not in document:

@@ -71,7 +71,7 @@ def _write_parquet(path: Path, columns: Mapping[str, Column]) -> None:
 
 
 def _plain(values: Column) -> Column:
-    """duckdb reads texts as Python's objects."""
+    """Convert texts to Python objects, which duckdb can read."""
     return values.astype(object) if values.dtype.kind == "U" else values
 
 

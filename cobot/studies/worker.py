@@ -42,7 +42,7 @@ def _answer(content: bytes) -> bytes:
 
 
 def _as_bytes(exc: BaseException) -> bytes:
-    """An error that can be pickled and made again, or its text."""
+    """Pickle an error. If it cannot be restored from its pickle, its text is sent instead."""
     found: Any = exc
     try:
         content = pickle.dumps((False, exc))

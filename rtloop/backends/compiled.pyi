@@ -28,7 +28,7 @@ class Measured:
     effort: Array
     # Joint efforts requested from the drives; N·m or N.
     desired_effort: Array
-    # Estimated joint efforts from the surroundings; N·m or N.
+    # Estimated joint efforts that the surroundings exert; N·m or N.
     external_effort: Array
     # Estimated force and torque on the TCP, in the base frame; N, N·m.
     wrench: Array

@@ -66,8 +66,8 @@ def test_elsewhere_it_reads_moves_streams_and_stops(
     )
     assert {"cobot.client.robot", "cobot.client.rest", "cobot.ipc.layout"} <= set(said["modules"])
     assert said["by name"] == (
-        "robot 'iiwa': a name is looked up in shared memory, which exists on Linux with the service "
-        "installed only; use the URL of the service, Robot('http://HOST:8007')"
+        "robot 'iiwa': a name is looked up in shared memory, which exists only on Linux and with the service "
+        "installed; use the URL of the service, Robot('http://HOST:8007')"
     )
     assert said["moved"]
     assert said["flange"] == pytest.approx(1.0)

@@ -1,4 +1,4 @@
-"""RTPS 2.2, the wire protocol of DDS, in pure Python: enough of it to be a good neighbour of ROS 2 nodes."""
+"""RTPS 2.2, the wire protocol of DDS, in pure Python, as far as communication with ROS 2 nodes needs it."""
 
 from cobot.dds.rtps.errors import ClosedError, MalformedError, NetworkError, RtpsError, SampleTooLargeError
 from cobot.dds.rtps.last_words import LastWords

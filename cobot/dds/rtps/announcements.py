@@ -1,4 +1,4 @@
-"""What participants and endpoints say about themselves in discovery (RTPS 2.2, 8.5 and 9.6.2.2)."""
+"""The announcements of participants and endpoints in discovery (RTPS 2.2, 8.5 and 9.6.2.2)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _BUILTIN_ENDPOINTS = 0x3F
 
 @dataclass(frozen=True, slots=True)
 class ParticipantAnnouncement:
-    """metatraffic and user: where discovery and samples reach it, all its UDPv4 addresses."""
+    """A participant. `metatraffic` and `user` are all its UDPv4 addresses for discovery and for samples."""
 
     guid: Guid
     domain_id: int | None
@@ -51,7 +51,7 @@ class ParticipantAnnouncement:
 
 @dataclass(frozen=True, slots=True)
 class EndpointAnnouncement:
-    """addresses: where samples reach this endpoint; empty when that is the participant's."""
+    """A writer or reader. `addresses` are its addresses for samples; empty means those of the participant."""
 
     guid: Guid
     topic: str
@@ -138,7 +138,7 @@ def read_endpoint(payload: bytes, *, writer: bool) -> EndpointAnnouncement:
 
 
 def pack_key(pid: Pid, guid: Guid) -> bytes:
-    """The payload of a disposal: nothing but the key."""
+    """The payload of a disposal, which consists of the key only."""
     return ENCAPSULATION + parameter(pid, guid) + SENTINEL
 
 
@@ -152,7 +152,7 @@ def read_key(payload: bytes) -> Guid:
 
 
 def goodbye(participant: Guid) -> bytes:
-    """The datagram with which a participant takes its leave, with all that it had."""
+    """The datagram with which a participant announces its end and that of all its endpoints."""
     key = pack_key(Pid.PARTICIPANT_GUID, participant)
     body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 2, disposal(participant), key, key=True)
     return submessages.protocol_header(participant.prefix) + body

@@ -1,4 +1,4 @@
-"""The one way in which this package reads bytes that came from the network."""
+"""Reads bytes from the network. All code of this package uses it for that."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cobot.dds.rtps.errors import MalformedError
 
 
 class Layout:
-    """A fixed run of fields in either byte order; `fields` as in `struct`."""
+    """A fixed sequence of fields in either byte order; `fields` as in `struct`."""
 
     __slots__ = ("big", "little", "size")
 
@@ -24,7 +24,7 @@ _SEQUENCE = Layout("iI")
 
 
 class Cursor:
-    """Reads forward through a part of a datagram; whatever lies beyond its end is a MalformedError."""
+    """Reads forward through a part of a datagram. Reading beyond its end raises a MalformedError."""
 
     __slots__ = ("_data", "end", "little", "position")
 
@@ -41,10 +41,10 @@ class Cursor:
         return self.end - self.position
 
     def skip(self, count: int) -> int:
-        """Where the skipped bytes begin."""
+        """Skip bytes. Returns the position at which they begin."""
         start = self.position
         if count > self.end - start:
-            raise MalformedError(f"{count} bytes wanted, {self.remaining} left")
+            raise MalformedError(f"{count} bytes needed, {self.remaining} left")
         self.position = start + count
         return start
 
@@ -53,7 +53,7 @@ class Cursor:
         return (layout.little if self.little else layout.big).unpack_from(self._data, start)
 
     def take(self, count: int) -> memoryview:
-        """A view of the next bytes; it is only valid while the datagram is being handled."""
+        """A view of the next bytes. It is only valid while the datagram is being processed."""
         start = self.skip(count)
         return self._data[start : start + count]
 
@@ -61,7 +61,7 @@ class Cursor:
         return self.take(self.remaining)
 
     def part(self, count: int) -> Cursor:
-        """A cursor over the next bytes, which this one skips."""
+        """A cursor over the next bytes. This cursor skips them."""
         start = self.skip(count)
         return Cursor(self._data, start, start + count, self.little)
 

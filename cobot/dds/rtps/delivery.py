@@ -1,4 +1,4 @@
-"""The thread that calls the user's callbacks, so that none of them can hold up the wire."""
+"""The thread that calls the user's callbacks, so that a callback cannot delay the network thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ _LAST_CALLBACK_S = 5.0
 
 
 class Delivery:
-    """Calls one at a time, in the order they were put; a callback that raises is logged and counted."""
+    """Makes one call at a time, in the order in which they were put. An error in a callback is logged and
+    counted."""
 
     def __init__(self, statistics: ParticipantStatistics) -> None:
         self._statistics = statistics
@@ -28,7 +29,7 @@ class Delivery:
         self._calls.put(call)
 
     def close(self) -> None:
-        """Ends after what was put before; waits for that, 5 s at most."""
+        """End after all earlier calls. Waits for this, at most 5 s."""
         self._calls.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(_LAST_CALLBACK_S)

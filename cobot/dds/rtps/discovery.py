@@ -1,8 +1,8 @@
-"""Finding participants and their endpoints, and matching those that fit (RTPS 2.2, 8.5).
+"""Finds participants and their endpoints, and matches compatible endpoints (RTPS 2.2, 8.5).
 
-Participants announce themselves by multicast and, to those they have heard from, by unicast; endpoints are
-announced over reliable built-in topics between every two participants. A long module, because what a peer is
-and what it may cost are decided in one place.
+Participants announce themselves by multicast, and by unicast to those from which they have heard. Endpoints
+are announced over reliable built-in topics between every two participants. This module is long because it
+decides in one place what counts as a peer, and which resources a peer may use.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _SILENT_S = 10.0  # a full house: who was heard from within this time does not m
 
 @dataclass(slots=True)
 class _Remote:
-    """An endpoint of a peer, and where its samples go."""
+    """An endpoint of a peer, and the address for its samples."""
 
     public: RemoteEndpoint
     address: Address
@@ -69,8 +69,8 @@ class _Peer:
 
     Attributes:
         metatraffic, user: its addresses for discovery and for samples.
-        lease_s: it is removed when nothing is heard from it for so long.
-        heard_s: when something was heard from it last, on the monotonic clock.
+        lease_s: time without a message after which the peer is removed.
+        heard_s: time of its last message, on the monotonic clock.
         knows_us: whether it has acknowledged discovery.
         endpoints: its writers and readers by GUID.
     """
@@ -85,12 +85,12 @@ class _Peer:
 
 
 def _terms(endpoint: RemoteEndpoint) -> tuple[str, str, Qos]:
-    """What decides with whom it is matched."""
+    """The properties of an endpoint that decide with which endpoints it is matched."""
     return endpoint.topic, endpoint.type_name, endpoint.qos
 
 
 class Discovery:
-    """Of one participant; all methods with the wire's lock held."""
+    """Discovery for one participant. All methods must be called with the wire's lock held."""
 
     def __init__(
         self,
@@ -201,7 +201,7 @@ class Discovery:
         return self._header + submessages.info_time(time.time()) + body
 
     def leave(self) -> None:
-        """Tell everybody that this participant is gone, with all that it had."""
+        """Announce to all peers that this participant and its endpoints are gone."""
         self._left = True
         endpoints: list[Writer | Reader] = [*self.writers.values(), *self.readers.values()]
         for endpoint in endpoints:
@@ -212,7 +212,7 @@ class Discovery:
             self._wire.send(datagram, peer.metatraffic)
 
     def note_message(self, prefix: bytes) -> None:
-        """Any message proves that its sender is alive."""
+        """Note a message, which proves that its sender is alive."""
         peer = self._peers.get(prefix)
         if peer is not None:
             peer.heard_s = time.monotonic()
@@ -225,7 +225,7 @@ class Discovery:
     def on_participant(
         self, prefix: bytes, payload: bytes | None, inline: Parameters | None, heard_from: str
     ) -> None:
-        """An announcement, or the end, of the participant that sent it."""
+        """Process an announcement of the participant that sent it, or of that participant's end."""
         if disposes(inline):
             self._drop(prefix)
             return
@@ -273,7 +273,8 @@ class Discovery:
         return True
 
     def _greet(self, peer: _Peer, times: int) -> None:
-        """Announce ourselves until it answers: it may not have listened yet when it sent its first one."""
+        """Repeat our announcement until the peer answers, because it may not have listened yet when it sent
+        its first one."""
         if peer.knows_us or not times or self._peers.get(peer.public.guid.prefix) is not peer:
             return
         self._wire.send(self._participant_datagram(), peer.metatraffic)

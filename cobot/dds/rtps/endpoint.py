@@ -1,4 +1,4 @@
-"""What the writing and the reading side of a topic have in common."""
+"""Base class of the writing and the reading side of a topic."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cobot.dds.rtps.types import Guid
 from cobot.dds.rtps.wire import Wire
 
 Proxy = TypeVar("Proxy")
-"""The type of what an endpoint knows of one of its peers."""
+"""Type of the record that an endpoint keeps of a matched peer."""
 
 
 class RtpsEndpoint(Generic[Proxy]):
-    """Is what its announcement says, and keeps a proxy for each peer that it is matched with."""
+    """An endpoint with the properties in its announcement. It keeps a proxy for each matched peer."""
 
     def __init__(self, wire: Wire, announcement: EndpointAnnouncement) -> None:
         self.announcement = announcement

@@ -1,4 +1,4 @@
-"""The samples that a writer keeps for readers that are late, slow or lost something."""
+"""The samples that a writer keeps for readers that are late or slow, or that have lost samples."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cobot.dds.rtps.types import ParticipantLimits
 
 @dataclass(slots=True, eq=False)
 class Change:
-    """One sample as it was written.
+    """One sample in the history of a writer.
 
     inline: parameters without their end.
-    time_s: when it was written by the clock on the wall, for readers.
-    only: the one reader that it is meant for, None for all.
-    key: of keyed (discovery) topics; a later change of the same key replaces this one.
-    disposes: the payload is only a key, of something that is gone.
-    written_s: the same moment as time_s on CLOCK_MONOTONIC, for us.
+    time_s: time at which it was written, on the system clock, for readers.
+    only: the only reader that gets it; None for all.
+    key: key in keyed (discovery) topics; a later change with the same key replaces this one.
+    disposes: whether the payload is only a key, of an entity that is gone.
+    written_s: the same time as time_s on CLOCK_MONOTONIC, for this process.
     """
 
     sequence: int
@@ -44,7 +44,7 @@ class History:
         return len(self._changes)
 
     def __iter__(self) -> Iterator[Change]:
-        """In the order of their numbers."""
+        """The changes in the order of their numbers."""
         return iter(self._changes.values())
 
     def __contains__(self, sequence: int) -> bool:
@@ -57,7 +57,8 @@ class History:
         return next(iter(self._changes), default)
 
     def add(self, change: Change) -> int:
-        """How many others had to go for it (those of the same key not counted)."""
+        """Add a change. Returns the number of changes that were removed for it, not counting those with the
+        same key."""
         if change.key is not None:
             replaced = self._by_key.get(change.key)
             if replaced is not None:

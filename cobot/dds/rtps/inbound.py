@@ -1,4 +1,4 @@
-"""Limits the bytes that incomplete and out-of-order samples occupy, over all senders."""
+"""Limits the memory for incomplete and out-of-order samples of all senders."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A participant's identity, left to its successor in case the participant is killed.
+"""A record of a participant for its successor, in case the participant is killed.
 
 Other participants keep a killed one until its lease ends, after many seconds. Until then its services appear
-to exist but never answer. Its successor therefore announces its departure before doing anything else.
+to exist but never answer. So its successor first announces the end of the killed participant.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class LastWords:
         os.pwrite(self._descriptor, json.dumps(note).encode(), 0)
 
     def speak(self) -> None:
-        """Announce the departure of the predecessor, if there was one."""
+        """Announce the end of the predecessor, if there was one."""
         note = os.pread(self._descriptor, _MAX_BYTES, 0)
         if not note:
             return

@@ -1,4 +1,4 @@
-"""Interfaces, ports and the choice among a peer's addresses (IPv4)."""
+"""Interfaces, ports, and the choice between the addresses of a peer (IPv4)."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
 def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
     """The interfaces to announce: `wanted` by name or address, or all but loopback if there is another.
 
-    Errors: NetworkError when one does not exist or there is none.
+    Errors: NetworkError if one does not exist, or if there is no interface.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         found = {name: _interface(name, probe) for _, name in socket.if_nameindex()}
@@ -87,8 +87,9 @@ def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
 def reachable(offered: list[Address], heard_from: str, ours: Sequence[IPv4Interface]) -> Address | None:
     """The address at which to answer a peer.
 
-    Best is the one that the peer spoke from, then one in a network of ours, then the first. When the peer
-    spoke from an address that it does not offer (same host, NAT) the order of the rest decides.
+    The best one is the address from which the peer has sent, then one in a network of this computer, then the
+    first. If the peer has sent from an address that it does not offer (same host, NAT), only the other two
+    rules apply.
     """
 
     def rank(address: Address) -> int:

@@ -1,4 +1,4 @@
-"""Sets of at most 256 numbers in a row, as acknowledgements and gaps carry them (RTPS 2.2, 9.4.2.6)."""
+"""Sets of numbers within a range of 256, as in acknowledgements and gaps (RTPS 2.2, 9.4.2.6)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FRAGMENT_BASE = Struct("<II")
 
 
 def _bitmap(base: int, members: Iterable[int]) -> tuple[int, bytes]:
-    """Number of bits and the words; members outside base..base+255 are left out."""
+    """The number of bits and the words of a set. Members outside base..base+255 are left out."""
     words = [0] * (MAX_BITS // 32)
     count = 0
     for member in members:
@@ -48,7 +48,7 @@ def _members(cursor: Cursor, base: int) -> list[int]:
 
 
 def read_sequences(cursor: Cursor) -> tuple[int, list[int]]:
-    """Base (all below it are meant too) and the members, ascending."""
+    """Read a set: its base, below which all numbers belong to it too, and its members in ascending order."""
     base = cursor.sequence()
     if base < 0:
         raise MalformedError(f"a set of sequence numbers from {base}")

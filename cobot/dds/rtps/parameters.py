@@ -1,4 +1,4 @@
-"""Parameter lists: how announcements and inline QoS are written (RTPS 2.2, 9.4.2.11)."""
+"""Parameter lists, the format of announcements and inline QoS (RTPS 2.2, 9.4.2.11)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,8 @@ def duration(seconds: float) -> bytes:
 
 
 def related_identity(identity: SampleIdentity) -> bytes:
-    """Inline QoS (without its end) that says which sample this one belongs to, under both numbers in use."""
+    """Inline QoS (without its end) with the sample to which this one belongs, under both parameter ids in
+    use."""
     value = _IDENTITY.pack(identity.writer, identity.sequence >> 32, identity.sequence & 0xFFFFFFFF)
     return parameter(Pid.RELATED_SAMPLE_IDENTITY_EPROSIMA, value) + parameter(
         Pid.RELATED_SAMPLE_IDENTITY, value
@@ -88,13 +89,13 @@ def related_identity(identity: SampleIdentity) -> bytes:
 
 
 def disposal(guid: bytes) -> bytes:
-    """Inline QoS (without its end) that says the entity is gone."""
+    """Inline QoS (without its end) which says that the entity is gone."""
     status = bytes((0, 0, 0, _DISPOSED_OR_UNREGISTERED))
     return parameter(Pid.KEY_HASH, guid) + parameter(Pid.STATUS_INFO, status)
 
 
 def read_parameters(cursor: Cursor) -> Parameters:
-    """The list from here to its sentinel; without one it is malformed."""
+    """Read a list up to its sentinel. A list without a sentinel is malformed."""
     values: Parameters = {}
     while True:
         pid, length = cursor.read(_PARAMETER)
@@ -126,7 +127,7 @@ def value_cursor(value: bytes, little: bool) -> Cursor:
 
 
 class ParameterReader:
-    """Typed access to an announcement's parameters; a value that cannot be what it claims is malformed."""
+    """Typed access to the parameters of an announcement. A value that does not fit its type is malformed."""
 
     def __init__(self, payload: bytes) -> None:
         if len(payload) < len(ENCAPSULATION) or payload[0] != 0 or payload[1] not in (2, 3):
@@ -169,7 +170,7 @@ class ParameterReader:
         return cursor.bytes(length)
 
     def seconds(self, pid: int, default: float) -> float:
-        """A duration; infinity for the value that means it."""
+        """A duration in seconds. The value that RTPS defines as infinite gives infinity."""
         if pid not in self:
             return default
         whole, fraction = self._cursor(pid).read(Layout("iI"))

@@ -52,11 +52,11 @@ class Participant:
 
     interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all except loopback, also
         those that come up later.
-    localhost_only: use only this machine, as ROS_LOCALHOST_ONLY requests.
+    localhost_only: whether to communicate only on this computer, as with ROS_LOCALHOST_ONLY.
     peers: IPv4 addresses of computers that multicast does not reach; their first participants get
-    announcements.
-    name: entity name that others may show.
-    user_data: contains the enclave for ROS.
+        announcements.
+    name: entity name that other participants may show.
+    user_data: user data, which for ROS contains the enclave.
     on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
     loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
 
@@ -163,7 +163,7 @@ class Participant:
             return replace(self._wire.statistics)
 
     def leave_to(self, last_words: LastWords) -> None:
-        """Note what a successor needs to announce this participant's end if it is killed."""
+        """Record the data with which a successor announces this participant's end if it is killed."""
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]
             last_words.leave(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)

@@ -1,7 +1,7 @@
 """The reading side of one topic: matched writers, order, acknowledgements (RTPS 2.2, 8.4.12).
 
-A reliable reader answers heartbeats, and asks by itself for what is missing as soon as a later sample shows
-it: some writers send heartbeats only every few seconds.
+A reliable reader answers heartbeats. If a later sample shows that one is missing, it requests the missing
+sample at once, because some writers send heartbeats only every few seconds.
 """
 
 from __future__ import annotations
@@ -45,17 +45,18 @@ class Reader(RtpsEndpoint[WriterProxy]):
                 self.unmatch(guid)
 
     def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
-        """Do with a sample, in order, what this reader is for."""
+        """Process a sample. Samples of one writer come in order."""
         raise NotImplementedError
 
     def _has_room(self, size: int) -> bool:
-        """False leaves a reliable sample unacknowledged, so that it is sent again."""
+        """Whether a sample of this size can be accepted. If not, a reliable sample stays unacknowledged, and
+        is sent again."""
         return True
 
     # What writers say; called by the participant with the lock held
 
     def match(self, guid: bytes, address: Address, qos: Qos, vendor: int) -> None:
-        """A writer was discovered, or its address has changed."""
+        """Register a discovered writer, or its new address."""
         known = self._proxies.get(guid)
         if known is not None:
             known.address = address
@@ -96,7 +97,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
     def on_fragment(
         self, guid: bytes, sequence: int, fragment: DataFragment, arrival: Arrival, piece: memoryview
     ) -> None:
-        """Take a fragment of a sample. `arrival` has no payload yet."""
+        """Process a fragment of a sample. `arrival` has no payload yet."""
         proxy = self._proxies.get(guid)
         if proxy is None or not proxy.expects(sequence):
             return
@@ -133,7 +134,8 @@ class Reader(RtpsEndpoint[WriterProxy]):
             self._acknowledge_in(proxy, 0.0)
 
     def on_heartbeat_fragment(self, guid: bytes, sequence: int) -> None:
-        """A sample is being sent; some writers say so with every fragment, so this is no moment to answer."""
+        """Note that a sample is being sent. This is not answered, because some writers report it with every
+        fragment."""
         proxy = self._proxies.get(guid)
         if proxy is not None and proxy.reliable and proxy.heard and proxy.expects(sequence):
             proxy.last = max(proxy.last, sequence)
@@ -147,9 +149,9 @@ class Reader(RtpsEndpoint[WriterProxy]):
     # Answers
 
     def _introduce(self, proxy: WriterProxy) -> None:
-        """Ask for the first heartbeat until it comes; the writer may not know this reader yet.
+        """Request the first heartbeat until it arrives, because the writer may not know this reader yet.
 
-        Fast DDS answers at once only to base 0, and else up to 3 s later.
+        Fast DDS answers a request with base 0 at once, and any other up to 3 s later.
         """
         if proxy.heard or self._proxies.get(proxy.guid) is not proxy:
             return
@@ -159,7 +161,8 @@ class Reader(RtpsEndpoint[WriterProxy]):
         proxy.interval_s = min(1.5 * proxy.interval_s, _ASK_AGAIN_S[1])
 
     def _acknowledge_in(self, proxy: WriterProxy, delay_s: float) -> None:
-        """Acknowledge after `delay_s`, or earlier if that was agreed before, but not too often."""
+        """Acknowledge after `delay_s`, or earlier if an earlier acknowledgement is scheduled, but not too
+        often."""
         now_s = time.monotonic()
         spacing_s = _ASK_AGAIN_S[0] if proxy.interval_s else _SPACING_S
         due_s = max(now_s + delay_s, proxy.acknowledged_s + spacing_s)
@@ -192,10 +195,10 @@ class Reader(RtpsEndpoint[WriterProxy]):
 
 
 class TopicReader(Reader):
-    """A reader whose samples go to a callback on the participant's delivery thread.
+    """A reader that passes its samples to a callback on the participant's delivery thread.
 
-    `depth` samples wait for it at most, newer ones push out the oldest; without depth a reliable writer has
-    to wait with its samples while `ParticipantLimits.undelivered` bytes do.
+    At most `depth` samples wait for the callback; newer ones replace the oldest. Without depth, a reliable
+    writer must wait while `ParticipantLimits.undelivered` bytes are waiting.
     """
 
     def __init__(
@@ -216,7 +219,7 @@ class TopicReader(Reader):
         self._scheduled = False
 
     def close(self) -> None:
-        """No callback begins after this has returned, except one that is already under way."""
+        """Close the reader. After this returns no callback begins; one that is running may continue."""
         with self._wire.lock:
             if self._closed:
                 return
@@ -261,7 +264,7 @@ class TopicReader(Reader):
 
 
 class BuiltinReader(Reader):
-    """A reader of discovery, handled at once on the wire's thread.
+    """A reader of discovery. The network thread processes its samples at once.
 
     on_announcement(prefix of the sender, payload, inline QoS)
     """

@@ -1,4 +1,4 @@
-"""What a writer knows of one matched reader, and the datagrams that it sends to it."""
+"""The record that a writer keeps of a matched reader, and the datagrams to that reader."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ MAX_PIECE = 60_000
 """Maximum payload of a datagram in bytes. Longer samples are cut into fragments of this size."""
 
 FIRST_HEARTBEAT_S = 0.02
-"""A sample that stays unacknowledged is followed by a heartbeat after this, s, then after twice as long."""
+"""Time after which an unacknowledged sample is followed by a heartbeat, s. It doubles with each further
+heartbeat."""
 
 MAX_HEARTBEAT_S = 0.5
 
 
 def pieces(change: Change) -> range:
-    """Numbers of the fragments of a change; 1..1 when it is sent whole."""
+    """Numbers of the fragments of a change; only 1 if the change is sent as a whole."""
     return range(1, max(1, -(-len(change.payload) // MAX_PIECE)) + 1)
 
 
 class ReaderProxy:
     """A matched reader.
 
-    joined: samples up to this number are not for it unless addressed to it.
-    asked: up to here all that it misses is on its way, for it could not name as many as it misses.
-    sent: highest number that was sent to it, declared irrelevant, or is left for it to ask for.
-    acknowledged: all up to here have arrived.
-    queue: what still has to be sent: fragment numbers (an ordered set) by change.
+    joined: the reader does not get samples up to this number unless they are addressed to it.
+    asked: all missing samples up to this number are being sent, because one request cannot name all of them.
+    sent: highest number that was sent to the reader, declared irrelevant, or left for the reader to request.
+    acknowledged: all samples up to this number have arrived.
+    queue: the fragments to be sent: fragment numbers (an ordered set) by change.
     """
 
     __slots__ = (
@@ -48,7 +49,7 @@ class ReaderProxy:
         joined: int,
         last: int,
     ) -> None:
-        """last: the number of the writer's newest sample."""
+        """last: number of the writer's latest sample."""
         self._envelope = header + submessages.info_destination(guid[:12])
         self._writer = writer
         self._guid_entity = guid[12:]
@@ -75,13 +76,13 @@ class ReaderProxy:
 
     @property
     def passed(self) -> int:
-        """The writer may forget the changes up to this number, as far as this reader is concerned."""
+        """Number up to which this reader needs no more changes from the writer."""
         if self.reliable:
             return self.acknowledged
         return next(iter(self.queue)).sequence - 1 if self.queue else self.sent
 
     def piece(self, change: Change, piece: int) -> bytes:
-        """One piece of a change, with what its reader must know before it."""
+        """One piece of a change, with the submessages that the reader needs before it."""
         arguments = self._guid_entity, self._writer, change.sequence, change.inline, change.payload
         if len(change.payload) <= MAX_PIECE:
             body = submessages.data(*arguments, key=change.disposes)
@@ -92,7 +93,7 @@ class ReaderProxy:
         return skipped + submessages.info_time(change.time_s) + body
 
     def skipped(self, sequence: int) -> bytes:
-        """A gap over what was not meant for this reader between the last that was sent and this one."""
+        """A gap over the samples between the last one sent and this one, which are not for this reader."""
         if not self.reliable or sequence <= self.sent + 1:
             return b""
         return submessages.gap(self._guid_entity, self._writer, self.sent + 1, sequence)
@@ -110,7 +111,7 @@ class ReaderProxy:
         )
 
     def gaps(self, sequences: list[int]) -> bytes:
-        """Gaps over ascending numbers that will never be sent to it."""
+        """Gaps over ascending numbers that will never be sent to this reader."""
         made = b""
         while sequences:
             base = sequences[0]

@@ -10,16 +10,16 @@ MAX_FRAGMENTS = 1 << 16
 
 
 class SampleAssembly:
-    """Bytes and marks of the fragments that have arrived.
+    """The bytes of a sample, and marks of the fragments that have arrived.
 
-    Errors: MalformedError for fragments that cannot belong to a sample, or not to this one.
+    Errors: MalformedError for a fragment that cannot belong to any sample, or not to this one.
     """
 
     __slots__ = ("_data", "_marks", "_size", "count", "inline", "touched_s")
 
     def __init__(self, fragment: DataFragment, inline: Parameters | None) -> None:
         if not fragment.size or not fragment.total:
-            raise MalformedError("a fragment of nothing")
+            raise MalformedError("a fragment of an empty sample")
         self._size = fragment.size
         self.count = -(-fragment.total // fragment.size)
         if self.count > MAX_FRAGMENTS:
@@ -34,7 +34,7 @@ class SampleAssembly:
         return len(self._data)
 
     def add(self, fragment: DataFragment, payload: memoryview) -> bool:
-        """Whether the sample is complete now."""
+        """Add a fragment. Returns whether the sample is now complete."""
         if fragment.size != self._size or fragment.total != len(self._data):
             raise MalformedError("a fragment of another sample under the same number")
         last = fragment.first + fragment.count - 1
@@ -49,7 +49,8 @@ class SampleAssembly:
         return 0 not in self._marks
 
     def missing(self, span: int) -> list[int]:
-        """The missing ones among the `span` fragments from the first missing one on; never none."""
+        """The missing fragments among the `span` fragments from the first missing one on. There is at least
+        one."""
         first = self._marks.find(0)
         end = min(self.count, first + span)
         return [i + 1 for i in range(first, end) if not self._marks[i]]

@@ -1,7 +1,7 @@
-"""Submessages: how they are written and read (RTPS 2.2, 9.4.5).
+"""Writes and reads submessages (RTPS 2.2, 9.4.5).
 
-Everything written is little endian and aligned to 4 bytes, samples included: a reader of the bare bytes may
-find up to 3 zeros behind them. Both byte orders are read, and any alignment.
+All data are written little endian and aligned to 4 bytes. This includes samples, so a reader may find up to 3
+zeros after the bytes of a sample. Both byte orders and any alignment are read.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cobot.dds.rtps.number_sets import pack_fragments, pack_sequences, read_frag
 from cobot.dds.rtps.parameters import SENTINEL, Parameters, read_parameters
 
 VENDOR = 0x017E
-"""Our vendor id, which is not among those that the OMG has given out."""
+"""Our vendor id, which the OMG has not assigned to another vendor."""
 
 HEADER_BYTES = 20
 _MAGIC = b"RTPS"
@@ -70,13 +70,14 @@ def info_destination(prefix: bytes) -> bytes:
 
 
 def info_time(seconds: float) -> bytes:
-    """seconds: since 1970; 32 bits last until 2106."""
+    """INFO_TS. `seconds` counts from 1970; 32 bits last until 2106."""
     whole = int(seconds)
     return _TIME.pack(SubmessageKind.INFO_TS, _LITTLE, 8, whole & _U32_MAX, int((seconds - whole) * 2**32))
 
 
 def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, *, key: bool) -> bytes:
-    """inline: parameters without their end; key: the payload is only the key of what is disposed."""
+    """DATA. `inline` are parameters without their end; with `key` the payload is only the key of a disposed
+    entity."""
     flags = _LITTLE | (_KEY if key else _DATA)
     if inline:
         flags |= _INLINE_QOS
@@ -92,7 +93,8 @@ def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: by
 def data_fragment(
     reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, number: int, size: int
 ) -> bytes:
-    """Fragment `number`, counted from 1, of a payload cut into pieces of `size` bytes."""
+    """DATA_FRAG with fragment `number`, counted from 1, of a payload that is cut into pieces of `size`
+    bytes."""
     piece = payload[(number - 1) * size : number * size]
     piece += bytes(-len(piece) % 4)
     flags = _LITTLE
@@ -130,7 +132,7 @@ def heartbeat_fragment(reader: bytes, writer: bytes, sequence: int, last: int, c
 
 
 def gap(reader: bytes, writer: bytes, start: int, base: int, members: Iterable[int] = ()) -> bytes:
-    """The samples start..base-1 and `members` (from base on) will never come."""
+    """GAP: the samples start..base-1 and `members` (from base on) will never be sent."""
     start_bytes = _SEQUENCE.pack(start >> 32, start & _U32_MAX)
     body = _PAIR.pack(reader, writer) + start_bytes + pack_sequences(base, members)
     return _submessage(SubmessageKind.GAP, 0, body)
@@ -166,7 +168,7 @@ class Submessage:
 
 @dataclass(slots=True)
 class Data:
-    """DATA, or DATA_FRAG with `fragment` set; payload is a view, None when the submessage has none."""
+    """A DATA submessage, or a DATA_FRAG with `fragment` set. `payload` is a view; None without a payload."""
 
     reader: bytes
     writer: bytes
@@ -193,7 +195,7 @@ _INVALID_TIME = (_U32_MAX, _U32_MAX)
 
 
 def read_header(datagram: memoryview) -> tuple[RtpsHeader, Cursor]:
-    """The sender and a cursor at the first submessage."""
+    """Read the header: the sender, and a cursor at the first submessage."""
     if len(datagram) < HEADER_BYTES or datagram[:4] != _MAGIC or datagram[4] != _VERSION[0]:
         raise MalformedError("not an RTPS 2 message")
     vendor = datagram[6] << 8 | datagram[7]
@@ -202,7 +204,7 @@ def read_header(datagram: memoryview) -> tuple[RtpsHeader, Cursor]:
 
 
 def read_submessages(cursor: Cursor) -> Iterator[Submessage]:
-    """One after the other; the cursor's end may come early only between two of them."""
+    """Yield one submessage after the other. The datagram may end early only between two of them."""
     while cursor.remaining:
         start = cursor.take(4)
         kind, flags = start[0], start[1]
@@ -230,7 +232,7 @@ def read_data(message: Submessage) -> Data:
         raise MalformedError(f"a sample with number {sequence}")
     ahead = start + to_inline - body.position
     if ahead < 0:
-        raise MalformedError(f"inline QoS {to_inline} bytes on lies inside the header")
+        raise MalformedError(f"inline QoS at byte {to_inline} is inside the header")
     body.skip(ahead)
     inline = read_parameters(body) if message.flags & _INLINE_QOS else None
     payload = body.rest() if has_payload else None
@@ -238,13 +240,13 @@ def read_data(message: Submessage) -> Data:
 
 
 def read_pair(message: Submessage) -> tuple[bytes, bytes]:
-    """Reader's and writer's entity ids, with which all of the following begin."""
+    """Read the entity ids of reader and writer, with which all following submessages begin."""
     reader, writer = message.body.read(_PAIR_LAYOUT)
     return reader, writer
 
 
 def read_heartbeat(message: Submessage) -> tuple[int, int, bool]:
-    """First and last sample that the writer has, and whether it wants no answer."""
+    """Read a heartbeat: the first and last sample of the writer, and whether it needs no answer."""
     first, last = message.body.sequence(), message.body.sequence()
     if first < 1 or last < first - 1:
         raise MalformedError(f"a heartbeat of the samples {first} to {last}")
@@ -252,12 +254,12 @@ def read_heartbeat(message: Submessage) -> tuple[int, int, bool]:
 
 
 def read_heartbeat_fragment(message: Submessage) -> tuple[int, int]:
-    """The sample and the last of its fragments that was sent."""
+    """Read a fragment heartbeat: the sample, and the last fragment that was sent."""
     return message.body.sequence(), message.body.u32()
 
 
 def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
-    """start, base and members as in `gap`."""
+    """Read a gap: start, base and members, as in `gap`."""
     start = message.body.sequence()
     base, members = read_sequences(message.body)
     if start < 1 or base < start:
@@ -266,7 +268,8 @@ def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
 
 
 def read_acknowledgement(message: Submessage) -> tuple[int, list[int], bool]:
-    """All below the first are acknowledged; the second are wanted; whether no answer is wanted."""
+    """Read an acknowledgement: the number below which all samples have arrived, the requested samples, and
+    whether no answer is needed."""
     base, missing = read_sequences(message.body)
     return base, missing, bool(message.flags & _FINAL)
 
@@ -277,7 +280,7 @@ def read_fragments_wanted(message: Submessage) -> tuple[int, list[int]]:
 
 
 def read_time(message: Submessage) -> float | None:
-    """Seconds since 1970, None when the writer's time is withdrawn or invalid."""
+    """Read a time stamp, in seconds since 1970; None if the time is withdrawn or invalid."""
     if message.flags & _INVALIDATE:
         return None
     whole, fraction = message.body.read(_TIME_LAYOUT)
@@ -285,7 +288,7 @@ def read_time(message: Submessage) -> float | None:
 
 
 def read_source(message: Submessage) -> RtpsHeader:
-    """Another sender for the submessages that follow (INFO_SRC)."""
+    """Read INFO_SRC: the sender of the submessages that follow."""
     message.body.skip(6)
     vendor = int.from_bytes(message.body.bytes(2), "big")
     return RtpsHeader(message.body.bytes(12), vendor)

@@ -1,4 +1,4 @@
-"""The words of the public interface: identities, quality of service, samples, limits and counters."""
+"""The types of the public interface: identities, quality of service, samples, limits and counters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Guid(bytes):
 
     @property
     def is_reader(self) -> bool:
-        """Whether the last byte says reader (RTPS 2.2, table 9.1)."""
+        """Whether the last byte is that of a reader (RTPS 2.2, table 9.1)."""
         return self[-1] & 0x3F in (0x04, 0x07)
 
     def __repr__(self) -> str:
@@ -38,7 +38,7 @@ class Guid(bytes):
 
 @dataclass(frozen=True, slots=True)
 class SampleIdentity:
-    """One sample of one writer; in requests some clients put their reply reader's guid into `writer`."""
+    """One sample of one writer. In requests, some clients use the guid of their reply reader as `writer`."""
 
     writer: Guid
     sequence: int
@@ -48,8 +48,8 @@ class SampleIdentity:
 class Qos:
     """Quality of service of a writer or a reader.
 
-    depth: samples kept for late or slow readers; None keeps all that are not acknowledged (writer) or not
-        delivered (reader), within `ParticipantLimits`. Of a remote endpoint it is not known and None.
+    depth: number of samples kept for late or slow readers. None keeps all that are not acknowledged (writer)
+        or not delivered (reader), within `ParticipantLimits`. For a remote endpoint it is unknown, and None.
     """
 
     reliable: bool = True
@@ -71,8 +71,8 @@ class Sample:
 
     payload: the serialised bytes with their 4-byte encapsulation header.
     related: the inline QoS `related_sample_identity`, if any.
-    source_time: seconds since 1970 by the writer's clock, if it said so.
-    vendor: who made the writer's DDS, such as 0x010F for Fast DDS and 0x0110 for Cyclone DDS.
+    source_time: seconds since 1970 on the writer's clock, if the writer sent it.
+    vendor: vendor of the writer's DDS, such as 0x010F for Fast DDS and 0x0110 for Cyclone DDS.
     """
 
     payload: bytes
@@ -93,7 +93,7 @@ class RemoteParticipant:
 
 @dataclass(frozen=True, slots=True)
 class RemoteEndpoint:
-    """A writer or reader of another participant, as it announced itself."""
+    """A writer or reader of another participant, as announced."""
 
     guid: Guid
     kind: Literal["writer", "reader"]
@@ -106,15 +106,15 @@ class RemoteEndpoint:
 
 @dataclass(frozen=True, slots=True)
 class ParticipantLimits:
-    """What a peer can make this participant keep or do; sizes in bytes.
+    """Limits for the memory and the work that peers can cause in this participant; sizes in bytes.
 
-    payload: of one sample, sent or received.
-    history: what one writer keeps for its readers; the oldest samples go first.
-    history_samples: the same for the number of samples of a writer without depth.
-    buffered_per_writer: incomplete and out-of-order samples of one remote writer.
-    buffered: the same of all remote writers; who holds most loses what it holds.
-    undelivered: samples of one reader that wait for its callback.
-    window: how far ahead of the next one a sample may be to be kept.
+    payload: size of one sample, sent or received.
+    history: size of the samples that one writer keeps for its readers; the oldest are removed first.
+    history_samples: number of samples that a writer without depth keeps.
+    buffered_per_writer: size of incomplete and out-of-order samples of one remote writer.
+    buffered: the same for all remote writers; the writer with the most buffered bytes loses its samples.
+    undelivered: size of the samples of one reader that wait for its callback.
+    window: how far ahead of the next sample a kept sample may be.
     """
 
     payload: int = 16 * _MIB
@@ -133,11 +133,11 @@ class ParticipantLimits:
 class ParticipantStatistics:
     """Counters since the start.
 
-    datagrams_dropped: by the loss model of a test.
-    malformed: datagrams that were not valid RTPS, from where they stopped being so.
+    datagrams_dropped: datagrams dropped by the loss model of a test.
+    malformed: datagrams with invalid RTPS; their valid beginning was used.
     refused: samples, fragments or announcements beyond `ParticipantLimits`.
     overrun: samples that left a history or a queue before they were acknowledged or delivered.
-    failed: errors in callbacks and in this package; each is in the log.
+    failed: errors in callbacks and in this package. Each is logged.
     """
 
     datagrams_received: int = 0

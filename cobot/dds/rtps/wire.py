@@ -109,11 +109,11 @@ class Wire:
 
     @property
     def told_one_by_one(self) -> tuple[str, ...]:
-        """Computers whose first participants get announcements without multicast."""
+        """Computers whose first participants get announcements by unicast."""
         return self._peers if self.has_multicast else (LOOPBACK, *self._peers)
 
     def look_around(self) -> None:
-        """Use networks that have come up, and drop those that have gone."""
+        """Start to use new networks, and drop those that have gone."""
         with suppress(NetworkError):  # networks that have gone may come back
             self.interfaces = local_interfaces(self._wanted)
         self.has_multicast = _join(self._multicast, self.interfaces)

@@ -2,9 +2,9 @@
 
 Samples are sent at once with a final heartbeat, which requests an answer only if something is missing. A
 timer, which runs only while something is unacknowledged, sends heartbeats that request one. Samples larger
-than a datagram, and all repetitions, go through a queue per reader, in bursts that do not overflow the
-receiver's socket buffer; small samples share a datagram there. Discovery sends everything through this queue:
-hundreds of endpoints fit into a few datagrams.
+than a datagram, and all repetitions, go through a queue per reader. They are sent in bursts that do not
+overflow the receiver's socket buffer, and small samples share a datagram. Discovery sends everything through
+this queue: hundreds of endpoints fit into a few datagrams.
 
 In this module only `write` and `close` acquire `Wire.lock`; all other methods are called with it held.
 """
@@ -68,8 +68,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
 
         payload: the serialised bytes with their 4-byte encapsulation header.
         only: the only reader to address. If it is not matched yet, the sample waits for it in the history, up
-            to 10 s: a client's reply reader may be discovered after its request.
-        Errors: SampleTooLargeError beyond `ParticipantLimits.payload`; ClosedError.
+            to 10 s, because a client's reply reader may be discovered after its request.
+        Errors: SampleTooLargeError above `ParticipantLimits.payload`; ClosedError.
         """
         most = self._wire.limits.payload
         if len(payload) > most:

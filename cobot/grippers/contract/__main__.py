@@ -23,7 +23,7 @@ from cobot.launch.process import in_words
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0 good, 1 a check has failed or cannot be run."""
+    """Run the command and return the exit status: 0 for success, 1 if a check fails or cannot be run."""
     chosen = _parser().parse_args(arguments)
     commands = {"list": _list, "new": _new, "test": _test}
     try:
@@ -36,18 +36,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("cobot gripper", description="Grippers: docs/your-gripper.md.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    commands.add_parser("list", help="all types, and whether each works here")
-    new = commands.add_parser("new", help="write a package with a gripper that works, for a toy device")
-    new.add_argument("name", metavar="NAME", help="as in robot.gripper, such as my_gripper")
-    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="in which its folder is made")
-    test = commands.add_parser("test", help="run the contract on a gripper and its simulated device")
-    test.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
-    test.add_argument("--config", type=Path, metavar="FILE", help="settings with its options")
-    test.add_argument(
-        "--option", nargs="+", default=[], metavar="NAME=VALUE", help="options in place of the settings'"
+    commands.add_parser("list", help="list all types, and whether each can be used on this computer")
+    new = commands.add_parser("new", help="write a package with a working gripper for a toy device")
+    new.add_argument("name", metavar="NAME", help="name of the type in robot.gripper, such as my_gripper")
+    new.add_argument(
+        "--dir", type=Path, default=Path(), metavar="DIR", help="folder in which the package is created"
     )
-    test.add_argument("--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="instead of all")
-    test.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    test = commands.add_parser("test", help="run the contract on a gripper and its simulated device")
+    test.add_argument("name", metavar="NAME", help="a type that `list` shows, or package.module:Class")
+    test.add_argument(
+        "--config", type=Path, metavar="FILE", help="settings file with the options of the gripper"
+    )
+    test.add_argument(
+        "--option",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="options of the gripper instead of those in the settings",
+    )
+    test.add_argument(
+        "--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="run only these checks"
+    )
+    test.add_argument("--json", action="store_true", help="print the results as JSON, for programs")
     return parser
 
 
@@ -58,23 +68,23 @@ def _list(chosen: argparse.Namespace) -> int:
         try:
             kind: Any = REGISTRY.load(name)
         except ConfigError as exc:
-            print(f"    cannot be used here: {exc}")
+            print(f"    cannot be used on this computer: {exc}")
             continue
         sdk = getattr(kind, "sdk", "")
         if sdk and importlib.util.find_spec(sdk) is None:
-            print(f"    cannot be used here: needs {sdk}, which is not installed")
+            print(f"    cannot be used on this computer: {sdk} is not installed")
         options = getattr(kind, "Options", None)
         fields = {} if options is None else options.model_fields
         required = [key for key, field in fields.items() if field.is_required()]
-        print(f"    options: {', '.join(f'{key} (needed)' if key in required else key for key in fields)}")
+        print(f"    options: {', '.join(f'{key} (required)' if key in required else key for key in fields)}")
         on = "simulated device" if hasattr(kind, "contract_rig") else "nothing"
-        print(f"    the contract is run on: {on}")
+        print(f"    simulated device for the contract: {on}")
     return 0
 
 
 def _new(chosen: argparse.Namespace) -> int:
     folder = write_gripper(chosen.name, chosen.dir)
-    print(f"{folder} has been made.")
+    print(f"{folder} has been created.")
     print(f"Then: pip install -e {folder} and cobot gripper test {chosen.name}")
     return 0
 

@@ -1,4 +1,4 @@
-"""`cobot gripper new`: a package with a gripper that works, for a device that is a toy."""
+"""`cobot gripper new`: writes a package with a working gripper for a toy device."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ cobot gripper list
 cobot gripper test {name}
 ```
 
-Then `robot.gripper: {{type: {name}}}` in cobot's settings. `{package}.py` drives a toy: put your device in
-the place of `ToyDevice`, as docs/your-gripper.md of cobot describes.
+Then set `robot.gripper: {{type: {name}}}` in cobot's settings. `{package}.py` drives a toy: replace
+`ToyDevice` by your device, as docs/your-gripper.md of cobot describes.
 """
 
 
 def write_gripper(name: str, parent: Path) -> Path:
-    """Make the folder `cobot-gripper-NAME`.
+    """Create the folder `cobot-gripper-NAME`.
 
     Args:
-        name: of the gripper, as in `robot.gripper`.
+        name: type of the gripper, as in `robot.gripper`.
 
     Returns:
         The folder.
 
     Raises:
-        ConfigError: the name or the place cannot be used; nothing has been written.
+        ConfigError: the name or the folder cannot be used; nothing has been written.
     """
     check_name(name, gripper_names(), "gripper", "gripper")
     package = f"cobot_gripper_{name}"

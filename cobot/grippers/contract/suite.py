@@ -1,7 +1,7 @@
 """All checks of a gripper, and their results.
 
-They run on a simulated device, which the class makes by `contract_rig(options)`. It counts time in place of
-waiting for it, and never moves real fingers.
+They run on a simulated device, which the class creates with `contract_rig(options)`. It has a simulated clock
+instead of waiting, and never moves real fingers.
 """
 
 from __future__ import annotations
@@ -34,20 +34,21 @@ UNKNOWN = "no_such_option"
 
 
 class GripperRig(Protocol):
-    """A simulated device, and the faults that it can have.
+    """Interface of a simulated device and its faults.
 
     Attributes:
-        faults: some of "disconnect" (nothing answers) and "fault" (the device reports one).
+        faults: the faults that it can simulate: "disconnect" (it does not answer) and "fault" (it reports a
+            fault).
     """
 
     faults: frozenset[str]
 
     def gripper(self, port: IoPort) -> Gripper:
-        """A new driver at the same device."""
+        """Create another driver for the same device."""
         ...
 
     def step(self, duration_s: float) -> None:
-        """Have the device's time go on."""
+        """Advance the device's clock."""
         ...
 
     def place(self, width_m: float | None) -> None:
@@ -55,16 +56,16 @@ class GripperRig(Protocol):
         ...
 
     def inject(self, fault: str) -> None:
-        """A fault begins, and lasts."""
+        """Start a fault, which lasts until `clear`."""
         ...
 
     def clear(self, fault: str) -> None:
-        """Its cause is gone."""
+        """End a fault."""
         ...
 
 
 class NoPoints:
-    """A robot without inputs and outputs; a rig of a driver that needs some brings its own port."""
+    """A robot without inputs and outputs. A rig for a driver that needs some passes its own port."""
 
     def read(self, name: str) -> float:
         raise GripperError(f"the robot has no input or output {name!r}")
@@ -74,7 +75,7 @@ class NoPoints:
 
 
 class Subject:
-    """The class that is tested, with its options and its rig."""
+    """The tested class, with its options and its rig."""
 
     def __init__(self, kind: Any, options: GripperOptions) -> None:
         self.kind, self.options = kind, options
@@ -91,7 +92,7 @@ class Subject:
         return made
 
     def prepare(self) -> GripperCapabilities:
-        """Open and without an object; activated, if it has to be."""
+        """Connect, activate the gripper if it needs that, and open it without an object."""
         self.gripper.home()
         self.until_still("home")
         self.gripper.open()
@@ -99,30 +100,30 @@ class Subject:
         return self.gripper.capabilities
 
     def until_still(self, what: str) -> GripperState:
-        """The state when the fingers rest."""
+        """Wait until the fingers rest, and return the state."""
         time_s = 0.0
         while (state := self.gripper.state()).moving:
             self.rig.step(STEP_S)
             time_s += STEP_S
-            require(time_s < END_S, f"{what}: it still moves after {END_S:g} s")
-        require(not state.fault, f"{what}: it reports a fault: {state.fault}")
+            require(time_s < END_S, f"{what}: the fingers still move after {END_S:g} s")
+        require(not state.fault, f"{what}: the gripper reports a fault: {state.fault}")
         return state
 
     def hold(self, width_m: float | None) -> GripperState:
-        """Grasp an object of this width; None for a gripper without one."""
+        """Place an object and grasp it. `width_m` is None for a gripper without a width."""
         self.rig.place(width_m or 0.0)
         self.gripper.grasp(Grasp(width_m, 0.005, 0.005))
         return self.until_still("grasp")
 
 
 def require(condition: object, words: str) -> None:
-    """Raises ContractError with these words if the condition does not hold."""
+    """Raise a ContractError with this text if the condition does not hold."""
     if not condition:
         raise ContractError(words)
 
 
 def options(subject: Subject) -> str:
-    """An unknown option is rejected by its name."""
+    """An unknown option is rejected, and the error names it."""
     given = subject.options.model_dump()
     try:
         type(subject.options).model_validate({**given, UNKNOWN: 1})
@@ -134,26 +135,26 @@ def options(subject: Subject) -> str:
 
 
 def capabilities(subject: Subject) -> str:
-    """They are a `GripperCapabilities`."""
+    """The attribute `capabilities` is a `GripperCapabilities`."""
     able = subject.gripper.capabilities
     require(isinstance(able, GripperCapabilities), "capabilities is not a GripperCapabilities")
     return able.words
 
 
 def connect(subject: Subject) -> str:
-    """Nothing moves on connecting and disconnecting, even when each is done twice."""
+    """Connecting and disconnecting move nothing, even if each is done twice."""
     subject.prepare()
     before = subject.gripper.state().width
     for _ in range(2):
         subject.gripper.disconnect()
     subject.gripper.connect()
     subject.rig.step(1.0)
-    require(subject.gripper.state().width == before, "the fingers have moved while it connected")
+    require(subject.gripper.state().width == before, "the fingers moved while the driver connected")
     return "connecting moves nothing"
 
 
 def move(subject: Subject) -> str:
-    """A move says that it moves until it is there."""
+    """During a move `moving` is true until the fingers reach the width."""
     able = subject.prepare()
     least, most = _widths(able)
     width = least if not able.continuous else 0.5 * (least + most)
@@ -165,48 +166,51 @@ def move(subject: Subject) -> str:
     )
     commanded = state.commanded_width
     require(commanded is None or abs(commanded - width) <= NEAR_M, f"commanded_width is {commanded}")
-    return f"it goes to {width:g} m and reports it"
+    return f"the fingers move to {width:g} m, and the driver reports it"
 
 
 def preempt(subject: Subject) -> str:
-    """A command replaces the one before."""
+    """A command replaces a running one."""
     least, most = _widths(subject.prepare())
     subject.gripper.move(least, None, None)
     subject.rig.step(STEP_S)
     subject.gripper.move(most, None, None)
     state = subject.until_still("move")
     require(state.width is None or abs(state.width - most) <= NEAR_M, f"width is {state.width}, not {most:g}")
-    return "a new command replaces the one under way"
+    return "a new command replaces the running one"
 
 
 def stop(subject: Subject) -> str:
-    """The fingers stop on their way and stay."""
+    """A stop ends the motion, and the fingers stay where they stop."""
     able = subject.prepare()
     least, _ = _widths(able)
     if not able.continuous:
-        raise NotTested("such fingers cannot stop on their way")
+        raise NotTested("the fingers of this gripper cannot stop between their ends")
     subject.gripper.move(least, able.speed_m_s and able.speed_m_s[0], None)
     subject.rig.step(0.1)
     subject.gripper.stop()
     width = subject.until_still("stop").width
     subject.rig.step(1.0)
-    require(subject.gripper.state().width == width, "the fingers have moved after the stop")
-    require(width is None or width > least, "the fingers have gone to the end before they stopped")
+    require(subject.gripper.state().width == width, "the fingers moved after the stop")
+    require(width is None or width > least, "the fingers reached their end before they stopped")
     return "a stop stops"
 
 
 def grasp(subject: Subject) -> str:
-    """An object is held, a stop and a new connection keep it, and a release lets go."""
+    """A grasp holds an object, a stop and a new connection keep it, and a release lets it go."""
     width = _detectable(subject)
     state = subject.hold(width)
     require(state.object is HeldObject.HELD_INSIDE, f"object is {state.object}, not held_inside")
     subject.gripper.stop()
     subject.rig.step(0.5)
-    require(subject.gripper.state().object is HeldObject.HELD_INSIDE, "a stop has let go of the object")
+    require(subject.gripper.state().object is HeldObject.HELD_INSIDE, "a stop released the object")
     subject.gripper.disconnect()
     subject.gripper = subject.connect()
     found = subject.gripper.state().object
-    require(found is HeldObject.HELD_INSIDE, f"a new driver finds {found} in place of the object")
+    require(
+        found is HeldObject.HELD_INSIDE,
+        f"after a new connection the driver reports {found} instead of the held object",
+    )
     subject.gripper.release(None)
     state = subject.until_still("release")
     require(state.object is HeldObject.NONE, f"object is {state.object} after a release")
@@ -214,27 +218,27 @@ def grasp(subject: Subject) -> str:
 
 
 def grasp_nothing(subject: Subject) -> str:
-    """A grasp of nothing holds nothing."""
+    """A grasp without an object reports that nothing is held."""
     width = _detectable(subject)
     subject.rig.place(None)
     subject.gripper.grasp(Grasp(width, 0.005, 0.005))
     state = subject.until_still("grasp")
     require(state.object is HeldObject.NONE, f"object is {state.object} although there is none")
-    return "a grasp of nothing holds nothing"
+    return "a grasp without an object holds nothing"
 
 
 def lose(subject: Subject) -> str:
-    """An object that is pulled out is not held any more."""
+    """If the object is pulled out, the driver reports that it is not held any more."""
     subject.hold(_detectable(subject))
     subject.rig.place(None)
     subject.rig.step(END_S)
     found = subject.gripper.state().object
-    require(found in (HeldObject.NONE, HeldObject.LOST), f"object is {found} although it is gone")
-    return "a loss is seen"
+    require(found in (HeldObject.NONE, HeldObject.LOST), f"object is {found} although the object is gone")
+    return "the loss of an object is reported"
 
 
 def disconnect(subject: Subject) -> str:
-    """A device that does not answer is a GripperError in words, and comes back."""
+    """A device that does not answer causes a GripperError with a text, and can be used again later."""
     _injectable(subject, "disconnect")
     subject.prepare()
     subject.rig.inject("disconnect")
@@ -242,25 +246,27 @@ def disconnect(subject: Subject) -> str:
         try:
             call()
         except GripperError as exc:
-            require(len(str(exc)) > len("error"), "the error has no words")
+            require(len(str(exc)) > len("error"), "the error has no text")
         else:
-            raise ContractError(f"{call.__name__} does not raise a GripperError while nothing answers")
+            raise ContractError(
+                f"{call.__name__} does not raise a GripperError while the device does not answer"
+            )
     subject.gripper.disconnect()
     subject.rig.clear("disconnect")
     subject.gripper.connect()
     subject.gripper.state()
-    return "it is an error in words, and it comes back"
+    return "a lost device causes an error with a text, and can be used again"
 
 
 def fault(subject: Subject) -> str:
-    """A fault of the device is in `state().fault`, and goes away."""
+    """A fault of the device appears in `state().fault`, and disappears with its cause."""
     _injectable(subject, "fault")
     subject.prepare()
     subject.rig.inject("fault")
     require(subject.gripper.state().fault, "state().fault is empty although the device has a fault")
     subject.rig.clear("fault")
-    require(not subject.gripper.state().fault, "state().fault stays although its cause is gone")
-    return "it is reported in words"
+    require(not subject.gripper.state().fault, "state().fault stays although the fault has ended")
+    return "a fault is reported as a text"
 
 
 CHECKS: dict[str, Callable[[Subject], str]] = {
@@ -279,13 +285,13 @@ CHECKS: dict[str, Callable[[Subject], str]] = {
 
 
 def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callable[[], Subject]:
-    """What makes the subject of a check.
+    """A function that creates the subject of a check.
 
     Args:
         given: options, if the settings have none for this gripper.
 
     Raises:
-        ConfigError: there is no such gripper, or it has no such options.
+        ConfigError: the gripper or one of its options does not exist.
     """
     section = gripper_section(settings)
     kind: Any = gripper_class(name)
@@ -301,23 +307,23 @@ def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callabl
 
 
 def examine(make: Callable[[], Subject], check: str) -> CheckResult:
-    """One check, on a new device."""
+    """Run one check on a new device."""
     return result_of(check, lambda: CHECKS[check](make()), GripperError)
 
 
 def _widths(able: GripperCapabilities) -> Range:
     if able.width_m is None:
-        raise NotTested("it has no width")
+        raise NotTested("this gripper has no width")
     return able.width_m
 
 
 def _detectable(subject: Subject) -> float | None:
     able = subject.prepare()
     if not able.object_detection:
-        raise NotTested("it does not detect objects")
+        raise NotTested("this gripper does not detect objects")
     return None if able.width_m is None else 0.5 * sum(able.width_m)
 
 
 def _injectable(subject: Subject, name: str) -> None:
     if name not in subject.rig.faults:
-        raise NotTested(f"its simulated device cannot have the fault {name}")
+        raise NotTested(f"the simulated device cannot simulate the fault {name}")

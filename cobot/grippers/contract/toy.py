@@ -1,6 +1,6 @@
-"""A gripper that works, for a toy device: put your device in the place of `ToyDevice`.
+"""A working gripper for a toy device. Replace `ToyDevice` by your device.
 
-Everything between the fingers is in m, N and s. docs/your-gripper.md of cobot describes the rest.
+All units are m, N and s. docs/your-gripper.md of cobot describes the rest.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ STROKE_M, SPEED_M_S, FORCE_N = 0.1, (0.01, 0.2), (5.0, 50.0)
 
 
 class ToyDevice:
-    """Two fingers that go to a width, and stop at what is between them. Its faults are plain attributes.
+    """Two fingers that move to a width, and stop at an object between them. Faults are plain attributes.
 
     Attributes:
-        now_s: its clock.
-        object_m: width of what is between the fingers; None for nothing.
-        unplugged: nothing answers.
-        fault: what it reports as broken.
+        now_s: time on the device's clock.
+        object_m: width of the object between the fingers; None for no object.
+        unplugged: whether the device does not answer.
+        fault: the fault that the device reports; "" for none.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -49,7 +49,7 @@ class ToyDevice:
         self.target_m, self._speed_m_s, self.force_n = width_m, speed_m_s, force_n
 
     def width_m(self) -> float:
-        """The width now."""
+        """The present width."""
         self._require_plugged()
         now_s = self.now_s()
         step_m, self._seen_s = self._speed_m_s * max(0.0, now_s - self._seen_s), now_s
@@ -64,7 +64,7 @@ class ToyDevice:
 
     @property
     def touches(self) -> bool:
-        """Whether the fingers press on something."""
+        """Whether the fingers press on an object."""
         return self.object_m is not None and self.target_m < self.width_m() == self.object_m
 
     def _require_plugged(self) -> None:
@@ -73,7 +73,7 @@ class ToyDevice:
 
 
 DEVICES: dict[str, ToyDevice] = {}
-"""By address. A real device needs no such thing: it is where it is."""
+"""The toy devices by address. A driver for a real device does not need this."""
 
 
 class ToyOptions(GripperOptions):  # next to `type` in robot.gripper: {type: ..., address: ...}
@@ -150,7 +150,7 @@ class ToyGripper:
 
 
 class ToyRig:
-    """The device for `cobot gripper test`, which counts time in place of waiting for it."""
+    """The device for `cobot gripper test`. It has a simulated clock instead of waiting."""
 
     faults = frozenset({"disconnect", "fault"})
 
@@ -160,11 +160,11 @@ class ToyRig:
         self._device = DEVICES[options.address] = ToyDevice(lambda: self._time_s)
 
     def gripper(self, port: IoPort) -> ToyGripper:
-        """A new driver at the same device."""
+        """Create another driver for the same device."""
         return ToyGripper(self._options, port)
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Advance the clock."""
         self._time_s += duration_s
         if not self._device.unplugged:
             self._device.width_m()
@@ -174,10 +174,10 @@ class ToyRig:
         self._device.object_m = width_m
 
     def inject(self, fault: str) -> None:
-        """It happens now, and lasts."""
+        """Start a fault, which lasts until `clear`."""
         self._device.unplugged = fault == "disconnect"
         self._device.fault = "its motor is too hot" if fault == "fault" else ""
 
     def clear(self, fault: str) -> None:
-        """Its cause is gone."""
+        """End a fault."""
         self._device.unplugged, self._device.fault = False, ""

@@ -1,12 +1,12 @@
 """The Franka Hand, through Franka Robotics' library pylibfranka.
 
-Its commands block until the fingers are there, and hold Python's lock meanwhile. So they run in a process of
-their own. A command that is to end early loses that process, and with it the connection; another process,
-which waits for that, connects and stops the fingers.
+A command of the library blocks until the motion ends, and holds Python's global lock. So commands run in a
+separate process. To end a command early, that process and its connection are ended, and a second process,
+which waits for this, connects and stops the fingers.
 
 driver   the gripper
-link     the processes, as the driver uses them
-helper   what each process runs
+link     the processes and their interface for the driver
+helper   the program that each process runs
 rig      a simulated hand for the contract
 """
 

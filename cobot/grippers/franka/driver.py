@@ -20,30 +20,37 @@ from cobot.grippers.protocol import (
 )
 
 SPEEDS_M_S, FORCES_N = (0.005, 0.1), (1.0, 70.0)
-"""Speeds of the width, and forces that the hand holds continuously. Source: data sheet of the Franka Hand."""
+"""Ranges of the speed at which the width changes, and of the continuous force. Source: data sheet of the
+Franka Hand."""
 CLOSED_M = 0.001
-"""Fingers that are no wider apart hold nothing, whatever the hand says."""
+"""Up to this width, m, the fingers hold nothing, even if the hand reports that they do."""
 
 
 class FrankaHandOptions(GripperOptions):
     """Options of `FrankaHand`."""
 
     address: Annotated[
-        str, Field(min_length=1, max_length=253, description="Of the robot's control unit, as the backend's.")
+        str,
+        Field(
+            min_length=1,
+            max_length=253,
+            description="Address of the robot's control unit, the same as that of the backend.",
+        ),
     ]
     max_width: Annotated[
-        float, Field(gt=0.0, le=0.2, description="Width when open, m; other fingers may need another one.")
+        float, Field(gt=0.0, le=0.2, description="Width of the open fingers, m; it depends on the fingers.")
     ] = 0.08
     default_speed: Annotated[
-        float, Field(ge=SPEEDS_M_S[0], le=SPEEDS_M_S[1], description="Without one in a command, m/s.")
+        float,
+        Field(ge=SPEEDS_M_S[0], le=SPEEDS_M_S[1], description="Speed of a command without a speed, m/s."),
     ] = 0.1
     default_force: Annotated[
-        float, Field(ge=FORCES_N[0], le=FORCES_N[1], description="Without one in a grasp, N.")
+        float, Field(ge=FORCES_N[0], le=FORCES_N[1], description="Force of a grasp without a force, N.")
     ] = 30.0
 
 
 class FrankaHand:
-    """See the package. `move` has no force; the library knows one for `grasp` alone."""
+    """See the package. `move` ignores the force, because the library has a force only for `grasp`."""
 
     Options = FrankaHandOptions
     sdk = "pylibfranka"
@@ -52,7 +59,7 @@ class FrankaHand:
     def __init__(
         self, options: FrankaHandOptions, port: IoPort, connect: Callable[[], HandLink] | None = None
     ) -> None:
-        """connect: makes another connection than that to `options.address`, for tests."""
+        """connect: creates a connection instead of that to `options.address`, for tests."""
         self._options = options
         self._link = ProcessLink(options.address) if connect is None else connect()
         self._busy = False
@@ -103,7 +110,8 @@ class FrankaHand:
         self.move(self._options.max_width if width is None else width, None, None)
 
     def stop(self) -> None:
-        """A command under way alone is stopped: the library's stop would let go of what is held."""
+        """Stop a running command. Otherwise nothing is sent, because the library's stop would release a held
+        object."""
         if self._is_busy():
             self._link.abort()
             self._busy = False
@@ -128,7 +136,7 @@ class FrankaHand:
         )
 
     def _begin(self, call: str, *arguments: float) -> None:
-        """Start a command; one that is under way is stopped, because the library takes no second one."""
+        """Start a command. A running one is stopped first, because the library accepts only one at a time."""
         self.stop()
         self._fault = ""
         self._link.begin(call, *arguments)
@@ -138,5 +146,7 @@ class FrankaHand:
         if self._busy and (result := self._link.result()) is not None:
             self._busy = False
             if self._call != "grasp" and not result.good:  # a grasp of nothing fails, too
-                self._fault = f"the hand has not done {self._call}: {result.failure or 'it was unsuccessful'}"
+                self._fault = (
+                    f"the hand has not executed {self._call}: {result.failure or 'it was unsuccessful'}"
+                )
         return self._busy

@@ -1,8 +1,8 @@
 """A process with a connection to the hand: `python helper.py`. It imports nothing of cobot.
 
 Each line of its input is a call of the library, [NAME, ARGUMENT, ...], the first one ["connect", ADDRESS].
-Each line of its output is the answer: {"ok": RESULT}, {"failed": WORDS} for a command that the hand rejects,
-or {"lost": WORDS}, after which it ends. It ends with its input, too.
+Each line of its output is an answer: {"ok": RESULT}, {"failed": TEXT} for a command that the hand rejects, or
+{"lost": TEXT}, after which the process ends. The process also ends when its input ends.
 """
 
 from __future__ import annotations

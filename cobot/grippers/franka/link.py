@@ -1,4 +1,4 @@
-"""The processes of a Franka Hand, as its driver uses them."""
+"""The connection of the driver to a Franka Hand, through separate processes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from cobot.grippers.protocol import GripperError
 HELPER = Path(__file__).with_name("helper.py")
 CONNECT_S = 10.0
 READ_S = 1.0
-"""Time in which the hand has to answer a read or a stop, s."""
+"""Timeout for the answer to a read or a stop, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandReading:
-    """What the hand reports, m and °C, and how long ago, s."""
+    """A reading of the hand, m and °C, and its age, s."""
 
     width: float
     max_width: float
@@ -32,10 +32,10 @@ class HandReading:
 
 @dataclass(frozen=True, slots=True)
 class CallResult:
-    """How a command has ended.
+    """The result of a command.
 
     Attributes:
-        failure: why the hand has rejected it; "" if it has not.
+        failure: the reason why the hand has rejected it; "" if it has not.
     """
 
     good: bool
@@ -50,26 +50,26 @@ class HandLink(Protocol):
     def close(self) -> None: ...
 
     def read(self) -> HandReading:
-        """The state; while a command is under way it may be that of before."""
+        """Read the state. While a command runs, it may be the state before that command."""
         ...
 
     def begin(self, call: str, *arguments: float) -> None:
-        """Start a command; the one before has to have ended or be aborted."""
+        """Start a command. The previous one must have ended or been aborted."""
         ...
 
     def result(self) -> CallResult | None:
-        """How the command that was begun last has ended; None while it is under way."""
+        """The result of the last command; None while it runs."""
         ...
 
     def abort(self) -> None:
-        """Stop the fingers, and have done with the command that is under way."""
+        """Stop the fingers and end the running command."""
         ...
 
 
 class ProcessLink:
-    """The hand at an address, through a process that is connected and one that waits to take its place.
+    """The hand at an address. One process is connected; a second one waits to replace it.
 
-    The hand has one connection at a time, and none for the state while a command is under way.
+    The hand accepts one connection at a time, and the state cannot be read while a command runs.
     """
 
     def __init__(self, address: str) -> None:
@@ -96,7 +96,7 @@ class ProcessLink:
             self._spare = None
 
     def read(self) -> HandReading:
-        """See `HandLink`; while a command is under way that of before it."""
+        """See `HandLink`. While a command runs, it is the state before that command."""
         if not self._pending:
             self._seen = HandReading(*self._ask(READ_S, "read_once"))
             self._seen_s = time.monotonic()
@@ -141,7 +141,7 @@ class ProcessLink:
 
 
 class _Helper:
-    """One of the processes; it has imported the library before it is asked to connect."""
+    """One of the processes. It imports the library before it must connect."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -166,10 +166,10 @@ class _Helper:
         """The next answer.
 
         Args:
-            waits: whether a missing answer is an error; if not it is None.
+            waits: whether a missing answer is an error. If not, the result is then None.
 
         Raises:
-            GripperError: there is none in time, or the connection is lost.
+            GripperError: there is no answer in time, or the connection is lost.
         """
         assert self._process.stdout is not None
         end_s = time.monotonic() + timeout_s
@@ -190,7 +190,7 @@ class _Helper:
         return answer
 
     def close(self) -> None:
-        """End it at once: it may hang in a call of the library."""
+        """Kill the process, because it may hang in a call of the library."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):

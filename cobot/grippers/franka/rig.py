@@ -1,4 +1,4 @@
-"""A simulated Franka Hand for the contract: it counts time in place of waiting for it."""
+"""A simulated Franka Hand for the contract. It has a simulated clock instead of waiting."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 
 class FrankaHandRig:
-    """See `cobot.grippers.contract.suite.GripperRig`; at once the connection to the hand.
+    """See `cobot.grippers.contract.suite.GripperRig`. It is also the connection to the hand.
 
     Attributes:
-        width: between the fingers, m.
-        object_m: width of what is between the fingers; None for nothing.
+        width: width between the fingers, m.
+        object_m: width of the object between the fingers; None for no object.
     """
 
     faults = frozenset({"disconnect"})
@@ -32,13 +32,13 @@ class FrankaHandRig:
         self._is_grasped = False
 
     def gripper(self, port: IoPort) -> FrankaHand:
-        """A new driver at the same hand."""
+        """Create another driver for the same hand."""
         from cobot.grippers.franka.driver import FrankaHand
 
         return FrankaHand(self._options, port, lambda: self)
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Advance the clock."""
         if self._is_grasped and self.object_m is None:
             self._is_grasped = False
         if self._goal is None:
@@ -58,15 +58,15 @@ class FrankaHandRig:
         self.object_m = width_m
 
     def inject(self, fault: str) -> None:
-        """It begins, and lasts."""
+        """Start a fault, which lasts until `clear`."""
         self._silent = True
 
     def clear(self, fault: str) -> None:
-        """Its cause is gone."""
+        """End a fault."""
         self._silent = False
 
     def open(self) -> None:
-        """See `HandLink`, as for what follows."""
+        """See `HandLink`, as for the following methods."""
         self._require()
 
     def close(self) -> None: ...

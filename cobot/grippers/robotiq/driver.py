@@ -40,11 +40,13 @@ from cobot.strict import shown
 BEYOND_M = 0.003
 """Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
 NEAR = 2
-"""Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
+"""Fingers that stop within this number of counts of the commanded position have reached it, and hold
+nothing."""
 ACTIVATION_S = 15.0
-"""An activation that takes longer has failed, s."""
+"""Timeout for an activation, s."""
 RESETS = 20
-"""How often a gripper is asked whether its activation is reset, before it is activated again."""
+"""Maximum number of times that the driver asks whether the activation is reset, before it activates the
+gripper."""
 INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
 
 
@@ -56,27 +58,41 @@ class RobotiqOptions(GripperOptions):
         Field(
             min_length=1,
             max_length=200,
-            description="Serial port such as /dev/ttyUSB0, or HOST:PORT for RTU over TCP; of urcap the "
-            f"address of the robot's controller, HOST or HOST:PORT ({PORT}).",
+            description="Serial port such as /dev/ttyUSB0, or HOST:PORT for RTU over TCP; for urcap the "
+            f"address of the robot's controller, HOST or HOST:PORT (default port {PORT}).",
         ),
     ]
     protocol: Annotated[
         Literal["rtu", "urcap"],
         Field(description="Modbus RTU, or the text protocol of the URCap in the robot's controller."),
     ] = "rtu"
-    model: Annotated[Literal["2f85", "2f140", "hande"], Field(description="The gripper.")] = "2f85"
-    unit: Annotated[int, Field(ge=1, le=247, description="Its Modbus address.")] = 9
-    baud: Annotated[int, Field(ge=1200, le=1_000_000, description="Of the serial port.")] = 115_200
-    timeout_s: Annotated[float, Field(ge=0.01, le=2.0, description="For each answer.")] = 0.2
-    open_count: Annotated[int, Field(ge=0, le=FULL, description="Position that it reports when open.")] = 0
+    model: Annotated[Literal["2f85", "2f140", "hande"], Field(description="Model of the gripper.")] = "2f85"
+    unit: Annotated[int, Field(ge=1, le=247, description="Modbus address of the gripper.")] = 9
+    baud: Annotated[int, Field(ge=1200, le=1_000_000, description="Baud rate of the serial port.")] = 115_200
+    timeout_s: Annotated[float, Field(ge=0.01, le=2.0, description="Timeout for each answer, s.")] = 0.2
+    open_count: Annotated[
+        int, Field(ge=0, le=FULL, description="Position that the gripper reports when open.")
+    ] = 0
     closed_count: Annotated[
-        int, Field(ge=0, le=FULL, description="Position that it reports when closed.")
+        int, Field(ge=0, le=FULL, description="Position that the gripper reports when closed.")
     ] = FULL
     stroke: Annotated[
-        float | None, Field(gt=0.0, le=1.0, description="Width when open, m; null: of the model.")
+        float | None, Field(gt=0.0, le=1.0, description="Width when open, m; null: that of the model.")
     ] = None
-    default_speed: Annotated[float, Field(ge=0.0, le=1.0, description="Share of the speeds it has.")] = 1.0
-    default_force: Annotated[float, Field(ge=0.0, le=1.0, description="Share of the forces it has.")] = 0.3
+    default_speed: Annotated[
+        float,
+        Field(
+            ge=0.0, le=1.0, description="Speed of a command without a speed, from 0 (slowest) to 1 (fastest)."
+        ),
+    ] = 1.0
+    default_force: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="Force of a command without a force, from 0 (smallest) to 1 (largest).",
+        ),
+    ] = 0.3
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -91,7 +107,7 @@ class RobotiqOptions(GripperOptions):
                 )
             return self
         if given := sorted({"unit", "baud"} & self.model_fields_set):
-            raise ValueError(f"{given[0]} is of the protocol rtu, and the protocol is urcap: leave it out")
+            raise ValueError(f"{given[0]} is for protocol rtu, and the protocol is urcap: leave it out")
         if not _is_address(self.device, with_port=False):
             raise ValueError(f"device is {shown(self.device)}, with urcap it must be HOST or HOST:PORT")
         return self
@@ -106,7 +122,7 @@ def _is_address(text: str, *, with_port: bool) -> bool:
 
 
 class RobotiqGripper:
-    """See the package. Connecting moves nothing; a gripper that is not activated is activated by `home`."""
+    """See the package. Connecting moves nothing. `home` activates a gripper that is not activated."""
 
     Options = RobotiqOptions
     state_period_s = 0.005
@@ -118,7 +134,7 @@ class RobotiqGripper:
         clock: Now = SYSTEM,
         connect: Callable[[], Any] | None = None,
     ) -> None:
-        """connect: makes another connection than that to `options.device`, for tests."""
+        """connect: creates a connection instead of that to `options.device`, for tests."""
         self._options = options
         self._clock = clock
         model = MODELS[options.model]
@@ -180,7 +196,7 @@ class RobotiqGripper:
             self._send(Request(True, False, status.echo, *self._rates(None, None)))
 
     def home(self) -> None:
-        """Activate it; if it is activated already, open it."""
+        """Activate the gripper. If it is already activated, open it."""
         if self._status().activation is Activation.COMPLETE:
             self.open()
             return
@@ -253,5 +269,5 @@ class RobotiqGripper:
 
 
 def _words(fault: int) -> str:
-    """A fault in words; "" for none."""
+    """A fault as a text; "" for none."""
     return FAULTS.get(fault, f"fault {fault:#04x}, which the manual does not list" if fault else "")

@@ -1,4 +1,4 @@
-"""What a driver needs of the connection to a gripper: Modbus RTU, or the text protocol of the URCap."""
+"""The connection to a gripper: Modbus RTU, or the text protocol of the URCap."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, Ro
 
 
 class GripperLink(Protocol):
-    """A connection. Each method raises a GripperError: no answer, or one that is not the right one."""
+    """Interface of a connection. Each method raises a GripperError if there is no answer or a wrong one."""
 
     def open(self) -> None:
-        """Connect; one that is open is opened again."""
+        """Connect. An open connection is closed and opened again."""
         ...
 
     def close(self) -> None: ...
 
     def status(self) -> RobotiqStatus:
-        """What the gripper reports."""
+        """Read the status of the gripper."""
         ...
 
     def request(self) -> Request:
-        """The request that the gripper has."""
+        """Read the last request that the gripper has received."""
         ...
 
     def send(self, request: Request) -> None: ...

@@ -11,27 +11,27 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 REQUEST, STATUS, COUNT = 0x03E8, 0x07D0, 3
-"""The first register of each block, and how many registers it has."""
+"""The first registers of the two blocks, and the number of registers in each."""
 ACTIVATE, GO, AUTO_RELEASE = 0x01, 0x08, 0x10
 """Bits of a request: rACT, rGTO, rATR."""
 FULL = 255
 CURRENT_A = 0.01
 FAULTS = {
-    0x05: "the action is delayed: it must be activated again",
-    0x07: "it is not activated: POST /robot/gripper/home",
-    0x08: "it is too hot: wait until it has cooled down",
-    0x09: "it has not communicated for a second",
-    0x0A: "its supply voltage is too low: check its 24 V",
+    0x05: "the action is delayed: the gripper must be activated again",
+    0x07: "the gripper is not activated: POST /robot/gripper/home",
+    0x08: "the gripper is too hot: wait until it has cooled down",
+    0x09: "the gripper has received no communication for a second",
+    0x0A: "the supply voltage is too low: check the 24 V supply of the gripper",
     0x0B: "an automatic release is in progress",
-    0x0C: "internal fault: restart it",
-    0x0D: "its activation has failed: check that nothing is in the way of its fingers",
-    0x0E: "overcurrent: check what its fingers press on",
-    0x0F: "an automatic release is completed: it must be activated again",
+    0x0C: "internal fault: restart the gripper",
+    0x0D: "the activation has failed: check that nothing blocks the fingers",
+    0x0E: "overcurrent: check the object on which the fingers press",
+    0x0F: "an automatic release is completed: the gripper must be activated again",
 }
 """By gFLT."""
 NOT_ACTIVE = 0x07
 PASSING = frozenset({0x05, 0x09})
-"""Faults of no consequence for a command that is under way."""
+"""Faults that do not affect a running command."""
 
 
 class Activation(IntEnum):
@@ -70,7 +70,7 @@ MODELS = {
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the gripper is to do: position 0 (open) to 255 (closed), speed and force 0 to 255."""
+    """A request to the gripper: position 0 (open) to 255 (closed), speed and force 0 to 255."""
 
     activate: bool
     go: bool
@@ -91,11 +91,11 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class RobotiqStatus:
-    """What the gripper reports.
+    """The status that the gripper reports.
 
     Attributes:
-        echo: of the requested position.
-        current_a: of the motor.
+        echo: echo of the requested position.
+        current_a: current of the motor, A.
     """
 
     active: bool
@@ -132,5 +132,5 @@ class RobotiqStatus:
 
 
 def share(value: float, bounds: tuple[float, float]) -> int:
-    """A value within its bounds as 0 to 255."""
+    """Convert a value within its bounds to 0 to 255."""
     return max(0, min(FULL, round(FULL * (value - bounds[0]) / (bounds[1] - bounds[0]))))

@@ -1,4 +1,4 @@
-"""The simulated Robotiq gripper for the contract: frames pass through memory, and it counts time."""
+"""The simulated Robotiq gripper for the contract: frames pass through memory, and the clock is simulated."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class RobotiqRig:
     """See `cobot.grippers.contract.suite.GripperRig`.
 
     Attributes:
-        fingers: of the device.
+        fingers: fingers of the device.
     """
 
     faults = frozenset({"disconnect", "fault"})
@@ -72,14 +72,14 @@ class RobotiqRig:
         return self._time_s
 
     def gripper(self, port: IoPort) -> RobotiqGripper:
-        """A new driver at the same device."""
+        """Create another driver for the same device."""
         from cobot.grippers.robotiq.driver import RobotiqGripper
 
         line = SlaveLine if self._options.protocol == "rtu" else TextLine
         return RobotiqGripper(self._options, port, self, lambda: line(self._slave))
 
     def step(self, duration_s: float) -> None:
-        """Have the device's time go on."""
+        """Advance the device's clock."""
         self._time_s += duration_s
         self.fingers.advance()
 
@@ -93,5 +93,5 @@ class RobotiqRig:
         self.fingers.fault = TOO_HOT if fault == "fault" else 0
 
     def clear(self, fault: str) -> None:
-        """Its cause is gone."""
+        """End a fault."""
         self._slave.silent, self.fingers.fault = False, 0

@@ -24,7 +24,7 @@ from cobot.grippers.robotiq.urcap import PORT as URCAP_PORT
 PORT = 54321
 MAX_CLIENTS = 8
 SEND_S = 1.0
-"""A client that does not take its answers for so long is disconnected, s."""
+"""A client that does not read its answers for this time is disconnected, s."""
 
 
 class Simulator:
@@ -33,9 +33,9 @@ class Simulator:
     Attributes:
         slave: the gripper.
         device: path of the pseudo terminal.
-        port: of RTU over TCP.
-        urcap_port: of the text protocol of the URCap.
-        late_s: how long each answer takes more, for tests.
+        port: TCP port of RTU over TCP.
+        urcap_port: TCP port of the URCap's text protocol.
+        late_s: additional delay of each answer, for tests.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Simulator:
         self._thread.start()
 
     def close(self) -> None:
-        """End it; its clients are disconnected."""
+        """End the simulator. Its clients are disconnected."""
         os.write(self._woken, b"x")
         self._thread.join()
         for each in (*(client for client, _ in self._clients), self._listener, self._urcap):
@@ -139,22 +139,28 @@ def run_simulator(model: str = "2f85", **how: object) -> Iterator[Simulator]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Simulate a gripper until Ctrl-C."""
     parser = argparse.ArgumentParser(
-        "cobot simulate robotiq", description="A simulated Robotiq gripper: docs/grippers.md."
+        "cobot simulate robotiq", description="Simulate a Robotiq gripper, see docs/grippers.md."
     )
-    parser.add_argument("--model", choices=list(MODELS), default="2f85", help="%(default)s without it")
     parser.add_argument(
-        "--unit", type=int, default=9, metavar="N", help="Modbus address; %(default)s without it"
+        "--model", choices=list(MODELS), default="2f85", help="model of the gripper (%(default)s)"
     )
-    parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address of RTU over TCP")
+    parser.add_argument("--unit", type=int, default=9, metavar="N", help="Modbus address (%(default)s)")
+    parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address on which to listen")
     parser.add_argument(
-        "--port", type=int, default=PORT, metavar="P", help="0 picks a free one; %(default)s without it"
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="P",
+        help="port of RTU over TCP; 0 picks a free one (%(default)s)",
     )
     parser.add_argument(
         "--urcap-port", type=int, default=URCAP_PORT, metavar="P",
-        help="of the text protocol of the URCap; 0 picks a free one; %(default)s without it",
+        help="port of the text protocol of the URCap; 0 picks a free one (%(default)s)",
     )  # fmt: skip
-    parser.add_argument("--link", type=Path, metavar="FILE", help="path that leads to the serial port")
-    parser.add_argument("--object", type=float, metavar="M", help="width of what is between the fingers, m")
+    parser.add_argument(
+        "--link", type=Path, metavar="FILE", help="path to create as a symbolic link to the serial port"
+    )
+    parser.add_argument("--object", type=float, metavar="M", help="width of an object between the fingers, m")
     chosen = parser.parse_args(arguments)
     if not 1 <= chosen.unit <= 247:
         parser.error(f"--unit is {chosen.unit}, allowed is 1 to 247")

@@ -1,6 +1,6 @@
 """A simulated Robotiq gripper: its fingers, its registers, and its answers to frames of Modbus RTU.
 
-Its faults are plain attributes.
+Faults are plain attributes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ HOLDING_A = 0.4
 
 
 class Fingers:
-    """Two fingers that go to a position, and stop at what is between them.
+    """Two fingers that move to a position, and stop at an object between them.
 
     Attributes:
-        request: the newest one.
-        object_m: width of what is between the fingers; None for nothing.
-        activation_s: how long an activation takes.
+        request: the latest request.
+        object_m: width of the object between the fingers; None for no object.
+        activation_s: duration of an activation.
         fault: gFLT, for tests.
-        moved_s: when the fingers moved first after the newest request; None before.
+        moved_s: time at which the fingers first moved after the latest request; None before.
     """
 
     def __init__(self, model: str, now_s: Callable[[], float]) -> None:
@@ -53,11 +53,11 @@ class Fingers:
 
     @property
     def width_m(self) -> float:
-        """Between the fingers."""
+        """The width between the fingers, m."""
         return self.model.stroke_m * (1.0 - self._position / FULL)
 
     def take(self, request: Request) -> None:
-        """A request comes in."""
+        """Receive a request."""
         self.advance()
         before, self.request = self.request, request
         if not request.activate:
@@ -68,7 +68,7 @@ class Fingers:
             self._detection, self.moved_s = Detection.MOVING, None
 
     def advance(self) -> None:
-        """Have the fingers go on until now."""
+        """Move the fingers up to the present time."""
         now_s = self._now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         if self._activation() is not Activation.COMPLETE or not self.request.go:
@@ -90,7 +90,7 @@ class Fingers:
             self._detection = Detection.MOVING
 
     def status(self) -> RobotiqStatus:
-        """What it reports now."""
+        """The present status."""
         self.advance()
         activation = self._activation()
         holds = self._detection in (Detection.STOPPED_CLOSING, Detection.STOPPED_OPENING)
@@ -125,11 +125,11 @@ class Fingers:
 
 
 class Slave:
-    """Answers frames.
+    """Answers frames of Modbus RTU.
 
     Attributes:
-        silent: it answers nothing, as an unplugged one.
-        garbage: its answers are spoilt.
+        silent: whether it does not answer, like an unplugged device.
+        garbage: whether its answers are damaged.
     """
 
     def __init__(self, fingers: Fingers, unit: int = 9) -> None:
@@ -139,7 +139,7 @@ class Slave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """What the device sends in answer to these bytes, which may be a part of a request or several."""
+        """The answer of the device to these bytes, which may be a part of a request or several requests."""
         self._buffer = (self._buffer + data)[-512:]
         answers = b""
         while frame := self._next():
@@ -149,7 +149,7 @@ class Slave:
         return answers
 
     def _next(self) -> bytes:
-        """The next whole frame; what is before it is no request, and thrown away."""
+        """The next complete frame. Bytes before it are not a request, and are dropped."""
         for start in range(len(self._buffer)):
             length = _length(self._buffer[start:])
             frame = self._buffer[start : start + length]
@@ -180,7 +180,7 @@ class Slave:
         return bytes((function | REFUSED, ILLEGAL_ADDRESS))
 
     def _write(self, function: int, address: int, count: int, data: bytes) -> bytes:
-        """ "" if it was taken, else the refusal."""
+        """Write registers. Returns "" if the request was accepted, else the exception."""
         if len(data) != 2 * count:
             return bytes((function | REFUSED, ILLEGAL_VALUE))
         if not _within(REQUEST, address, count):
@@ -192,12 +192,13 @@ class Slave:
 
 
 def _within(first: int, address: int, count: int) -> bool:
-    """Whether these registers are some of a block."""
+    """Whether these registers are inside a block."""
     return count > 0 and address in range(first, first + COUNT + 1 - count)
 
 
 def _length(data: bytes) -> int:
-    """How long a request is that begins so; 0 if that is not known, or is none."""
+    """Length of a request that begins with these bytes; 0 if it is not known yet or they are not a
+    request."""
     if len(data) < 2:
         return 0
     match data[1]:

@@ -10,10 +10,10 @@ MAX_LINE = 256
 
 
 class TextSlave:
-    """Answers lines. It is one client's; all clients have the same gripper.
+    """Answers the lines of one client. All clients share the same gripper.
 
     Args:
-        slave: the gripper, whose faults are this one's too.
+        slave: the gripper. Its faults also apply here.
     """
 
     def __init__(self, slave: Slave) -> None:
@@ -21,7 +21,7 @@ class TextSlave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """What the device sends in answer to these bytes, which may be a part of a line or several."""
+        """The answer of the device to these bytes, which may be a part of a line or several lines."""
         *lines, rest = (self._buffer + data).split(b"\n")
         self._buffer = rest[-MAX_LINE:]
         if self._slave.silent:
@@ -48,7 +48,7 @@ class TextSlave:
         }  # fmt: skip
 
     def _set(self, pairs: list[str]) -> bool:
-        """Whether the values were taken. Those that are left out stay as they are."""
+        """Set values; others stay unchanged. Returns whether they were accepted."""
         given = dict(zip(pairs[::2], pairs[1::2], strict=True))
         if not given.keys() <= {"ACT", "GTO", "ATR", "POS", "SPE", "FOR"}:
             return False

@@ -1,7 +1,7 @@
 """The text protocol of Robotiq's URCap, on TCP port 63352 of the robot's controller.
 
-A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `ack`, that to GET the name and
-the value, `POS 3`, that to anything else `?`. Some controllers end answers with a newline, others do not.
+A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `ack`, to GET the name and the
+value such as `POS 3`, and to anything else `?`. Some controllers end answers with a newline, others do not.
 Source: the URCap's manual, chapter on the socket of the gripper.
 """
 
@@ -25,12 +25,12 @@ _VALUE = re.compile(r"([A-Z]{3}) (\d{1,3})")
 
 
 class UrcapLink:
-    """A client of that protocol.
+    """A client of this protocol.
 
     Args:
         device: HOST or HOST:PORT.
-        timeout_s: for each answer.
-        connect: makes another connection than TCP's, for tests.
+        timeout_s: timeout for each answer.
+        connect: creates a connection instead of TCP's, for tests.
     """
 
     def __init__(self, device: str, timeout_s: float, connect: Callable[[], Any] | None = None) -> None:
@@ -41,7 +41,7 @@ class UrcapLink:
         self._socket: Any = None
 
     def open(self) -> None:
-        """See `GripperLink`. A new connection has no late answers."""
+        """See `GripperLink`. A new connection cannot have late answers."""
         self.close()
         try:
             self._socket = self._connect()
@@ -60,7 +60,8 @@ class UrcapLink:
             connection.close()
 
     def status(self) -> RobotiqStatus:
-        """See `GripperLink`: one line for each value, because the protocol has no common one."""
+        """See `GripperLink`. Sends one line for each value, because the protocol has no request for all
+        values."""
         stage = self._get("STA", 3)
         return RobotiqStatus(
             stage != Activation.RESET,

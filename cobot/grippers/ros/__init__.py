@@ -1,7 +1,7 @@
 """Grippers behind an existing ROS 2 driver, through its action and its joint states.
 
 driver  the gripper
-link    the process that speaks DDS, and what has come from it
+link    the process that speaks DDS, and the data that it has received
 rig     a simulated driver, for the contract
 """
 

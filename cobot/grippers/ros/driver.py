@@ -1,4 +1,5 @@
-"""The driver of a gripper that has a ROS 2 driver: goals of its action, positions from its joint states."""
+"""The driver for a gripper that has a ROS 2 driver. It sends goals to its action, and reads its joint
+states."""
 
 from __future__ import annotations
 
@@ -30,9 +31,10 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BEYOND_M = 0.003
 """Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
 NEAR_M = 0.003
-"""Fingers that are no farther from the commanded width are there; a held object moves them no farther."""
+"""Fingers within this distance of the commanded width have reached it. A held object does not move them
+further."""
 LOOKS, LOOK_S = 50, 0.02
-"""How often it is seen whether the driver is there, while it connects."""
+"""Maximum number of checks for the ROS 2 driver while connecting, and the interval between them."""
 RosName = Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$", max_length=200)]
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 
@@ -42,25 +44,28 @@ class RosOptions(GripperOptions):
 
     action: Annotated[RosName, Field(description="Name of the action, such as /hand/gripper_cmd.")]
     action_type: Annotated[
-        Literal["GripperCommand", "ParallelGripperCommand"], Field(description="Its type in control_msgs.")
+        Literal["GripperCommand", "ParallelGripperCommand"],
+        Field(description="Type of the action in control_msgs."),
     ] = "GripperCommand"
-    joint: Annotated[str, Field(min_length=1, max_length=200, description="In the joint states.")]
+    joint: Annotated[
+        str, Field(min_length=1, max_length=200, description="Name of the finger joint in the joint states.")
+    ]
     joint_states: Annotated[RosName, Field(description="Topic with the position of the joint.")] = (
         "/joint_states"
     )
-    open_position: Annotated[Finite, Field(description="Of the joint when open.")]
-    closed_position: Annotated[Finite, Field(description="Of the joint when closed.")] = 0.0
-    open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Between open fingers, m.")]
+    open_position: Annotated[Finite, Field(description="Position of the joint when open.")]
+    closed_position: Annotated[Finite, Field(description="Position of the joint when closed.")] = 0.0
+    open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Width between open fingers, m.")]
     max_effort: Annotated[
-        Finite, Field(ge=0.0, description="Of a command without a force; 0: the driver's default.")
+        Finite, Field(ge=0.0, description="max_effort of a command without a force; 0: the driver's default.")
     ] = 0.0
     force: Annotated[
         tuple[Finite, Finite] | None,
         Field(strict=False, description="Smallest and largest force that a command may have, N."),
     ] = None
-    answer_timeout_s: Annotated[Seconds, Field(description="For the answer to a goal.")] = 2.0
-    result_timeout_s: Annotated[Seconds, Field(description="For the result of a goal.")] = 15.0
-    state_timeout_s: Annotated[Seconds, Field(description="Joint states may be so old.")] = 1.0
+    answer_timeout_s: Annotated[Seconds, Field(description="Timeout for the answer to a goal, s.")] = 2.0
+    result_timeout_s: Annotated[Seconds, Field(description="Timeout for the result of a goal, s.")] = 15.0
+    state_timeout_s: Annotated[Seconds, Field(description="Maximum age of joint states, s.")] = 1.0
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN
 
     @model_validator(mode="after")
@@ -77,14 +82,14 @@ class RosOptions(GripperOptions):
 
 
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
-    """What the process of `ActionProcess` is started with."""
+    """The settings with which the process of `ActionProcess` is started."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
     action = {"action": options.action, "type": f"control_msgs/action/{options.action_type}"}
     return {**network, **action, "joint_states": options.joint_states, "joint": options.joint}
 
 
 class RosGripper:
-    """See the module. A stalled goal that has come to its end holds an object."""
+    """See the module. If a goal has ended stalled, the fingers hold an object."""
 
     Options = RosOptions
 
@@ -113,11 +118,12 @@ class RosGripper:
 
     @staticmethod
     def contract_rig(options: RosOptions) -> RosRig:
-        """A simulated driver with such an action."""
+        """A simulated ROS 2 driver with this action."""
         return RosRig(options)
 
     def connect(self) -> None:
-        """Listen to the driver, and wait for it a little. What is known of a grip stays known."""
+        """Listen to the ROS 2 driver, and wait for it for a short time. Knowledge about a held object is
+        kept."""
         self._link.open()
         self._opened_s = self._clock.now_s()
         for _ in range(LOOKS):
@@ -127,7 +133,8 @@ class RosGripper:
         self._width_m()
 
     def disconnect(self) -> None:
-        """Go on listening, so that a driver that starts later is found; the process ends with this one."""
+        """Continue to listen, so that a ROS 2 driver that starts later is found. The process ends with this
+        one."""
         if self._link.heard.problem:
             self._link.close()
 
@@ -164,7 +171,7 @@ class RosGripper:
         self.move(self._options.open_width if width is None else width, None, None)
 
     def stop(self) -> None:
-        """Cancel the goal under way. What is held stays held: its goal has ended."""
+        """Cancel the running goal. A held object stays held, because its goal has ended."""
         if self._target_m is not None and self._link.heard.status is None:
             self._link.cancel()
 
@@ -185,10 +192,10 @@ class RosGripper:
         return GripperState(width, self._target_m, moving, force=self._effort(), object=held)
 
     def _is_under_way(self) -> bool:
-        """Whether a goal is; notes how it has ended.
+        """Whether a goal is running. If it has ended, its result is stored.
 
         Raises:
-            GripperError: the driver has rejected or aborted it, or does not answer.
+            GripperError: the ROS 2 driver has rejected or aborted the goal, or does not answer.
         """
         heard, options = self._link.heard, self._options
         if self._target_m is None or self._noted:
@@ -204,17 +211,18 @@ class RosGripper:
             self._fail("has rejected the goal; the log of its driver says why")
         if heard.accepted is None and waited_s > options.answer_timeout_s:
             self._fail(
-                f"has not answered the goal within {options.answer_timeout_s:g} s; does its driver run?"
+                f"has not answered the goal within {options.answer_timeout_s:g} s; check that its driver "
+                "is running"
             )
         if waited_s > options.result_timeout_s:
             self._fail(
-                f"has not reported a result within {options.result_timeout_s:g} s: it is lost, and where the "
-                "fingers go is not known"
+                f"has not reported a result within {options.result_timeout_s:g} s: the result is lost, and "
+                "the motion of the fingers is unknown"
             )
         return True
 
     def _end(self, status: int, values: dict[str, Any]) -> None:
-        """Note how the goal has ended."""
+        """Store the result of the goal."""
         if status not in (SUCCEEDED, CANCELED, ABORTED):
             self._fail(f"has reported the status {status} for a result: the driver does not know the goal")
         if status == ABORTED and not values["stalled"]:
@@ -234,10 +242,11 @@ class RosGripper:
             self._held_m = width
 
     def _width_m(self) -> float:
-        """The width by the joint's position.
+        """The width that follows from the joint's position.
 
         Raises:
-            GripperError: the driver is not there, or its joint states are missing, old or no numbers.
+            GripperError: the ROS 2 driver is not available, or its joint states are missing, old or not
+                numbers.
         """
         heard, options, now_s = self._link.heard, self._options, self._clock.now_s()
         if heard.problem:
@@ -250,7 +259,8 @@ class RosGripper:
         if heard.joint is None or now_s - heard.joint_s > options.state_timeout_s:
             raise GripperError(
                 f"{options.joint_states} has had no joint {options.joint} for "
-                f"{min(now_s - heard.joint_s, now_s - self._opened_s):.1f} s; see whether its driver runs"
+                f"{min(now_s - heard.joint_s, now_s - self._opened_s):.1f} s; check that its driver is "
+                "running"
             )
         position = heard.joint[0]
         if not isinstance(position, float | int) or not math.isfinite(position):

@@ -1,4 +1,4 @@
-"""The link to a ROS 2 driver: a process of its own speaks DDS (`cobot.dds.action_client`)."""
+"""The link to a ROS 2 driver. A separate process speaks DDS (`cobot.dds.action_client`)."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ CLOSE_S = 2.0
 
 @dataclass(slots=True)
 class DriverState:
-    """What has come from the driver.
+    """The data received from the ROS 2 driver.
 
     Attributes:
-        ready: the server of the action is there.
+        ready: whether the server of the action is available.
         joint: position and effort of the joint; None before the first one, or if they are not numbers.
-        joint_s, told_s: when the joint was heard last, and anything at all.
-        number: of the newest goal.
-        sent_s: when it was sent.
-        accepted: None before the answer.
-        ended_s: when its result came.
-        status, values: of the result; None before it.
-        earlier: the values of the last result from before this link.
-        problem: why nothing comes any more.
+        joint_s, told_s: times of the last joint state, and of the last data of any kind.
+        number: number of the latest goal.
+        sent_s: time at which the goal was sent.
+        accepted: whether it was accepted; None before the answer.
+        ended_s: time at which its result arrived.
+        status, values: status and values of the result. The status is None before it.
+        earlier: values of the last result from before this link was opened.
+        problem: the reason why no more data arrive; "" for none.
     """
 
     ready: bool = False
@@ -46,14 +46,14 @@ class DriverState:
     problem: str = ""
 
     def begin(self, now_s: float) -> int:
-        """There is a new goal; its number."""
+        """Start a new goal, and return its number."""
         self.number += 1
         self.sent_s, self.accepted, self.status, self.values = now_s, None, None, {}
         self.earlier = None
         return self.number
 
     def take(self, content: dict[str, Any], now_s: float) -> None:
-        """Take a line of the process."""
+        """Process a line of the process."""
         self.told_s = now_s
         what, own = content["what"], content.get("number") == self.number
         if what == "ready":
@@ -71,20 +71,20 @@ class DriverState:
 
 
 class ActionLink(Protocol):
-    """What a driver needs of the link.
+    """Interface of the link.
 
     Attributes:
-        heard: what has come.
+        heard: the received data.
     """
 
     heard: DriverState
 
     def open(self) -> None:
-        """Begin to listen, unless it does already."""
+        """Start to listen, unless the link already listens."""
         ...
 
     def close(self) -> None:
-        """Let go; also twice."""
+        """Close the link. May be called twice."""
         ...
 
     def send(self, goal: dict[str, Any]) -> None:
@@ -96,12 +96,12 @@ class ActionLink(Protocol):
         ...
 
     def cancel(self) -> None:
-        """Cancel the newest goal."""
+        """Cancel the latest goal."""
         ...
 
 
 class ActionProcess:
-    """An `ActionLink` over the process. Settings: see `cobot.dds.action_client`."""
+    """An `ActionLink` through a process. For its settings see `cobot.dds.action_client`."""
 
     def __init__(self, settings: dict[str, Any], clock: Now = SYSTEM) -> None:
         self._settings, self._clock = settings, clock
@@ -145,7 +145,7 @@ class ActionProcess:
         process = self._process
         try:
             if process is None or process.stdin is None:
-                raise OSError("it is not connected")
+                raise OSError("the process that speaks ROS 2 is not running")
             process.stdin.write(json.dumps(content) + "\n")
             process.stdin.flush()
         except (OSError, ValueError) as exc:
@@ -160,5 +160,5 @@ class ActionProcess:
                 try:
                     heard.take(json.loads(line), self._clock.now_s())
                 except (ValueError, KeyError, TypeError) as exc:
-                    heard.problem = f"the process that speaks ROS 2 has said {line[:100]!r}: {exc}"
+                    heard.problem = f"the process that speaks ROS 2 has sent {line[:100]!r}: {exc}"
         heard.problem = heard.problem or "the process that speaks ROS 2 has ended; cobot starts it again"

@@ -1,4 +1,5 @@
-"""A simulated ROS 2 driver for the contract: its action and its joint, without a network; it counts time."""
+"""A simulated ROS 2 driver for the contract: its action and its joint, without a network, with a simulated
+clock."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ SUCCEEDED, CANCELED = 4, 5
 
 
 class RosRig:
-    """See `cobot.grippers.contract.suite.GripperRig`. It is the link of its drivers too."""
+    """See `cobot.grippers.contract.suite.GripperRig`. It is also the link for its drivers."""
 
     faults = frozenset({"disconnect"})
 
@@ -32,13 +33,13 @@ class RosRig:
         return self._seconds
 
     def gripper(self, port: IoPort) -> Gripper:
-        """A new driver at the same action."""
+        """Create another driver for the same action."""
         from cobot.grippers.ros.driver import RosGripper
 
         return RosGripper(self._options, port, self, self)
 
     def open(self) -> None:
-        """See `ActionLink`, as for `close`, `send` and `cancel`."""
+        """See `ActionLink`, also for `close`, `send` and `cancel`."""
         self.heard.earlier = None if self._runs else self._last
         self._tell()
 
@@ -59,7 +60,7 @@ class RosRig:
             self._end(CANCELED, stalled=False)
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Advance the clock."""
         self._seconds += duration_s
         target_m = self._target_m
         if self._object_m is not None and self._width_m >= self._object_m:
@@ -77,11 +78,11 @@ class RosRig:
         self._object_m = width_m
 
     def inject(self, fault: str) -> None:
-        """The driver goes away, and lasts so."""
+        """Make the ROS 2 driver unavailable until `clear`."""
         self._gone, self.heard.ready = True, False
 
     def clear(self, fault: str) -> None:
-        """It is back."""
+        """Make the ROS 2 driver available again."""
         self._gone = False
 
     def _end(self, status: int, *, stalled: bool) -> None:

@@ -439,7 +439,7 @@ def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_on
     [
         (
             [(0.3, 0.0), (0.4, 1.0)],
-            r"points\[0\]: starts with joint.*; go there first, or give the first point a time_from_start",
+            r"points\[0\]: starts with joint.*; move there first, or give the first point a time_from_start",
         ),
         ([(9.0, 100.0)], r"points\[0\]: angle of joint1"),
         ([(0.3, 0.0)], "the only point is at time 0"),

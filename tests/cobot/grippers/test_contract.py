@@ -127,7 +127,7 @@ def test_the_list_has_the_shipped_types_with_their_options(capsys: pytest.Captur
     assert main(["list"]) == 0
     shown = capsys.readouterr().out
     assert "robotiq  (cobot, cobot.grippers.robotiq:RobotiqGripper)" in shown
-    assert "device (needed)" in shown
+    assert "device (required)" in shown
 
 
 def test_a_test_without_a_needed_option_names_it() -> None:

@@ -130,7 +130,7 @@ def test_what_the_hand_rejects_is_a_fault_until_the_next_command() -> None:
     hand = rig.gripper(NoPort())
     hand.connect()
     hand.move(0.02, None, None)
-    assert hand.state().fault == "the hand has not done move: command rejected: it is not homed"
+    assert hand.state().fault == "the hand has not executed move: command rejected: it is not homed"
     hand.grasp(Grasp(None, 0.0, 0.0))
     assert (hand.state().fault, hand.state().object) == ("", HeldObject.NONE)
 

@@ -260,8 +260,8 @@ def test_a_device_that_is_neither_a_path_nor_an_address_is_rejected(device: str)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"device": "10.0.0.2", "unit": 3}, "unit is of the protocol rtu, and the protocol is urcap"),
-        ({"device": "10.0.0.2", "baud": 9600}, "baud is of the protocol rtu"),
+        ({"device": "10.0.0.2", "unit": 3}, "unit is for protocol rtu, and the protocol is urcap"),
+        ({"device": "10.0.0.2", "baud": 9600}, "baud is for protocol rtu"),
         ({"device": "/dev/ttyUSB0"}, "with urcap it must be HOST or HOST:PORT"),
         ({"device": "10.0.0.2:0"}, "with urcap it must be HOST or HOST:PORT"),
     ],
@@ -333,7 +333,7 @@ def test_an_activation_that_does_not_come_about_ends_in_words() -> None:
     assert (state.moving, "POST /robot/gripper/home" in state.fault) == (False, True)
     gripper.home()
     rig.fingers.fault = 0x0A
-    assert gripper.state().fault == "its supply voltage is too low: check its 24 V"
+    assert gripper.state().fault == "the supply voltage is too low: check the 24 V supply of the gripper"
 
 
 Scripted = Callable[[list[bytes]], RobotiqGripper]

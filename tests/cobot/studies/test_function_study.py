@@ -35,7 +35,7 @@ def test_whatever_a_function_does_is_a_reason_and_no_end(tmp_path: Path) -> None
     assert set(reasons[:, 1]) == {"SystemExit: 3"}
     assert set(reasons[:, 2]) == {"KeyboardInterrupt"}
     assert reasons[0, 0] == ""
-    assert reasons[1, 0] == "result '': is the name of a parameter or no name; return another one"
+    assert reasons[1, 0] == "result '': is the name of a parameter or not a valid name; return another one"
     assert reasons[2, 0].startswith("result 'a': is the name of a parameter")
     assert reasons[3, 0] == "result 'value': is an integer with 1329 bits, which no float holds"
     assert reasons[4, 0] == "result 'value': is a NoneType, must be a number, bool or text"

@@ -198,4 +198,6 @@ def test_the_service_grasps_with_it_and_tells_that_it_is_gone(tmp_path: Path) ->
             assert answer["width"] == pytest.approx(0.03, abs=1e-3)
             double.process.kill()
             until(lambda: not report()["connected"])
-            assert "see whether its driver runs" in (problem := report()["problem"]) or "start" in problem
+            assert (
+                "check that its driver is running" in (problem := report()["problem"]) or "start" in problem
+            )

@@ -36,7 +36,7 @@ def test_nothing_beyond_the_end_is_read_whatever_is_asked_for() -> None:
         for _ in range(6):
             count = dice.randrange(12)
             if count > len(left):
-                with pytest.raises(MalformedError, match=f"{count} bytes wanted, {len(left)} left"):
+                with pytest.raises(MalformedError, match=f"{count} bytes needed, {len(left)} left"):
                     reading.bytes(count)
                 assert reading.remaining == len(left)  # a refused read moves nothing
             else:

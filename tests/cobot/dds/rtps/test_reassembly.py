@@ -65,8 +65,8 @@ def test_fragments_that_do_not_fit_are_malformed(
 @pytest.mark.parametrize(
     ("size", "total", "sentence"),
     [
-        (0, 20, "a fragment of nothing"),
-        (4, 0, "a fragment of nothing"),
+        (0, 20, "a fragment of an empty sample"),
+        (4, 0, "a fragment of an empty sample"),
         (1, MAX_FRAGMENTS + 1, "fragments, at most"),
     ],
 )

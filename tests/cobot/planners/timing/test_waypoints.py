@@ -130,7 +130,8 @@ def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(rob
     course[0].positions[3] -= 0.05  # type: ignore[index]
     message = (
         "point 1: starts with joint4 at -1.6200 rad, but it is at -1.5700 rad: 0.0500 rad apart, "
-        "allowed are 0.01 rad; go there first, or send move_to_start=true (of a command: --move-to-start)"
+        "allowed are 0.01 rad; move there first, or send move_to_start=true (on the command line: "
+        "--move-to-start)"
     )
     with pytest.raises(InputError, match=re.escape(message)):
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
