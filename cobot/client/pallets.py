@@ -119,8 +119,8 @@ def places(
     Args:
         origin: pose of the first place: x, y, z, a, b, c and `frame_id`.
         counts: number of places in each direction, one to three.
-        offsets: for each direction, the offset from one place to the next: x, y, z in the frame of the first
-            place, m.
+        offsets: for each direction, the offset from one place to the next: x, y, z in the `frame_id` of the
+            origin, m.
 
     Raises:
         InputError: see `require_grid`; or the origin is in the frame of the tool, which moves.

@@ -26,7 +26,7 @@ EXIT_OK, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 DESCRIPTION = """\
 Answer a question about a robot that needs thousands of computations: docs/studies.md.
 
-    cobot study FILE.yaml      compute the missing results, and answer; run it again to continue
+  cobot study FILE.yaml      compute the missing results, and answer; run it again to continue
   cobot study show FOLDER    answer from the results so far, also during a run, and draw the maps"""
 
 
