@@ -38,6 +38,7 @@ WALL = {
     "cobot/dds/parameters.py": "time stamps of ROS",
     "cobot/dds/rtps/discovery.py": "time stamps of RTPS",
     "cobot/dds/rtps/writer.py": "time stamps of RTPS",
+    "rtloop/backends/fanuc/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
     "rtloop/backends/fri/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
     "rtloop/main.py": "when it was started",
     "cobot/runner/recorder.py": "time stamps in recordings",

@@ -16,6 +16,7 @@ REGISTRY = Registry(
     "cobot.backends",
     "robot.backend",
     {
+        "fanuc": "rtloop.backends.fanuc:FanucBackend",
         "franka": "rtloop.backends.franka:FrankaBackend",
         "mujoco": "rtloop.backends.mujoco:MujocoBackend",
         "fri": "rtloop.backends.fri:FriBackend",

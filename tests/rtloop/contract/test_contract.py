@@ -57,6 +57,12 @@ def rsi(settings: Settings, request: pytest.FixtureRequest) -> CheckedBackend:
 
 
 @pytest.fixture(scope="module")
+def fanuc(settings: Settings) -> CheckedBackend:
+    rt = settings.rt.model_copy(update={"period_s": 0.008})
+    return cell_for(settings.model_copy(update={"rt": rt}), "fanuc")
+
+
+@pytest.fixture(scope="module")
 def franka() -> CheckedBackend:
     return cell_for(franka_settings(address="robot.test"), "franka")
 
@@ -81,6 +87,14 @@ def test_fri_keeps_it_beside_a_simulated_cabinet(fri: CheckedBackend, check: str
 @pytest.mark.parametrize("check", CHECKS)
 def test_rsi_keeps_it_beside_a_simulated_controller(rsi: CheckedBackend, check: str) -> None:
     result = examine(rsi, check)
+    assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
+        result.found
+    )
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_fanuc_keeps_it_beside_a_simulated_controller(fanuc: CheckedBackend, check: str) -> None:
+    result = examine(fanuc, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
         result.found
     )

@@ -1,0 +1,5 @@
+"""FANUC's Stream Motion and Remote Motion Interface: the wires, the backend, and a simulated controller."""
+
+from rtloop.backends.fanuc.backend import FanucBackend
+
+__all__ = ["FanucBackend"]

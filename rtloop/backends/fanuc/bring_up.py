@@ -1,0 +1,122 @@
+"""What the Remote Motion Interface does for the arm: permit motion, and report what the stream does not say.
+
+These methods run on the worker's thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rtloop.backends import BackendError
+from rtloop.backends.fanuc.options import FanucOptions
+from rtloop.backends.fanuc.points import MAX_ANALOG, split
+from rtloop.backends.fanuc.rmi import RmiClient, RmiStatus, number_of
+
+SERVO_S, LOOK_S = 2.0, 0.1
+"""Time for the servos to be ready after a reset, and between two looks."""
+PORT_TYPES = {"F": "FLAG"}
+PENDANT = "the teach pendant is on (T1 or T2): select AUTO and switch it off"
+
+
+@dataclass(frozen=True, slots=True)
+class RmiReport:
+    """Attributes:
+    drives: "on" or "off", "" if unknown.
+    text: alarms and everything else that a user should read.
+    """
+
+    drives: str = ""
+    text: str = ""
+
+
+class BringUp:
+    """Requests in the order that the controller needs."""
+
+    def __init__(
+        self,
+        rmi: RmiClient,
+        options: FanucOptions,
+        clock: Callable[[], float],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self._rmi, self._options, self._clock, self._sleep = rmi, options, clock, sleep
+
+    def begin(self) -> None:
+        """Clear the alarms, and let the program of Stream Motion run.
+
+        Raises:
+            BackendError: the controller does not permit motion, with the reason.
+        """
+        rmi = self._rmi
+        if self._status().pendant:
+            raise BackendError(PENDANT)
+        rmi.command("Reset", "clear its alarms")
+        self._await_servos()
+        try:
+            rmi.command("Initialize", "start remote motion")
+        except BackendError:
+            rmi.connect()
+            rmi.command("Abort", "abort its program")
+            rmi.command("Reset", "clear its alarms")
+            rmi.command("Initialize", "start remote motion")
+        if self._options.override is not None:
+            rmi.command("SetOverRide", "set its speed override", Value=self._options.override)
+        if self._options.payload_schedule is not None:
+            number = self._options.payload_schedule
+            rmi.command("SetPayloadID", f"select payload schedule {number}", ScheduleNumber=number)
+        rmi.call(self._options.program, rmi.status().next_sequence or 1)
+
+    def end(self) -> None:
+        """Abort the program and end the session."""
+        if self._rmi.is_connected:
+            with contextlib.suppress(BackendError):
+                self._rmi.command("Abort", "abort its program")
+            self._rmi.disconnect()
+
+    def report(self) -> RmiReport:
+        """The present state; a lost connection is part of it."""
+        try:
+            if not self._rmi.is_connected:
+                return RmiReport(text="the Remote Motion Interface is not connected; a reset connects it")
+            status = self._rmi.status()
+            alarms = self._rmi.alarms()
+        except BackendError as exc:
+            return RmiReport(text=str(exc))
+        reduced = status.override is not None and status.override < 100
+        override = f"its speed override is {status.override} %, Stream Motion needs 100 %" if reduced else ""
+        drives = "on" if status.servo_ready else "off"
+        return RmiReport(drives, "; ".join(filter(None, (alarms, override))))
+
+    def output(self, name: str) -> int:
+        """The present value of an output."""
+        kind, number = split(name)
+        reply = self._rmi.command(
+            "ReadIOPort",
+            f"report {name}",
+            PortType=PORT_TYPES.get(kind.name, kind.name),
+            PortNumber=number,
+        )
+        value = number_of(reply.get("PortValue"))
+        if not 0 <= value <= MAX_ANALOG:
+            raise BackendError(f"the controller reports no value of {name}")
+        return int(value)
+
+    def _status(self) -> RmiStatus:
+        """The status, with a new session if the last one is lost."""
+        self._rmi.connect()
+        try:
+            return self._rmi.status()
+        except BackendError:
+            self._rmi.drop()
+            self._rmi.connect()
+            return self._rmi.status()
+
+    def _await_servos(self) -> None:
+        deadline_s = self._clock() + SERVO_S
+        while not self._rmi.status().servo_ready:
+            if self._clock() > deadline_s:
+                alarms = self._rmi.alarms()
+                raise BackendError(f"its servos are off: {alarms}" if alarms else "its servos are off")
+            self._sleep(LOOK_S)

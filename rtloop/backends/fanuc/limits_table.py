@@ -1,0 +1,91 @@
+"""The controller's own limits: a table for each axis, by payload and by the speed of the TCP.
+
+The controller stops with an alarm if a command exceeds the column of the present speed. A planner does not
+know that speed in advance, so the smallest value of all columns counts here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from cobot.types import Array, JointLimits
+from rtloop.backends.fanuc.messages import THRESHOLDS, LimitsPacket, Rate
+from rtloop.results import ACCEPTED, Accepted, Rejected
+
+NAMES = {
+    Rate.VELOCITY: "max_velocity",
+    Rate.ACCELERATION: "max_acceleration",
+    Rate.JERK: "max_jerk",
+}
+SLACK = 1e-6
+
+
+class LimitsTable:
+    """Attributes:
+    unloaded, loaded: shapes (3, dof, THRESHOLDS), in units of the packets.
+    max_speed: of the TCP, mm/s.
+    """
+
+    def __init__(self, dof: int) -> None:
+        self.unloaded = np.full((len(Rate), dof, THRESHOLDS), np.nan)
+        self.loaded = self.unloaded.copy()
+        self.max_speed = 0
+
+    def take(self, packet: LimitsPacket) -> None:
+        """Add a packet; those of axes that the model does not have are ignored."""
+        if packet.axis <= self.unloaded.shape[1]:
+            self.unloaded[packet.rate, packet.axis - 1] = packet.unloaded
+            self.loaded[packet.rate, packet.axis - 1] = packet.loaded
+            self.max_speed = packet.max_speed
+
+    def missing(self) -> Iterable[tuple[int, Rate]]:
+        """Axes, from 1 on, and rates that no packet has come for."""
+        for rate in Rate:
+            for axis in range(self.unloaded.shape[1]):
+                if np.isnan(self.loaded[rate, axis]).all():
+                    yield axis + 1, rate
+
+    def least(self, load: float | None) -> Array:
+        """The limits that hold at each speed of the TCP, shape (3, dof).
+
+        load: share of the full payload, 0 to 1; None for the tighter end.
+        """
+        ends = self.unloaded.min(axis=2), self.loaded.min(axis=2)
+        if load is None:
+            return np.asarray(np.minimum(*ends))
+        share = min(max(load, 0.0), 1.0)
+        mixed: Array = ((1.0 - share) * self.unloaded + share * self.loaded).min(axis=2)
+        return mixed
+
+    def check(self, limits: JointLimits, per_unit: Array, load: float | None) -> Accepted | Rejected:
+        """Whether the model's limits are within the controller's.
+
+        Args:
+            per_unit: see `JointUnits`.
+            load: see `least`.
+        """
+        least = self.least(load)
+        if not (np.isfinite(least).all() and (least > 0.0).all()):
+            return Rejected("the controller's limits table has values that are not above 0")
+        excess = [
+            f"{NAMES[rate]} of {limits.names[joint]} {getattr(limits, NAMES[rate])[joint]:.6g}, the table "
+            f"allows {allowed:.5g} {limits.unit(joint, rate + 1)}"
+            for rate in Rate
+            for joint, allowed in enumerate(_floored(least[rate] / per_unit))
+            if getattr(limits, NAMES[rate])[joint] > least[rate, joint] / per_unit[joint] * (1.0 + SLACK)
+        ]
+        if not excess:
+            return ACCEPTED
+        what = "any payload" if load is None else f"{load:.0%} of the full payload"
+        return Rejected(
+            f"the model's joint limits exceed the controller's limits table for {what}: {'; '.join(excess)}. "
+            "Set joint_limits.yaml to at most these values"
+        )
+
+
+def _floored(values: Array) -> Array:
+    """Rounded down to five digits, so that a value that is typed in is allowed."""
+    digits = 10.0 ** (4 - np.floor(np.log10(values)))
+    return np.asarray(np.floor(values * digits) / digits)

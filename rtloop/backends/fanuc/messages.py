@@ -1,0 +1,220 @@
+"""The packets of FANUC's Stream Motion, versions 3 and 4.
+
+Layouts are those of the Stream Motion manual (B-84184EN) and of `stream_motion/packets.hpp`, which FANUC
+publishes: big-endian, without padding. Bytes of inputs and outputs are lowest first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+AXES = 9
+"""Axes in each packet: those of the arm, then extended axes; unused ones are zero."""
+IO_BYTES = 256
+MIN_VERSION, FORCE_VERSION = 3, 4
+"""Oldest version that is spoken here, and the first whose status packets have a force."""
+PORT = 60015
+THRESHOLDS = 20
+"""Columns of the limits table: from 5 % to 100 % of the largest speed of the TCP."""
+JOINT_STYLE = 0xFFFF
+"""Data style of a command with joint angles; with 0 the controller takes the same numbers for a pose."""
+MAX_PACKET = 1024
+"""More bytes than any packet has."""
+
+
+class PacketType(IntEnum):
+    STOP = 2
+    LIMITS = 3
+    CAPABILITY = 7
+    START = 200
+    COMMAND = 201
+    STATUS_3 = 202
+    IO_CONFIG = 203
+    STATUS = 204
+
+
+class Motion(IntFlag):
+    """Bits of `status`."""
+
+    POSSIBLE = 1
+    COMMAND_RECEIVED = 2
+    SYSTEM_READY = 4
+    IN_PROGRESS = 8
+
+
+class Robot(IntFlag):
+    """Bits of `robot_status`."""
+
+    ERROR = 1
+    PENDANT = 2
+    EMERGENCY_STOP = 4
+
+
+class ContactStop(IntEnum):
+    """What the contact stop of a collaborative robot does."""
+
+    NONE = 0
+    SAFE = 1
+    STOP = 2
+    DISABLED = 3
+    ESCAPE = 4
+
+
+class Rate(IntEnum):
+    """Derivative whose limits a table has."""
+
+    VELOCITY = 0
+    ACCELERATION = 1
+    JERK = 2
+
+
+class IoType(IntEnum):
+    DO = 0
+    DI = 1
+    RO = 2
+    RI = 3
+    AO = 4
+    AI = 5
+    F = 6
+
+
+class IoBlockKind(IntEnum):
+    NONE = 0
+    COMMAND = 1
+    STATE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class StatusPacket:
+    """The controller's state in one period.
+
+    Attributes:
+        sequence: number of the packet; a command that answers it has the same.
+        time_ms: of the controller's clock.
+        pose: of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
+        joints: degrees, of linear axes mm, shape (AXES,).
+        currents: of the motors, in units of the controller.
+        safety_scale: share of the speed that the collaborative speed clamp leaves.
+        io: bytes of the blocks that were configured.
+    """
+
+    version: int
+    sequence: int
+    status: int
+    robot_status: int
+    contact_stop: int
+    time_ms: int
+    pose: tuple[float, ...]
+    joints: tuple[float, ...]
+    currents: tuple[float, ...] = (0.0,) * AXES
+    safety_scale: float = 1.0
+    io: bytes = b""
+
+    @property
+    def motion_possible(self) -> bool:
+        return bool(self.status & Motion.POSSIBLE)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandPacket:
+    """A target of all axes.
+
+    Attributes:
+        is_last: whether the motion ends with it.
+        moves: False for a packet that sets outputs only.
+        style: `JOINT_STYLE`, or 0 for a pose.
+        position: degrees, of linear axes mm, shape (AXES,).
+    """
+
+    version: int
+    sequence: int
+    position: tuple[float, ...]
+    is_last: bool = False
+    moves: bool = True
+    style: int = JOINT_STYLE
+    io: bytes = bytes(IO_BYTES)
+
+
+@dataclass(frozen=True, slots=True)
+class CapabilityPacket:
+    """What the controller can, or, with zeros, the request for it.
+
+    Attributes:
+        version: newest version that the sender speaks.
+        period_ms: between two status packets.
+        start_move: number of commands that the controller collects before it moves.
+        at_tcp: whether poses are of the TCP instead of the face plate.
+    """
+
+    version: int
+    period_ms: int = 0
+    start_move: int = 0
+    at_tcp: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LimitsRequest:
+    version: int
+    axis: int
+    rate: Rate
+
+
+@dataclass(frozen=True, slots=True)
+class LimitsPacket:
+    """Limits of one axis, deg/s, deg/s² or deg/s³ (of linear axes mm).
+
+    Attributes:
+        axis: from 1 on.
+        max_speed: of the TCP, mm/s, which the last column is for.
+        interval_ms: between two checks of the controller.
+        unloaded, loaded: without payload and with the full one, each shape (THRESHOLDS,).
+    """
+
+    version: int
+    axis: int
+    rate: Rate
+    max_speed: int
+    interval_ms: int
+    unloaded: tuple[float, ...]
+    loaded: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IoBlock:
+    """A row of inputs or outputs with consecutive numbers, from 1 on."""
+
+    kind: IoBlockKind
+    type: IoType
+    start: int
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class StartPacket:
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class StopPacket:
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class IoConfigRequest:
+    version: int
+    blocks: tuple[IoBlock, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IoConfigResult:
+    """result: 0, or the controller's number of an error."""
+
+    result: int
+    load: int = 0
+
+
+Received = StatusPacket | CapabilityPacket | LimitsPacket | IoConfigResult
+"""What a controller sends."""
+Sent = CommandPacket | CapabilityPacket | LimitsRequest | StartPacket | StopPacket | IoConfigRequest
+"""What its client sends."""

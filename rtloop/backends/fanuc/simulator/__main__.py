@@ -1,0 +1,145 @@
+"""`cobot simulate fanuc`: a controller with an arm, for any client of Stream Motion and the Remote Motion
+Interface."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from rtloop.backends.fanuc.messages import FORCE_VERSION, MIN_VERSION, PORT
+from rtloop.backends.fanuc.options import RMI_PORT, an_io_point
+from rtloop.backends.fanuc.simulator.controller import FanucController
+from rtloop.backends.fanuc.simulator.network import FanucNetwork
+from rtloop.backends.fanuc.simulator.options import MODES, ControllerOptions
+from rtloop.backends.fanuc.simulator.server import ControllerServer
+from rtloop.backends.fri.messages import ControlMode
+from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
+from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.fri.simulator.network import MAX_DELAY
+from rtloop.realtime import freeze_garbage, prepare
+
+PERIODS_MS = (1, 2, 4, 8)
+MAX_LAG_MS = 1000
+
+
+def main() -> int:
+    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    chosen = _parser().parse_args()
+    ending: list[str] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ending.append("asked to")
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    try:
+        server = _server(chosen)
+    except (CobotError, ValueError, OSError) as exc:
+        print(f"cobot simulate fanuc: {exc}", file=sys.stderr)
+        return 2
+    print(
+        f"cobot simulate fanuc: UDP {chosen.address}:{server.port}, every {chosen.period} ms, "
+        f"TCP {chosen.address}:{server.rmi.port}, control on 127.0.0.1:{server.control_port}",
+        flush=True,
+    )
+    if chosen.priority is not None:
+        refused = prepare(chosen.priority, None, None).refused
+        freeze_garbage()
+        if refused:
+            print(f"cobot simulate fanuc: {refused}", file=sys.stderr, flush=True)
+    try:
+        server.run(ending)
+    finally:
+        server.close()
+    return 0
+
+
+def _server(chosen: argparse.Namespace) -> ControllerServer:
+    settings = load_settings(chosen.config).of(chosen.robot)
+    robot = load_robot(settings)
+    options = ControllerOptions(
+        period_ms=chosen.period,
+        version=chosen.version,
+        mode=chosen.mode,
+        horizon=chosen.horizon,
+        payload_share=chosen.payload,
+        table_share=chosen.table,
+        io=dict(chosen.io),
+        lag_ms=chosen.lag,
+        world_z_m=chosen.world_z,
+    )
+    start = np.array(robot.positions[settings.robot.start_position].joints)
+    arm = CabinetArm(settings, robot.limits, start, ControlMode.POSITION)
+    return ControllerServer(
+        FanucController(arm, options),
+        FanucNetwork(chosen.seed, chosen.loss, chosen.reorder, chosen.delay),
+        address=chosen.address,
+        stream_port=chosen.stream_port,
+        rmi_port=chosen.rmi_port,
+        control_port=chosen.control_port,
+        patience_s=chosen.patience,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="cobot simulate fanuc", description=__doc__)
+    add = parser.add_argument
+    port, share = within(int, 0, MAX_PORT), within(float, 0, 1)
+    add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
+    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add("--address", type=ipv4, default="127.0.0.1", metavar="IPV4", help="to listen on; 127.0.0.1")
+    add("--stream-port", type=port, default=PORT, metavar="P", help=f"UDP; {PORT}, 0 picks a free one")
+    add("--rmi-port", type=port, default=RMI_PORT, metavar="P", help=f"TCP; {RMI_PORT}, 0 picks a free one")
+    add("--control-port", type=port, default=0, metavar="P", help="of the control interface; a free one")
+    add("--period", type=int, choices=PERIODS_MS, default=8, metavar="MS", help="1, 2, 4 or 8 ms; 8")
+    add("--version", type=int, choices=range(1, FORCE_VERSION + 1), default=MIN_VERSION, help=VERSION_HELP)
+    add("--mode", choices=MODES, default="AUTO", help="operation mode; AUTO")
+    add("--horizon", action="store_true", help="joint 3 of the stream is measured from the horizon")
+    add("--payload", type=share, default=0.0, metavar="SHARE", help="of the full payload; 0")
+    add("--table", type=within(float, 0.01, 10), default=1.0, metavar="SHARE", help=TABLE_HELP)
+    add("--io", type=_io, action="append", default=[], metavar="NAME[=VALUE]", help="such as DO[1]=1")
+    add("--lag", type=within(int, 0, MAX_LAG_MS), default=0, metavar="MS", help="of the reported joints; 0")
+    add("--world-z", type=within(float, -10, 10), default=0.0, metavar="M", help=WORLD_HELP)
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
+    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
+    add("--delay", type=within(int, 0, MAX_DELAY), default=0, metavar="N", help="periods of the answers")
+    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
+    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    add(
+        "--patience",
+        type=within(float, 0, MAX_PATIENCE_S),
+        default=0.0,
+        metavar="S",
+        help="stand still so long for a late answer",
+    )
+    return parser
+
+
+VERSION_HELP = "of Stream Motion; 3. A client needs 3 or more"
+TABLE_HELP = "limits at full payload and speed, as a share of the model's; 1"
+WORLD_HELP = "height of the world frame above the model's base; 0"
+
+
+def _io(argument: str) -> tuple[str, int]:
+    name, _, value = argument.partition("=")
+    try:
+        number = int(value or 0)
+        found = an_io_point(name)
+    except ValueError as exc:
+        raise argparse.ArgumentTypeError(f"{argument[:80]!r} is not NAME[=VALUE], such as DO[1]=1") from exc
+    most = 0xFFFF if name.startswith("A") else 1
+    if not 0 <= number <= most:
+        raise argparse.ArgumentTypeError(f"{argument[:80]!r}: the value must be from 0 to {most}")
+    return found, number
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,32 @@
+"""How a simulated controller is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rtloop.backends.fanuc.messages import MIN_VERSION
+
+MODES = ("AUTO", "T1", "T2")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerOptions:
+    """Attributes:
+    version: newest version of Stream Motion that it speaks.
+    horizon: whether joint 3 of the stream is measured from the horizon.
+    payload_share: of the full payload that it checks its limits for, 0 to 1.
+    table_share: its limits, as a share of the model's at full payload and speed.
+    io: points that exist, with their values.
+    lag_ms: by how much the reported joints are late.
+    world_z_m: height of its world frame above the model's base.
+    """
+
+    period_ms: int = 8
+    version: int = MIN_VERSION
+    mode: str = "AUTO"
+    horizon: bool = False
+    payload_share: float = 0.0
+    table_share: float = 1.0
+    io: dict[str, int] = field(default_factory=dict)
+    lag_ms: int = 0
+    world_z_m: float = 0.0
