@@ -10,9 +10,9 @@ from cobot.types import Array
 from rtloop.backends import Measured
 from rtloop.backends.fanuc import FanucBackend
 from rtloop.backends.fanuc.simulator.controller import FanucController
-from rtloop.backends.fanuc.simulator.lockstep import LockStep
+from rtloop.backends.fanuc.simulator.lockstep import FanucLockStep
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
-from rtloop.backends.fanuc.simulator.options import ControllerOptions
+from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.fri.simulator.arm import CabinetArm
 
@@ -22,7 +22,7 @@ ENOUGH = 2000
 
 
 def made_controller(
-    settings: Settings, robot: RobotDescription, options: ControllerOptions, position: Array = BENT
+    settings: Settings, robot: RobotDescription, options: FanucControllerOptions, position: Array = BENT
 ) -> FanucController:
     return FanucController(CabinetArm(settings, robot.limits, position, ControlMode.POSITION), options)
 
@@ -34,14 +34,14 @@ class Driven:
         self,
         settings: Settings,
         robot: RobotDescription,
-        options: ControllerOptions | None = None,
+        options: FanucControllerOptions | None = None,
         position: Array = BENT,
     ) -> None:
         period_ms = round(1e3 * settings.rt.period_s)
         self.controller = made_controller(
-            settings, robot, options or ControllerOptions(period_ms=period_ms), position
+            settings, robot, options or FanucControllerOptions(period_ms=period_ms), position
         )
-        self.channel = LockStep(self.controller, FanucNetwork())
+        self.channel = FanucLockStep(self.controller, FanucNetwork())
         self.backend = FanucBackend(
             settings,
             robot.limits,

@@ -27,13 +27,13 @@ from rtloop.backends.fanuc.bring_up import BringUp, RmiReport
 from rtloop.backends.fanuc.codec import decode_received, encode_command, encode_start, encode_stop
 from rtloop.backends.fanuc.joints import JointUnits
 from rtloop.backends.fanuc.limits_table import LimitsTable
-from rtloop.backends.fanuc.messages import AXES, CommandPacket, Robot, StatusPacket
+from rtloop.backends.fanuc.messages import AXES, CommandPacket, RobotFlag, StatusPacket
 from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.points import Points
 from rtloop.backends.fanuc.rmi import RmiClient, TcpLines
-from rtloop.backends.fanuc.stream import Handshake, StreamChannel, UdpChannel
+from rtloop.backends.fanuc.stream import Handshake, StreamChannel, UdpClient
 from rtloop.backends.fanuc.words import safety_stop, why_not_ready
-from rtloop.backends.fanuc.worker import Worker
+from rtloop.backends.fanuc.worker import RmiWorker
 from rtloop.backends.protocols import require_accepted
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class FanucBackend:
         self._channel, self._clock, self._sleep = channel, clock, sleep
         host = options.address or ""
         self._rmi = rmi or RmiClient(host, options.rmi_port, options.connect_s, partial(TcpLines, host))
-        self._worker = Worker(threaded=rmi is None)
+        self._worker = RmiWorker(threaded=rmi is None)
         self._bring_up = BringUp(self._rmi, options, clock, sleep)
         self._points = Points(options.io)
         self._beat = Beat[StatusPacket](limits.dof, self._period_s)
@@ -112,7 +112,7 @@ class FanucBackend:
             raise BackendError("robot.backend.address is missing: the address of the controller")
         self._worker.begin(self._rmi.connect).result()
         if self._channel is None:
-            self._channel = UdpChannel(str(options.address), options.stream_port)
+            self._channel = UdpClient(str(options.address), options.stream_port)
         handshake = Handshake(
             self._channel, self._clock, options.connect_s, f"{options.address}:{options.stream_port}"
         )
@@ -256,7 +256,7 @@ class FanucBackend:
         if packet is None:
             return DeviceStatus(connection="no packet yet", text=self._silent())
         silent = self._silence_s > self._options.silence_s
-        pendant = bool(packet.robot_status & Robot.PENDANT)
+        pendant = bool(packet.robot_status & RobotFlag.PENDANT)
         scale = packet.safety_scale
         return DeviceStatus(
             connection="SILENT" if silent else "COMMANDING" if self._enabled else "MONITORING",
@@ -335,7 +335,7 @@ class FanucBackend:
     def _begin_enabling(self, now_s: float) -> None:
         packet = self._newest
         stop = safety_stop(packet)
-        if stop or packet.robot_status & Robot.PENDANT:
+        if stop or packet.robot_status & RobotFlag.PENDANT:
             raise BackendError(stop or why_not_ready(packet))
         self._asked_s = now_s
         self._enabling = self._worker.begin(self._bring_up.begin)
@@ -380,7 +380,7 @@ class FanucBackend:
     def _may_come_back(self, packet: StatusPacket) -> bool:
         """Whether the program may end and run again without a fault: shortly after enabling, which restarts
         it, and only while the arm does not move."""
-        stopped = safety_stop(packet) or packet.robot_status & (Robot.PENDANT | Robot.ERROR)
+        stopped = safety_stop(packet) or packet.robot_status & (RobotFlag.PENDANT | RobotFlag.ERROR)
         return self._clock() < self._join_until_s and not stopped
 
     def _receive(self, timeout_s: float) -> None:

@@ -17,11 +17,11 @@ from rtloop.backends.fanuc.messages import (
     IoBlockKind,
     IoConfigRequest,
     IoConfigResult,
-    IoType,
+    LimitRate,
     LimitsPacket,
     LimitsRequest,
     PacketType,
-    Rate,
+    PointType,
     Received,
     Sent,
     StartPacket,
@@ -188,9 +188,9 @@ def _limits(data: bytes, kind: int, version: int) -> LimitsPacket | str:
         return f"a packet of the limits table with {len(data)} bytes, it must have {_LIMITS.size}"
     row = _LIMITS.unpack(data)
     axis, rate = row[2], row[3]
-    if not (1 <= axis <= AXES and rate in list(Rate)):
+    if not (1 <= axis <= AXES and rate in list(LimitRate)):
         return f"a limits table of axis {axis} and type {rate}, which do not exist"
-    return LimitsPacket(version, axis, Rate(rate), row[4], row[5], row[6:26], row[26:])
+    return LimitsPacket(version, axis, LimitRate(rate), row[4], row[5], row[6:26], row[26:])
 
 
 def _io_result(data: bytes, kind: int, version: int) -> IoConfigResult | str:
@@ -210,9 +210,9 @@ def _request(data: bytes, version: int) -> LimitsRequest | str:
     if len(data) != _LIMITS_REQUEST.size:
         return f"a request of limits with {len(data)} bytes, it must have {_LIMITS_REQUEST.size}"
     _, _, axis, rate = _LIMITS_REQUEST.unpack(data)
-    if not (1 <= axis <= AXES and rate in list(Rate)):
+    if not (1 <= axis <= AXES and rate in list(LimitRate)):
         return f"a request of the limits of axis {axis} and type {rate}, which do not exist"
-    return LimitsRequest(version, axis, Rate(rate))
+    return LimitsRequest(version, axis, LimitRate(rate))
 
 
 def _asked(data: bytes, version: int) -> CapabilityPacket | str:
@@ -227,7 +227,7 @@ def _config(data: bytes, version: int) -> IoConfigRequest | str:
         return f"an I/O configuration with {len(data)} bytes, it must have {length}"
     rows = list(_BLOCK.iter_unpack(data[_HEAD.size :]))
     try:
-        blocks = [IoBlock(IoBlockKind(row[0]), IoType(row[1]), row[2], row[3]) for row in rows if row[0]]
+        blocks = [IoBlock(IoBlockKind(row[0]), PointType(row[1]), row[2], row[3]) for row in rows if row[0]]
     except ValueError as exc:
         return f"an I/O configuration with an unknown block: {exc}"
     return IoConfigRequest(version, tuple(blocks))

@@ -11,13 +11,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from cobot.types import Array, JointLimits
-from rtloop.backends.fanuc.messages import THRESHOLDS, LimitsPacket, Rate
+from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 NAMES = {
-    Rate.VELOCITY: "max_velocity",
-    Rate.ACCELERATION: "max_acceleration",
-    Rate.JERK: "max_jerk",
+    LimitRate.VELOCITY: "max_velocity",
+    LimitRate.ACCELERATION: "max_acceleration",
+    LimitRate.JERK: "max_jerk",
 }
 SLACK = 1e-6
 
@@ -29,7 +29,7 @@ class LimitsTable:
     """
 
     def __init__(self, dof: int) -> None:
-        self.unloaded = np.full((len(Rate), dof, THRESHOLDS), np.nan)
+        self.unloaded = np.full((len(LimitRate), dof, THRESHOLDS), np.nan)
         self.loaded = self.unloaded.copy()
         self.max_speed = 0
 
@@ -40,9 +40,9 @@ class LimitsTable:
             self.loaded[packet.rate, packet.axis - 1] = packet.loaded
             self.max_speed = packet.max_speed
 
-    def missing(self) -> Iterable[tuple[int, Rate]]:
+    def missing(self) -> Iterable[tuple[int, LimitRate]]:
         """Axes, from 1 on, and rates that no packet has come for."""
-        for rate in Rate:
+        for rate in LimitRate:
             for axis in range(self.unloaded.shape[1]):
                 if np.isnan(self.loaded[rate, axis]).all():
                     yield axis + 1, rate
@@ -72,7 +72,7 @@ class LimitsTable:
         excess = [
             f"{NAMES[rate]} of {limits.names[joint]} {getattr(limits, NAMES[rate])[joint]:.6g}, the table "
             f"allows {allowed:.5g} {limits.unit(joint, rate + 1)}"
-            for rate in Rate
+            for rate in LimitRate
             for joint, allowed in enumerate(_floored(least[rate] / per_unit))
             if getattr(limits, NAMES[rate])[joint] > least[rate, joint] / per_unit[joint] * (1.0 + SLACK)
         ]

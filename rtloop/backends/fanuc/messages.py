@@ -34,7 +34,7 @@ class PacketType(IntEnum):
     STATUS = 204
 
 
-class Motion(IntFlag):
+class MotionFlag(IntFlag):
     """Bits of `status`."""
 
     POSSIBLE = 1
@@ -43,7 +43,7 @@ class Motion(IntFlag):
     IN_PROGRESS = 8
 
 
-class Robot(IntFlag):
+class RobotFlag(IntFlag):
     """Bits of `robot_status`."""
 
     ERROR = 1
@@ -61,7 +61,7 @@ class ContactStop(IntEnum):
     ESCAPE = 4
 
 
-class Rate(IntEnum):
+class LimitRate(IntEnum):
     """Derivative whose limits a table has."""
 
     VELOCITY = 0
@@ -69,7 +69,7 @@ class Rate(IntEnum):
     JERK = 2
 
 
-class IoType(IntEnum):
+class PointType(IntEnum):
     DO = 0
     DI = 1
     RO = 2
@@ -113,7 +113,7 @@ class StatusPacket:
 
     @property
     def motion_possible(self) -> bool:
-        return bool(self.status & Motion.POSSIBLE)
+        return bool(self.status & MotionFlag.POSSIBLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ class CapabilityPacket:
 class LimitsRequest:
     version: int
     axis: int
-    rate: Rate
+    rate: LimitRate
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ class LimitsPacket:
 
     version: int
     axis: int
-    rate: Rate
+    rate: LimitRate
     max_speed: int
     interval_ms: int
     unloaded: tuple[float, ...]
@@ -185,7 +185,7 @@ class IoBlock:
     """A row of inputs or outputs with consecutive numbers, from 1 on."""
 
     kind: IoBlockKind
-    type: IoType
+    type: PointType
     start: int
     length: int
 

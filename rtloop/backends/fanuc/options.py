@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from rtloop.backends.fanuc.messages import PORT, IoType
+from rtloop.backends.fanuc.messages import PORT, PointType
 
 RMI_PORT = 16001
 MAX_IO = 64
@@ -18,8 +18,8 @@ _IO = re.compile(r"([A-Z]{1,2})\[([1-9][0-9]{0,4})\]")
 def an_io_point(value: str) -> str:
     """An input or output as FANUC writes it."""
     found = _IO.fullmatch(value)
-    if found is None or found.group(1) not in IoType.__members__:
-        valid = ", ".join(IoType.__members__)
+    if found is None or found.group(1) not in PointType.__members__:
+        valid = ", ".join(PointType.__members__)
         raise ValueError(f"is not an input or output such as DO[1]; its kind is one of {valid}")
     return value
 

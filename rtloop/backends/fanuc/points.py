@@ -14,27 +14,27 @@ from itertools import pairwise
 
 from cobot.robot.io_points import IoKind, IoPoint
 from rtloop.backends import BackendError
-from rtloop.backends.fanuc.messages import IO_BYTES, IoBlock, IoBlockKind, IoType
+from rtloop.backends.fanuc.messages import IO_BYTES, IoBlock, IoBlockKind, PointType
 
-OUTPUTS = (IoType.DO, IoType.RO, IoType.AO, IoType.F)
-ANALOG = (IoType.AO, IoType.AI)
+OUTPUTS = (PointType.DO, PointType.RO, PointType.AO, PointType.F)
+ANALOG = (PointType.AO, PointType.AI)
 ALIGNMENT = 4
 MAX_ANALOG = 0xFFFF
 _WORD = struct.Struct("<H")
 
 
-def is_output(kind: IoType) -> bool:
+def is_output(kind: PointType) -> bool:
     return kind in OUTPUTS
 
 
-def split(name: str) -> tuple[IoType, int]:
+def split(name: str) -> tuple[PointType, int]:
     """Kind and number of a point such as DO[1]."""
     kind, _, number = name.rstrip("]").partition("[")
-    return IoType[kind], int(number)
+    return PointType[kind], int(number)
 
 
 @dataclass(slots=True)
-class Layout:
+class PointLayout:
     """Where each point is in the bytes of a packet.
 
     Attributes:
@@ -70,9 +70,9 @@ class Layout:
             data[at] = data[at] & ~(1 << bit) | value << bit
 
 
-def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> Layout:
+def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
     """The layout of those blocks that are of one kind."""
-    found = Layout(kind)
+    found = PointLayout(kind)
     for block in blocks:
         if block.kind == kind:
             found.add(block)
@@ -101,7 +101,7 @@ def blocks_of(names: Sequence[str]) -> tuple[IoBlock, ...]:
     return tuple(found)
 
 
-def _follows(before: tuple[IoType | None, int], after: tuple[IoType | None, int]) -> bool:
+def _follows(before: tuple[PointType | None, int], after: tuple[PointType | None, int]) -> bool:
     return before[0] == after[0] and before[1] + 1 == after[1]
 
 

@@ -46,7 +46,7 @@ class StreamChannel(Protocol):
     def close(self) -> None: ...
 
 
-class UdpChannel:
+class UdpClient:
     """A `StreamChannel`. The kernel drops packets from other addresses than the controller's."""
 
     def __init__(self, host: str, port: int) -> None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 from cobot.foreign import joined_text
-from rtloop.backends.fanuc.messages import ContactStop, Robot, StatusPacket
+from rtloop.backends.fanuc.messages import ContactStop, RobotFlag, StatusPacket
 
 MAX_ALARM = 160
 RESET = "then POST /robot/reset"
@@ -73,7 +73,7 @@ def alarms_in_words(alarms: Iterable[object]) -> str:
 
 def safety_stop(packet: StatusPacket) -> str:
     """Why the robot has stopped for safety; "" if it has not."""
-    if packet.robot_status & Robot.EMERGENCY_STOP:
+    if packet.robot_status & RobotFlag.EMERGENCY_STOP:
         return "an emergency stop is pressed, or the fence is open"
     if packet.contact_stop == ContactStop.STOP:
         return "the collaborative robot has stopped at a contact"
@@ -87,9 +87,9 @@ def why_not_ready(packet: StatusPacket) -> str:
     stop = safety_stop(packet)
     if stop:
         return stop
-    if packet.robot_status & Robot.PENDANT:
+    if packet.robot_status & RobotFlag.PENDANT:
         return "the teach pendant is on (T1 or T2): select AUTO and switch it off"
-    if packet.robot_status & Robot.ERROR:
+    if packet.robot_status & RobotFlag.ERROR:
         return "the controller has an alarm"
     if not packet.motion_possible:
         return "its Stream Motion program does not run, or has ended"

@@ -9,7 +9,7 @@ from typing import TypeVar
 ResultT = TypeVar("ResultT")
 
 
-class Worker:
+class RmiWorker:
     """Runs one job after the other, on a thread of its own."""
 
     def __init__(self, *, threaded: bool = True) -> None:

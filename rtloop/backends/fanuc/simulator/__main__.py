@@ -18,7 +18,7 @@ from rtloop.backends.fanuc.messages import FORCE_VERSION, MIN_VERSION, PORT
 from rtloop.backends.fanuc.options import RMI_PORT, an_io_point
 from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
-from rtloop.backends.fanuc.simulator.options import MODES, ControllerOptions
+from rtloop.backends.fanuc.simulator.options import MODES, FanucControllerOptions
 from rtloop.backends.fanuc.simulator.server import ControllerServer
 from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
@@ -65,7 +65,7 @@ def main() -> int:
 def _server(chosen: argparse.Namespace) -> ControllerServer:
     settings = load_settings(chosen.config).of(chosen.robot)
     robot = load_robot(settings)
-    options = ControllerOptions(
+    options = FanucControllerOptions(
         period_ms=chosen.period,
         version=chosen.version,
         mode=chosen.mode,

@@ -17,7 +17,7 @@ from rtloop.backends.fri.simulator.network import MAX_DELAY
 ALARMS = {"e_stop": E_STOP, "fence": FENCE, "collision": CONTACT}
 
 
-class ControlRequest(StrictModel):
+class FanucControlRequest(StrictModel):
     """Changes from now on. Fields that are left out stay unchanged.
 
     Attributes:
@@ -52,7 +52,7 @@ class FanucControl(ControlServer):
     """As for a KUKA cabinet, with other requests.
 
     Attributes:
-        close, deaf: see `ControlRequest`; the server heeds them.
+        close, deaf: see `FanucControlRequest`; the server heeds them.
     """
 
     def __init__(self, port: int, controller: FanucController, network: FanucNetwork, more: Any) -> None:
@@ -63,7 +63,7 @@ class FanucControl(ControlServer):
     def answer(self, line: bytes) -> dict[str, Any]:
         """Execute the request of a line; the state after it, or an error."""
         try:
-            request = ControlRequest.model_validate_json(line)
+            request = FanucControlRequest.model_validate_json(line)
         except ValidationError as exc:
             return {"error": sentence(exc.errors()[0])}
         unknown = [name for name in request.io if name not in self._controller.io]
@@ -72,7 +72,7 @@ class FanucControl(ControlServer):
         self._change(request)
         return self.status()
 
-    def _change(self, request: ControlRequest) -> None:
+    def _change(self, request: FanucControlRequest) -> None:
         controller = self._controller
         for name in ("loss", "reorder", "delay", "drop", "spoil"):
             value = getattr(request, name)

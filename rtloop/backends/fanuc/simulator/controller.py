@@ -30,17 +30,17 @@ from rtloop.backends.fanuc.messages import (
     IoBlockKind,
     IoConfigRequest,
     IoConfigResult,
+    LimitRate,
     LimitsPacket,
     LimitsRequest,
-    Motion,
-    Rate,
-    Robot,
+    MotionFlag,
+    RobotFlag,
     StartPacket,
     StatusPacket,
     StopPacket,
 )
-from rtloop.backends.fanuc.points import Layout, layout_of
-from rtloop.backends.fanuc.simulator.options import ControllerOptions
+from rtloop.backends.fanuc.points import PointLayout, layout_of
+from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.reflexes import Reflexes, table_of
 from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.results import Rejected
@@ -77,7 +77,7 @@ class FanucController:
     safety_scale: of the speed clamp.
     """
 
-    def __init__(self, arm: CabinetArm, options: ControllerOptions) -> None:
+    def __init__(self, arm: CabinetArm, options: FanucControllerOptions) -> None:
         self.arm, self.options = arm, options
         self.period_s = options.period_ms * 1e-3
         self.units = JointUnits(arm.limits, options.horizon)
@@ -97,8 +97,8 @@ class FanucController:
         self.version = MIN_VERSION
         self.streams = False
         self._program_ms = self._servo_ms = 0
-        self._state: Layout = layout_of((), IoBlockKind.STATE)
-        self._outputs: Layout = layout_of((), IoBlockKind.COMMAND)
+        self._state: PointLayout = layout_of((), IoBlockKind.STATE)
+        self._outputs: PointLayout = layout_of((), IoBlockKind.COMMAND)
         self._target: Array | None = None
         self._commanding = self._received = self._last = False
         self._answered = 0
@@ -202,14 +202,14 @@ class FanucController:
     def status(self) -> StatusPacket:
         flags = 0
         if self.motion_possible:
-            flags |= Motion.POSSIBLE | Motion.SYSTEM_READY
+            flags |= MotionFlag.POSSIBLE | MotionFlag.SYSTEM_READY
         if self._received:
-            flags |= Motion.COMMAND_RECEIVED
+            flags |= MotionFlag.COMMAND_RECEIVED
         if np.abs(self._velocity).max() > 1e-3:
-            flags |= Motion.IN_PROGRESS
-        robot = (Robot.ERROR if self.alarms else 0) | (Robot.PENDANT if self.mode != "AUTO" else 0)
+            flags |= MotionFlag.IN_PROGRESS
+        robot = (RobotFlag.ERROR if self.alarms else 0) | (RobotFlag.PENDANT if self.mode != "AUTO" else 0)
         if E_STOP in self.causes:
-            robot |= Robot.EMERGENCY_STOP
+            robot |= RobotFlag.EMERGENCY_STOP
         return StatusPacket(
             self.version,
             self.sequence,
@@ -231,7 +231,9 @@ class FanucController:
     @property
     def peaks(self) -> dict[str, list[float]]:
         """Largest share of each joint's limit that commands have used, by rate."""
-        return {rate.name.lower(): row.tolist() for rate, row in zip(Rate, self._reflexes.peaks, strict=True)}
+        return {
+            rate.name.lower(): row.tolist() for rate, row in zip(LimitRate, self._reflexes.peaks, strict=True)
+        }
 
     @property
     def motion_possible(self) -> bool:
@@ -321,7 +323,7 @@ class FanucController:
         else:
             unloaded = loaded = (0.0,) * self.table.loaded.shape[2]
         version, interval_ms = self.options.version, self.options.period_ms
-        return LimitsPacket(version, request.axis, Rate(rate), MAX_SPEED, interval_ms, unloaded, loaded)
+        return LimitsPacket(version, request.axis, LimitRate(rate), MAX_SPEED, interval_ms, unloaded, loaded)
 
     def _configure(self, request: IoConfigRequest) -> IoConfigResult:
         names = [

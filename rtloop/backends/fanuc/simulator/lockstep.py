@@ -14,7 +14,7 @@ from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.rmi import RmiClient, RmiLines
 from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
-from rtloop.backends.fanuc.simulator.options import ControllerOptions
+from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.rmi import RmiAnswers
 from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.fri.simulator.arm import CabinetArm
@@ -29,7 +29,7 @@ SESSION_PORT = 16002
 IO = {"DI[1]": 0, "DI[2]": 1, "DO[1]": 1, "DO[2]": 0, "RO[1]": 0, "F[3]": 0, "AI[1]": 12, "AO[1]": 7}
 
 
-class LockStep:
+class FanucLockStep:
     """A `StreamChannel` whose other end is a controller: each wait is its next period.
 
     Attributes:
@@ -115,7 +115,7 @@ class LockStep:
 class LockStepLines:
     """`RmiLines` to the controller in this process."""
 
-    def __init__(self, channel: LockStep, *, session: bool) -> None:
+    def __init__(self, channel: FanucLockStep, *, session: bool) -> None:
         self._channel, self._session = channel, session
         self._replies: list[bytes] = []
 
@@ -152,14 +152,14 @@ class FanucRig:
         robot = settings.robot.model_copy(update={"backend": backend})
         self._settings, self._limits = settings.model_copy(update={"robot": robot}), limits
         start = load_named_positions(robot.srdf, limits.names, robot.group)[robot.start_position].joints
-        cell = ControllerOptions(
+        cell = FanucControllerOptions(
             period_ms=round(settings.rt.period_s * 1e3),
             horizon=options.j3 == "horizon",
             io={name: IO.get(name, 0) for name in points},
             world_z_m=options.world_z_m or 0.0,
         )
         arm = CabinetArm(settings, limits, np.array(start), ControlMode.POSITION)
-        self._channel = LockStep(FanucController(arm, cell), FanucNetwork())
+        self._channel = FanucLockStep(FanucController(arm, cell), FanucNetwork())
         self._units = self._channel.controller.units
 
     @property

@@ -10,7 +10,7 @@ MODES = ("AUTO", "T1", "T2")
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerOptions:
+class FanucControllerOptions:
     """Attributes:
     version: newest version of Stream Motion that it speaks.
     horizon: whether joint 3 of the stream is measured from the horizon.

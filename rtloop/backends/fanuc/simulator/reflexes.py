@@ -6,7 +6,7 @@ import numpy as np
 
 from cobot.types import Array, JointLimits
 from rtloop.backends.fanuc.limits_table import LimitsTable
-from rtloop.backends.fanuc.messages import THRESHOLDS, LimitsPacket, Rate
+from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENTRY_RAD = 0.05
@@ -17,7 +17,7 @@ SLACK = 1.01
 TIGHTEST_LOAD, TIGHTEST_SPEED = 1.0 / 1.5, 0.5
 """How acceleration and jerk fall from the empty hand to the full payload, and up to the full speed."""
 INTERVAL_MS = 8
-WORDS = {Rate.VELOCITY: "velocity", Rate.ACCELERATION: "acceleration", Rate.JERK: "jerk"}
+WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration", LimitRate.JERK: "jerk"}
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
@@ -25,11 +25,11 @@ def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int)
     table = LimitsTable(limits.dof)
     speeds = np.linspace(1.0 / TIGHTEST_SPEED, 1.0, THRESHOLDS)
     bounds = limits.max_velocity, limits.max_acceleration, limits.max_jerk
-    for rate, bound in zip(Rate, bounds, strict=True):
-        column = speeds if rate != Rate.VELOCITY else np.ones(THRESHOLDS)
+    for rate, bound in zip(LimitRate, bounds, strict=True):
+        column = speeds if rate != LimitRate.VELOCITY else np.ones(THRESHOLDS)
         for joint in range(limits.dof):
             loaded = share * bound[joint] * per_unit[joint] * column
-            unloaded = loaded / (TIGHTEST_LOAD if rate != Rate.VELOCITY else 1.0)
+            unloaded = loaded / (TIGHTEST_LOAD if rate != LimitRate.VELOCITY else 1.0)
             row = tuple(unloaded.tolist()), tuple(loaded.tolist())
             table.take(LimitsPacket(0, joint + 1, rate, max_speed, INTERVAL_MS, *row))
     return table
@@ -46,7 +46,7 @@ class Reflexes:
         self._limits, self._max_speed = limits, table.max_speed
         self._columns = ((1.0 - load) * table.unloaded + load * table.loaded) / per_unit[None, :, None]
         self._known: list[tuple[int, Array]] = []
-        self.peaks = np.zeros((len(Rate), limits.dof))
+        self.peaks = np.zeros((len(LimitRate), limits.dof))
 
     def forget(self) -> None:
         """A motion begins."""
@@ -89,13 +89,13 @@ class Reflexes:
         whole = np.diff(numbers)[::-1] == 1
         column = self._column(tcp_m_s)
         places = np.array([place for _, place in known])
-        for rate in Rate:
+        for rate in LimitRate:
             order = rate + 1
-            if rate != Rate.VELOCITY and not whole[:order].all():
+            if rate != LimitRate.VELOCITY and not whole[:order].all():
                 break
             found = (
                 np.abs(places[-1] - places[-2]) / (passed * period_s)
-                if rate == Rate.VELOCITY
+                if rate == LimitRate.VELOCITY
                 else np.abs(np.diff(places[-order - 1 :], order, axis=0)[0]) / period_s**order
             )
             share = found / self._columns[rate, :, column]

@@ -10,7 +10,7 @@ from typing import Any
 from cobot.errors import LimitError
 from cobot.robot.io_points import IoKind, IoPoint, require_number
 from rtloop.backends.fanuc.joints import to_horizon
-from rtloop.backends.fanuc.messages import AXES, IoType
+from rtloop.backends.fanuc.messages import AXES, PointType
 from rtloop.backends.fanuc.points import ANALOG, is_output
 from rtloop.backends.fanuc.rmi import number_of
 from rtloop.backends.fanuc.simulator.controller import FanucController
@@ -196,7 +196,7 @@ class RmiAnswers:
 
     def _write_port(self, fields: Fields) -> Fields:
         name, value = _point(fields), number_of(fields.get("PortValue"))
-        if name not in self._controller.io or not is_output(IoType[name.partition("[")[0]]):
+        if name not in self._controller.io or not is_output(PointType[name.partition("[")[0]]):
             return {"ErrorID": NO_PORT}
         if not _fits(name, value):
             return {"ErrorID": BAD_VALUE}
@@ -259,7 +259,7 @@ def _point(fields: Fields) -> str:
 
 
 def _fits(name: str, value: float) -> bool:
-    kind = IoKind.DIGITAL if IoType[name.partition("[")[0]] in ANALOG else IoKind.BOOLEAN
+    kind = IoKind.DIGITAL if PointType[name.partition("[")[0]] in ANALOG else IoKind.BOOLEAN
     try:
         require_number(IoPoint(name, kind, True, value), value)
     except LimitError:

@@ -21,7 +21,7 @@ from rtloop.backends.fanuc import FanucBackend
 from rtloop.backends.fanuc.codec import decode_received, decode_sent, encode_status
 from rtloop.backends.fanuc.messages import CommandPacket, ContactStop, StatusPacket
 from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FENCE
-from rtloop.backends.fanuc.simulator.options import ControllerOptions
+from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 
 Made = Callable[..., Settings]
 
@@ -67,17 +67,17 @@ def test_every_period_that_it_says(made: Made, arm: RobotDescription, period_ms:
 
 def test_another_period_is_named(made: Made, arm: RobotDescription) -> None:
     with pytest.raises(BackendError, match=r"sends every 4 ms, rt.period_s is 0.008 s: set it to 0.004"):
-        Driven(made(8), arm, ControllerOptions(period_ms=4)).open()
+        Driven(made(8), arm, FanucControllerOptions(period_ms=4)).open()
 
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_an_old_version_is_named(made: Made, arm: RobotDescription, version: int) -> None:
     with pytest.raises(BackendError, match=f"speaks Stream Motion {version}, at least 3 is needed: update"):
-        Driven(made(), arm, ControllerOptions(version=version)).open()
+        Driven(made(), arm, FanucControllerOptions(version=version)).open()
 
 
 def test_version_4_moves_the_arm(made: Made, arm: RobotDescription) -> None:
-    driven = Driven(made(), arm, ControllerOptions(version=4)).open().enable()
+    driven = Driven(made(), arm, FanucControllerOptions(version=4)).open().enable()
     driven.move(5, 0.2)
     assert driven.backend.status().text == "Stream Motion 4, RMI 9.0"
     assert driven.controller.alarms == []
@@ -99,7 +99,7 @@ def test_it_finds_out_what_joint_3_is_measured_from(
     made: Made, arm: RobotDescription, horizon: bool, check_pose: bool
 ) -> None:
     """By the pose of the face plate, or without it by the other interface."""
-    driven = Driven(made(check_pose=check_pose), arm, ControllerOptions(horizon=horizon)).open().enable()
+    driven = Driven(made(check_pose=check_pose), arm, FanucControllerOptions(horizon=horizon)).open().enable()
     np.testing.assert_allclose(driven.measured.position, BENT, atol=1e-3)
     for joint in (1, 2):
         driven.move(joint, -0.2)
@@ -116,7 +116,7 @@ def test_the_wrong_one_is_refused_with_the_right_one(
 ) -> None:
     right = "horizon" if horizon else "relative"
     with pytest.raises(BackendError, match=rf"degrees are allowed.* With robot.backend.j3: {right} they"):
-        Driven(made(j3=asked), arm, ControllerOptions(horizon=horizon)).open()
+        Driven(made(j3=asked), arm, FanucControllerOptions(horizon=horizon)).open()
 
 
 def test_another_arm_is_refused(made: Made, arm: RobotDescription) -> None:
@@ -136,7 +136,7 @@ def test_another_arm_is_refused(made: Made, arm: RobotDescription) -> None:
 def test_the_world_frame_is_at_the_height_of_joint_2(
     made: Made, arm: RobotDescription, asked_m: float | None, good: bool
 ) -> None:
-    driven = Driven(made(world_z_m=asked_m), arm, ControllerOptions(world_z_m=JOINT_2_HEIGHT_M))
+    driven = Driven(made(world_z_m=asked_m), arm, FanucControllerOptions(world_z_m=JOINT_2_HEIGHT_M))
     if good:
         driven.open()
     else:
@@ -156,7 +156,7 @@ def test_interfaces_that_differ_otherwise_are_named(made: Made, arm: RobotDescri
 
 
 def test_limits_beyond_the_table_are_refused_by_name(made: Made, arm: RobotDescription) -> None:
-    options = ControllerOptions(table_share=0.8)
+    options = FanucControllerOptions(table_share=0.8)
     with pytest.raises(BackendError) as found:
         Driven(made(), arm, options).open()
     said = str(found.value)
@@ -347,7 +347,7 @@ def test_what_is_asked_for_before_motion(made: Made, arm: RobotDescription) -> N
 
 def test_outputs_keep_their_values_and_are_set(made: Made, arm: RobotDescription) -> None:
     io = {"DO[1]": 1, "DO[2]": 0, "DI[1]": 1, "AO[1]": 500}
-    driven = Driven(made(io=list(io)), arm, ControllerOptions(io=io)).open()
+    driven = Driven(made(io=list(io)), arm, FanucControllerOptions(io=io)).open()
     with pytest.raises(BackendError, match=r"DO\[2\] cannot be set: the arm is not enabled"):
         driven.backend.set_output("DO[2]", 1.0)
     driven.enable()

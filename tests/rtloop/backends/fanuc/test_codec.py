@@ -37,10 +37,10 @@ from rtloop.backends.fanuc.messages import (
     IoBlockKind,
     IoConfigRequest,
     IoConfigResult,
-    IoType,
+    LimitRate,
     LimitsPacket,
     LimitsRequest,
-    Rate,
+    PointType,
     StartPacket,
     StatusPacket,
     StopPacket,
@@ -67,7 +67,7 @@ STATUS = st.builds(
 )
 COLUMNS = st.lists(SINGLE, min_size=20, max_size=20).map(tuple)
 LIMITS = st.builds(
-    LimitsPacket, WORD, st.integers(1, AXES), st.sampled_from(Rate), WORD, WORD, COLUMNS, COLUMNS
+    LimitsPacket, WORD, st.integers(1, AXES), st.sampled_from(LimitRate), WORD, WORD, COLUMNS, COLUMNS
 )
 
 
@@ -152,7 +152,7 @@ def test_a_table_is_where_the_manual_has_it(packet: LimitsPacket) -> None:
 
 
 def test_an_io_configuration_has_32_blocks() -> None:
-    block = IoBlock(IoBlockKind.COMMAND, IoType.RO, 3, 2)
+    block = IoBlock(IoBlockKind.COMMAND, PointType.RO, 3, 2)
     data = encode_io_config(IoConfigRequest(3, (block,)))
     assert len(data) == 8 + 32 * 16
     assert struct.unpack_from(">6I", data) == (203, 3, 1, 2, 3, 2)

@@ -22,7 +22,7 @@ from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import load_robot
 from cobot.types import Array, LoopMode, PlannerName, Scaling
 from rtloop.backends.fanuc import FanucBackend
-from rtloop.backends.fanuc.stream import UdpChannel
+from rtloop.backends.fanuc.stream import UdpClient
 
 testing = pytest.importorskip("airo_fanuc.testing", reason="airo-fanuc is not installed")
 START_DEG = [10.0, 25.0, -30.0, 5.0, -40.0, 15.0]
@@ -31,7 +31,7 @@ REPLY_S = 0.01
 """Time in which a packet has come from the fake's socket to ours, once it was sent."""
 
 
-class TickingChannel(UdpChannel):
+class TickingChannel(UdpClient):
     """The socket to the fake: each wait is a period of its."""
 
     def __init__(self, fake: Any) -> None:

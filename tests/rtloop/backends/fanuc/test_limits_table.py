@@ -11,7 +11,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import JointLimits
 from rtloop.backends.fanuc.joints import JointUnits
 from rtloop.backends.fanuc.limits_table import LimitsTable
-from rtloop.backends.fanuc.messages import LimitsPacket, Rate
+from rtloop.backends.fanuc.messages import LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Rejected
 
 
@@ -19,10 +19,10 @@ def table(limits: JointLimits, *, j2_loaded: float, j2_unloaded: float) -> Limit
     """As wide as can be, but for the acceleration of joint 2, in deg/s²; its last column counts."""
     found = LimitsTable(limits.dof)
     for joint in range(limits.dof):
-        for rate in Rate:
+        for rate in LimitRate:
             wide = (1e6,) * 20
             loaded = unloaded = wide
-            if (joint, rate) == (1, Rate.ACCELERATION):
+            if (joint, rate) == (1, LimitRate.ACCELERATION):
                 loaded = (*wide[:-1], j2_loaded)
                 unloaded = (*wide[:-1], j2_unloaded)
             found.take(LimitsPacket(3, joint + 1, rate, 2000, 8, unloaded, loaded))

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from rtloop.backends import BackendError
-from rtloop.backends.fanuc.messages import IO_BYTES, IoBlockKind, IoType
+from rtloop.backends.fanuc.messages import IO_BYTES, IoBlockKind, PointType
 from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.points import Points
 
@@ -21,11 +21,16 @@ def test_consecutive_numbers_share_a_block() -> None:
     points = Points(NAMES)
     states = [(b.type, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.STATE]
     assert states == [
-        (IoType.DO, 11, 2), (IoType.DO, 14, 1), (IoType.DI, 1, 1), (IoType.RI, 5, 1), (IoType.AO, 2, 1),
-        (IoType.AI, 1, 1), (IoType.F, 1, 1),
+        (PointType.DO, 11, 2), (PointType.DO, 14, 1), (PointType.DI, 1, 1), (PointType.RI, 5, 1), (PointType.AO, 2, 1),
+        (PointType.AI, 1, 1), (PointType.F, 1, 1),
     ]  # fmt: skip
     commands = [(b.type, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.COMMAND]
-    assert commands == [(IoType.DO, 11, 2), (IoType.DO, 14, 1), (IoType.AO, 2, 1), (IoType.F, 1, 1)]
+    assert commands == [
+        (PointType.DO, 11, 2),
+        (PointType.DO, 14, 1),
+        (PointType.AO, 2, 1),
+        (PointType.F, 1, 1),
+    ]
 
 
 def test_values_are_where_the_rule_has_them() -> None:

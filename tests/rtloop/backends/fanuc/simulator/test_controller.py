@@ -22,9 +22,9 @@ from rtloop.backends.fanuc.codec import (
     encode_status,
     encode_stop,
 )
-from rtloop.backends.fanuc.messages import CommandPacket, Robot, StatusPacket
+from rtloop.backends.fanuc.messages import CommandPacket, RobotFlag, StatusPacket
 from rtloop.backends.fanuc.simulator.controller import E_STOP, FanucController
-from rtloop.backends.fanuc.simulator.options import ControllerOptions
+from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.rmi import RmiAnswers
 
 PERIOD_S = 0.008
@@ -75,7 +75,7 @@ class Client:
 
 @pytest.fixture
 def client(crx: Settings, arm: RobotDescription) -> Client:
-    found = Client(made_controller(crx, arm, ControllerOptions()))
+    found = Client(made_controller(crx, arm, FanucControllerOptions()))
     found.begin()
     return found
 
@@ -116,7 +116,7 @@ def test_it_stops_at_commands_beyond_them(
     assert said in client.controller.alarms[-1]
     assert not client.controller.motion_possible
     assert client.state is not None
-    assert client.state.robot_status & Robot.ERROR
+    assert client.state.robot_status & RobotFlag.ERROR
     for _ in range(100):
         client.step()
     assert not np.abs(client.controller._velocity).any()
@@ -219,7 +219,7 @@ def test_both_interfaces_report_the_same_arm(client: Client) -> None:
 def test_versions_have_their_status_packets(crx: Settings, arm: RobotDescription) -> None:
     lengths = {}
     for version in (3, 4):
-        controller = made_controller(crx, arm, ControllerOptions(version=version))
+        controller = made_controller(crx, arm, FanucControllerOptions(version=version))
         controller.hear(encode_start(version))
         lengths[version] = len(controller.step())
         assert encode_status(controller.status())
