@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from rtloop.backends import BackendError
-from rtloop.backends.fanuc.messages import IO_BYTES, IoBlockKind, PointType
+from rtloop.backends.fanuc.messages import IO_BYTES, IoBlockKind
 from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.points import Points
 
@@ -19,17 +19,17 @@ NAMES = ["DO[11]", "DI[1]", "DO[12]", "AO[2]", "RI[5]", "DO[14]", "AI[1]", "F[1]
 
 def test_consecutive_numbers_share_a_block() -> None:
     points = Points(NAMES)
-    states = [(b.type, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.STATE]
+    states = [(b.type.name, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.STATE]
     assert states == [
-        (PointType.DO, 11, 2), (PointType.DO, 14, 1), (PointType.DI, 1, 1), (PointType.RI, 5, 1), (PointType.AO, 2, 1),
-        (PointType.AI, 1, 1), (PointType.F, 1, 1),
+        ("DO", 11, 2), ("DO", 14, 1), ("DI", 1, 1), ("RI", 5, 1), ("AO", 2, 1),
+        ("AI", 1, 1), ("F", 1, 1),
     ]  # fmt: skip
-    commands = [(b.type, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.COMMAND]
+    commands = [(b.type.name, b.start, b.length) for b in points.blocks if b.kind == IoBlockKind.COMMAND]
     assert commands == [
-        (PointType.DO, 11, 2),
-        (PointType.DO, 14, 1),
-        (PointType.AO, 2, 1),
-        (PointType.F, 1, 1),
+        ("DO", 11, 2),
+        ("DO", 14, 1),
+        ("AO", 2, 1),
+        ("F", 1, 1),
     ]
 
 
