@@ -1,4 +1,5 @@
-"""A hub with many cells: its share of a core, the age of states, a stop to all, and its return after a kill.
+"""A hub with many cells: its share of a core, the age of states, a stop to all, and its return after a kill
+and after a cut.
 
 The cells run the fleet's own code and publish at the largest rate. Several of them share a process, to which
 the figures of the hub do not belong.
@@ -25,6 +26,8 @@ from benchmarks.table import Row, percentiles, row
 
 PER_PROCESS = 10
 WAIT_S = 120.0
+CUTS_S = 5.0, 60.0
+"""How long the hub is frozen: its cells lose it, as by a cut of the network."""
 
 
 def fleet(cells: int, seconds: float, stops: int) -> Iterator[Row]:
@@ -39,6 +42,9 @@ def fleet(cells: int, seconds: float, stops: int) -> Iterator[Row]:
     yield row(f"{name}: stop to all of them, until all answer", "ms", many["stops"], beside, one["stops"])
     columns = ("until all are there",)
     yield row(f"{name}: killed and started", "s", [many["back"]], beside, [one["back"]], columns=columns)
+    for cut_s in CUTS_S:
+        key = f"cut {cut_s:g}"
+        yield row(f"{name}: frozen for {cut_s:g} s", "s", [many[key]], beside, [one[key]], columns=columns)
 
 
 def _measured(cells: int, seconds: float, stops: int) -> dict[str, Any]:
@@ -62,7 +68,10 @@ def _measured(cells: int, seconds: float, stops: int) -> dict[str, Any]:
         begin = time.monotonic()
         hub.start()
         hub.wait_for(cells)
-        return found | {"back": time.monotonic() - begin}
+        found["back"] = time.monotonic() - begin
+        for cut_s in CUTS_S:
+            found[f"cut {cut_s:g}"] = hub.return_s(cells, cut_s)
+        return found
 
 
 class _Hub:
@@ -95,6 +104,17 @@ class _Hub:
         assert answer["at_rest"], answer
         assert len(answer["robots"]) == cells
         return 1e3 * (time.monotonic() - begin)
+
+
+    def return_s(self, cells: int, cut_s: float) -> float:
+        """Freeze the hub for a time. Returns how long it takes then until all cells are there."""
+        self.process.send_signal(signal.SIGSTOP)
+        time.sleep(cut_s)
+        self.process.send_signal(signal.SIGCONT)
+        begin = time.monotonic()
+        time.sleep(0.1)  # it has noticed by then what it has lost
+        self.wait_for(cells)
+        return time.monotonic() - begin
 
 
 @contextmanager

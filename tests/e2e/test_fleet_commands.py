@@ -28,6 +28,7 @@ from cobot_run import Run, answering, until
 from fleets import FLEET, Hub, free_port
 from folders import ROOT
 from mcap.reader import make_reader
+from network_namespaces import connect, hosts
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
@@ -42,6 +43,8 @@ import zenoh
 from cobot.fleet.bundles import Installed
 from cobot.fleet.certificates import issue_cell, issue_hub, make_authority
 
+HUB_ADDRESS = "10.9.1.1"
+"""Of the hub that is on a computer of its own, see `network_namespaces.connect`."""
 HOME = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]
 SLOW = {"waypoints": [{"joints": HOME, "speed": 0.02}, {"joints": [1.0, *HOME[1:]], "speed": 0.02}]}
 
@@ -50,7 +53,7 @@ SLOW = {"waypoints": [{"joints": HOME, "speed": 0.02}, {"joints": [1.0, *HOME[1:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("fleet") / "certificates"
     make_authority(made, FLEET)
-    issue_hub(made, ["localhost", "127.0.0.1"], 30)
+    issue_hub(made, ["localhost", "127.0.0.1", HUB_ADDRESS], 30)
     for cell in ("one", "two"):
         issue_cell(made, cell, 30)
     return made
@@ -596,6 +599,43 @@ def test_recordings_come_home_over_a_kill_of_the_hub(
     assert "0 new" in capsys.readouterr().out
     refused = hub.http.get(f"/recordings/one/{cell.name}/..%2F..%2F..%2Ftokens.json")
     assert refused.status_code == 404
+
+
+def test_a_broken_cable_stops_nothing_and_delays_no_stop_to_later(
+    cell: Run, folder: Path, tokens: dict[str, str], client: Client, tmp_path: Path
+) -> None:
+    """Packets vanish without an end of the connection. Oracle: Linux's network namespaces."""
+    with hosts(2) as (plant, here):
+        connect(plant, here, 1)
+        with plant.inside():
+            far = Hub(folder, tokens["ada"], host=HUB_ADDRESS)
+        fleet = (
+            f"fleet: {{name: {FLEET}, cell: two, connect: ['{far.address}'], "
+            f"certificates: {folder}/cells/two}}\n"
+        )
+        config = tmp_path / "two.yaml"
+        config.write_text(cell.config.read_text().split("fleet:")[0] + fleet)
+        with here.inside():
+            process = subprocess.Popen([sys.executable, "-P", "-m", "cobot.fleet.cell", "--config", config])
+        try:
+            client.run_program("slow")
+            with plant.inside():
+                far.until_state("two", "moving")
+            here.ip("link", "set", "net1", "down")
+            with plant.inside():
+                far.until_state("two", "gone")
+                answer = far.stop("/stop", deadline_s=0.5)
+                assert not answer["at_rest"]
+                assert "NOT known to be stopped" in answer["robots"][0]["text"]
+            here.ip("link", "set", "net1", "up")
+            with plant.inside():
+                far.until_state("two", "moving")
+                assert far.stop("/stop")["at_rest"]
+        finally:
+            process.kill()
+            process.wait()
+            with plant.inside():
+                far.close()
 
 
 def test_the_example_of_three_cells(

@@ -30,12 +30,17 @@ class Hub:
         certificates: folder of the fleet; None: neither TLS nor tokens.
         token: of the person who asks.
         recordings: folder for the recordings of cells.
+        host: address at which it listens.
     """
 
     def __init__(
-        self, certificates: Path | None = None, token: str = "", recordings: Path | None = None
+        self,
+        certificates: Path | None = None,
+        token: str = "",
+        recordings: Path | None = None,
+        host: str = "127.0.0.1",
     ) -> None:
-        self.certificates, self.recordings = certificates, recordings
+        self.certificates, self.recordings, self.host = certificates, recordings, host
         self.zenoh_port, self.port = free_port(), free_port()
         trusted = certificates and ssl.create_default_context(cafile=certificates / "ca.pem")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -50,6 +55,7 @@ class Hub:
     @property
     def command(self) -> list[str]:
         options = ["--name", FLEET, "--listen", self.address, "--port", str(self.port)]
+        options += ["--host", self.host]
         if self.certificates is not None:
             options += ["--certificates", str(self.certificates)]
         if self.recordings is not None:
@@ -58,12 +64,12 @@ class Hub:
 
     @property
     def url(self) -> str:
-        return f"{'http' if self.certificates is None else 'https'}://127.0.0.1:{self.port}"
+        return f"{'http' if self.certificates is None else 'https'}://{self.host}:{self.port}"
 
     @property
     def address(self) -> str:
         """For cells."""
-        return f"{'tcp' if self.certificates is None else 'tls'}/127.0.0.1:{self.zenoh_port}"
+        return f"{'tcp' if self.certificates is None else 'tls'}/{self.host}:{self.zenoh_port}"
 
     def start(self) -> None:
         self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL)
