@@ -32,7 +32,7 @@ def cell_of(hub: str, name: str, folder: Path) -> FleetCell:
         f"fleet: {{name: {FLEET}, cell: {name}, connect: ['{hub}']}}\n",
         encoding="utf-8",
     )
-    cell = FleetCell(load_settings(config), "", "")
+    cell = FleetCell(load_settings(config), config, config, "", "")
     for robot in cell.robots.values():
         robot._arm = MovingArm()  # type: ignore[assignment]
         robot.stop = lambda who, command: "the arm is at rest"  # type: ignore[method-assign]

@@ -25,6 +25,7 @@ from cobot.client.steps import Steps
 from cobot.errors import CobotError, UnavailableError
 
 RELOAD_S = 60.0
+PICTURE_S = 30.0
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
@@ -68,6 +69,15 @@ class Client(ForceMoves, Steps, EventConnection):
         session, counters. `/docs` of the service has units and meanings.
         """
         return self._json("GET", "/robot/state")
+
+    def picture(self, view: str = "iso") -> bytes:
+        """A picture of the arm, its tool and its surroundings, as PNG.
+
+        Args:
+            view: "iso", "front", "side" or "top".
+        """
+        with self._stream("/robot/picture", params={"view": view}, timeout=PICTURE_S) as response:
+            return response.read()
 
     def positions(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The named positions.

@@ -30,6 +30,7 @@ EXIT_OK, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 URL_VARIABLE = "COBOT_FLEET"
 DEFAULT_URL = "http://127.0.0.1:8070"
 TIMEOUT_S = 5.0
+PICTURE_S = 40.0
 WATCH_S = 0.5
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
@@ -87,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     listing.set_defaults(run=_list)
     show = actions.add_parser("show", parents=[url], help="one cell with its last events")
     show.add_argument("cell", metavar="CELL")
+    show.add_argument("--picture", type=Path, metavar="FILE", help="also write a picture of the arm, as PNG")
     show.set_defaults(run=_show)
     watch = actions.add_parser("watch", parents=[url], help="what changes, until Ctrl-C")
     watch.set_defaults(run=_watch)
@@ -120,9 +122,11 @@ def _parser() -> argparse.ArgumentParser:
     control.add_argument("--force", action="store_true", help="take it from another client")
     control.set_defaults(run=_control)
     roll_out = actions.add_parser(
-        "roll-out", parents=[url], help="bring programs and positions to cells: one first, then in waves"
+        "roll-out", parents=[url], help="bring programs and settings to cells: one first, then in waves"
     )
-    roll_out.add_argument("folder", type=Path, metavar="FOLDER", help="with programs/ and positions.json")
+    roll_out.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="with programs/, positions.json, settings/"
+    )
     roll_out.add_argument("cells", nargs="+", metavar="CELL[/ROBOT]")
     roll_out.add_argument("--name", type=_name, help="of the bundle; default: the folder's name")
     roll_out.add_argument("--version", required=True, metavar="V", help="of the bundle, such as 1.4")
@@ -171,6 +175,8 @@ def _concerns(robot: dict[str, Any]) -> list[str]:
 def _show(chosen: argparse.Namespace) -> int:
     path = f"/cells/{quote(chosen.cell, safe='')}"
     answer = _ask(chosen, "GET", path) | _ask(chosen, "GET", f"{path}/events")
+    if chosen.picture:
+        _write_picture(chosen, [str(each["robot"]) for each in answer["robots"]])
     if chosen.json:
         print(json.dumps(answer, indent=1))
         return EXIT_OK
@@ -225,6 +231,24 @@ def _resume(chosen: argparse.Namespace) -> int:
 
 def _speed(chosen: argparse.Namespace) -> int:
     return _command(chosen, {"kind": "speed", "fraction": chosen.fraction})
+
+
+def _write_picture(chosen: argparse.Namespace, robots: list[str]) -> None:
+    """
+    Raises:
+        InputError: the cell has several robots, or the file cannot be written.
+        UnavailableError: the hub or the cell does not answer.
+    """
+    if len(robots) > 1:
+        raise InputError(
+            f"{chosen.cell} has several robots: {', '.join(robots)}; the page shows each of them"
+        )
+    path = f"/cells/{quote(chosen.cell, safe='')}/robots/{quote(robots[0], safe='')}/picture"
+    content = _get(chosen, "GET", path, timeout_s=PICTURE_S).content
+    try:
+        chosen.picture.write_bytes(content)
+    except OSError as exc:
+        raise InputError(f"{chosen.picture}: cannot be written: {exc.strerror}") from exc
 
 
 def _control(chosen: argparse.Namespace) -> int:
@@ -364,6 +388,17 @@ def _targets(chosen: argparse.Namespace) -> list[str]:
 def _ask(
     chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
 ) -> dict[str, Any]:
+    return dict(_get(chosen, method, path, body, timeout_s).json())
+
+
+def _get(
+    chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
+) -> httpx.Response:
+    """The hub's answer.
+
+    Raises:
+        CobotError: the hub does not answer, or its error.
+    """
     check_url(chosen.url)
     try:
         response = httpx.request(
@@ -375,18 +410,18 @@ def _ask(
             timeout=timeout_s,
             verify=tls_context(True),
         )
-        answer: dict[str, Any] = response.json()
+        if response.status_code == 200:
+            return response
+        answer = dict(response.json())
     except (httpx.HTTPError, ValueError) as exc:
         reason = str(exc) or type(exc).__name__
         raise UnavailableError(
             f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; `cobot fleet serve` runs one, "
             f"{URL_VARIABLE} or --url names it"
         ) from exc
-    if response.status_code != 200:
-        code = str(answer.get("code", "error")).upper()
-        kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
-        raise kind(str(answer.get("detail", response.status_code)))
-    return answer
+    code = str(answer.get("code", "error")).upper()
+    kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
+    raise kind(str(answer.get("detail", response.status_code)))
 
 
 def _user() -> str:

@@ -244,6 +244,7 @@ class FleetCell:
             declare(programs, lambda query: query.reply(programs, json.dumps(robot.programs).encode())),
             declare(command, lambda query: self._receive(query, robot, command)),
         ]
+        self._answer_to(robot, "picture", robot.picture)
         if robot.recordings is not None:
             self._answer_to(robot, "recordings", robot.recordings.listing)
             self._answer_to(robot, "recording", robot.recordings.answer)

@@ -90,6 +90,14 @@ class ServiceCommands:
                 case _:
                     raise AssertionError(f"{action.kind} does not need the service")
 
+    def picture(self) -> bytes:
+        """A picture of the arm, as PNG; a command in progress does not delay it.
+
+        Raises:
+            CobotError: the service's error.
+        """
+        return self._client.picture()
+
     def recover(self) -> None:
         """Undo what a process that was killed has left: its control, and an activation in the middle.
 

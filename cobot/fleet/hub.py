@@ -47,12 +47,14 @@ MAX_ROBOTS = 10_000
 STOP = StopArm(kind="stop")
 RETRY_S = 0.1
 FILE_S = 30.0
-"""Timeout of a piece of a recording, and of the hash of a large one, in seconds."""
+"""Timeout of a piece of a recording, of the hash of a large one, and of a picture, in seconds."""
 ROLL_OUT_S = 20.0
 """Deadline of the commands of a roll-out, in seconds."""
 CHECK_S = 180.0
 """Time that a cell has to check a bundle, or to store it, in seconds."""
 ASK_S = 2.0
+MAX_PICTURE_BYTES = 4 * 2**20
+PNG = b"\x89PNG\r\n\x1a\n"
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
 NOT_KNOWN = "look at the cell before you try again"
 _EVENTS = TypeAdapter(list[RobotEvent])
@@ -181,6 +183,19 @@ class Hub:
             with contextlib.suppress(ValidationError):
                 return [each.model_dump() for each in _PROGRAMS.validate_json(content)]
         raise UnavailableError(f"{cell}/{robot}: the cell does not answer")
+
+    def picture(self, cell: str, robot: str) -> bytes:
+        """A picture of the arm as it is now, as PNG.
+
+        Raises:
+            NotFoundError: the fleet has no such cell or robot.
+            UnavailableError: the cell does not answer, or cannot make one.
+        """
+        self.robots_of(cell, robot)
+        for content in payloads(self._session.get(self._keys.of(cell, robot, "picture"), timeout=FILE_S)):
+            if content.startswith(PNG) and len(content) <= MAX_PICTURE_BYTES:
+                return content
+        raise UnavailableError(f"{cell}/{robot}: the cell gives no picture; its log says why")
 
     def _ask_file(self, cell: str, robot: str, last: str, question: bytes | None) -> bytes | None:
         import zenoh

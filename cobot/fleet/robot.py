@@ -124,6 +124,16 @@ class FleetRobot:
         finally:
             record_beside(self.settings, who, FROM, self.wish(command), outcome, command=command.id)
 
+    def picture(self, _question: bytes) -> bytes:
+        """A picture of the arm, as PNG.
+
+        Raises:
+            CobotError: the service does not give one.
+        """
+        if self._commands is None:
+            raise UnavailableError("this cell runs without its web service")
+        return self._commands.picture()
+
     def recover(self) -> None:
         """Roll back a bundle whose activation was interrupted, once the service answers."""
         if self._commands is not None:

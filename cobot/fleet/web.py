@@ -45,7 +45,10 @@ STATUS = {
     ConflictError: 409,
     BusyError: 409,
 }
-CSP = "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+CSP = (
+    "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
+)
 GONE = "gone"
 log = logging.getLogger("cobot.fleet")
 TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
@@ -228,6 +231,11 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.get("/cells/{cell}/robots/{robot}/programs", dependencies=[person])
     def programs(cell: str, robot: str) -> dict[str, Any]:
         return {"programs": hub.programs(cell, robot)}
+
+    @app.get("/cells/{cell}/robots/{robot}/picture", dependencies=[person])
+    def picture(cell: str, robot: str) -> Response:
+        content = hub.picture(cell, robot)
+        return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     @app.get("/metrics", dependencies=[person])
     def metrics() -> Response:

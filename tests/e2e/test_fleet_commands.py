@@ -27,6 +27,7 @@ from chromium import Page, browsing
 from cobot_run import Run, answering, until
 from fleets import FLEET, Hub, free_port
 from folders import ROOT
+from matplotlib.image import imread
 from mcap.reader import make_reader
 from network_namespaces import connect, hosts
 
@@ -375,6 +376,9 @@ def test_the_page_asks_for_a_token_and_starts_a_program(
         until(lambda: [each for each in client.jobs(5, "running") if each["kind"] == "sequence"])
         page.click("[data-kind=pause]")
         wait_on("document.querySelector('article').dataset.state === 'paused'")
+        page.click("article .look")
+        wait_on("document.querySelector('#picture-shown').naturalWidth === 640")
+        page.click("#picture-close")
         page.click("article .stop")
         page.click("#sure")
         wait_on("document.querySelector('#result').textContent.includes('at rest')")
@@ -382,6 +386,29 @@ def test_the_page_asks_for_a_token_and_starts_a_program(
             page.set_to("#language", language)
             wait_on(f"document.documentElement.lang === '{language}'")
             assert page.run("!document.body.innerText.match(/undefined|take_control/)")
+
+
+def test_a_picture_of_the_arm_comes_on_request(
+    hub: Hub,
+    client: Client,
+    folder: Path,
+    tokens: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Oracle: matplotlib reads it, and it differs after a motion."""
+    monkeypatch.setenv("COBOT_CERTIFICATE", str(folder / "ca.pem"))
+    path = f"/cells/one/robots/{hub.robot('one')['robot']}/picture"
+    first = hub.http.get(path)
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/png"), first.text
+    assert imread(io.BytesIO(first.content)).shape[:2] == (480, 640)
+    joints = client.joint_states()["position"]
+    client.move_joints([joints[0] + 0.5, *joints[1:]], speed=0.5)
+    file = tmp_path / "arm.png"
+    assert main(["show", "one", "--picture", str(file), "--url", hub.url, "--token", tokens["ada"]]) == 0
+    assert imread(file).shape[:2] == (480, 640)
+    assert file.read_bytes() != first.content
+    assert hub.http.get("/cells/one/robots/none/picture").status_code == 404
 
 
 @pytest.fixture

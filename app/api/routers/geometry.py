@@ -8,15 +8,20 @@ import secrets
 import zlib
 from typing import Annotated, Any
 
-from fastapi import Path, Request, Response
+import numpy as np
+from fastapi import Path, Query, Request, Response
 from pydantic import BaseModel, Field
 
+from app.api.costly import costly_turn
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
+from app.services.state.cell import CellService
 from app.services.state.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
+from cobot.pose import Pose
+from cobot.robot.picture import Facets, View, draw, solid, surface
 from cobot.robot.visuals import visuals_of
 from cobot.types import JointLimits, Numbers7
 
@@ -38,6 +43,16 @@ GLB: dict[int | str, dict[str, Any]] = {
         "content": {GLB_TYPE: {"schema": {"type": "string", "format": "binary"}}},
     }
 }
+
+
+PNG_TYPE = "image/png"
+PNG: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A picture, as PNG.",
+        "content": {PNG_TYPE: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+PART_COLOR = (0.3, 0.5, 0.8)
 
 
 class PoseIn(BaseModel):
@@ -185,6 +200,49 @@ def tagged(request: Request, content: bytes, media_type: str) -> Response:
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers=headers)
     return Response(content, media_type=media_type, headers=headers)
+
+
+@router.endpoint(
+    "GET /robot/picture",
+    Role.OBSERVER,
+    timeout_s=20.0,
+    response_class=Response,
+    responses=responses(422, 503) | PNG,
+)
+async def picture(
+    request: Request,
+    view: Annotated[View, Query(description="Where the camera is: iso is above, beside the arm.")] = "iso",
+) -> Response:
+    """A picture of the arm at its measured position, as PNG, 640 by 480 pixels.
+
+    It shows the arm with its tool, the scene, and the parts of a simulated cell.
+    """
+    call = Call(request)
+    services = call.services
+    state = await services.link.await_measured_state(call.timeout_s)
+    async with costly_turn(request):
+        parts = _parts(services.cell)
+        content = await asyncio.to_thread(draw, services.robot, state.position, view, parts)
+    return Response(content, media_type=PNG_TYPE, headers={"Cache-Control": "no-store"})
+
+
+def _parts(service: CellService) -> list[Facets]:
+    """The loose parts of a simulated cell."""
+    if service.cell is None:
+        return []
+    found = []
+    for name, pose in service.parts().items():
+        part = service.cell.parts.get(name)
+        if part is None:
+            continue
+        if part.shape == "mesh":
+            facets = surface(
+                np.reshape(part.mesh.vertices, (-1, 3)), np.reshape(part.mesh.triangles, (-1, 3))
+            )
+        else:
+            facets = solid(part.shape, tuple(part.bounds_m))
+        found.append(facets.placed(Pose.from_numbers(pose), PART_COLOR))
+    return found
 
 
 @router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))

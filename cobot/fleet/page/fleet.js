@@ -3,6 +3,7 @@ const POLL_MS = 500;
 const TIMEOUT_MS = 4000;
 const PROGRAMS_MS = 3000;
 const COMMAND_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
+const PICTURE_TIMEOUT_MS = 40000;
 const SPEEDS = [10, 25, 50, 75, 100];
 const TOKEN = "cobot.fleet.token";
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
@@ -59,7 +60,9 @@ function tileOf(robot) {
   stop.setAttribute("aria-label", `${word("stop")} ${robot.cell} ${robot.robot}`);
   const path = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/stop`;
   stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`), () => command(path));
-  foot.append(link, stop);
+  const look = element("button", { type: "button", class: "look" }, word("picture"));
+  look.onclick = () => showPicture(robot);
+  foot.append(link, look, stop);
   tile.append(head, list, element("p", { class: "faults" }), commandsOf(robot), foot);
   return tile;
 }
@@ -188,6 +191,25 @@ async function poll() {
   setTimeout(poll, POLL_MS);
 }
 
+async function showPicture(robot) {
+  const name = `${robot.cell} / ${robot.robot}`;
+  const place = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}`;
+  const image = byId("picture-shown");
+  byId("picture-of").textContent = `${name} …`;
+  byId("picture-again").onclick = () => showPicture(robot);
+  if (!byId("picture").open) byId("picture").showModal();
+  try {
+    const response = await fetch(`${place}/picture`, { headers: identity(), signal: AbortSignal.timeout(PICTURE_TIMEOUT_MS) });
+    if (!response.ok) throw new Error((await response.json()).detail);
+    URL.revokeObjectURL(image.src);
+    image.src = URL.createObjectURL(await response.blob());
+    image.alt = name;
+    byId("picture-of").textContent = `${name} – ${new Date().toLocaleTimeString(language)}`;
+  } catch (error) {
+    byId("picture-of").textContent = `${name}: ${word("no_picture")} ${error.message}`;
+  }
+}
+
 function ask(question, go, label = word("stop")) {
   byId("question").textContent = question;
   byId("sure").textContent = label;
@@ -239,6 +261,8 @@ function tell(text, bad) {
 
 byId("stop-all").onclick = () => ask(word("stop_all_question").replace("{count}", robots.length), () => command("stop"));
 byId("cancel").onclick = () => byId("confirm").close();
+byId("picture-close").onclick = () => byId("picture").close();
+byId("picture").onclose = () => byId("picture-shown").removeAttribute("src");
 byId("find").oninput = draw;
 byId("language").onchange = (event) => {
   language = event.target.value;

@@ -1,0 +1,279 @@
+"""A picture of the arm with its tool and its surroundings, drawn without a graphics card or a browser."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from cobot.robot.description import RobotDescription
+from cobot.robot.visuals import RobotVisuals, visuals_of
+from cobot.types import Array, Pose
+
+View = Literal["iso", "front", "side", "top"]
+VIEWS: dict[View, tuple[float, float]] = {
+    "iso": (-50.0, 25.0),
+    "front": (0.0, 8.0),
+    "side": (-90.0, 8.0),
+    "top": (0.0, 89.9),
+}
+"""Direction from which the camera looks: degrees about z from the x axis, and degrees above the floor."""
+WIDTH, HEIGHT = 640, 480
+OVERSAMPLING = 2
+MARGIN = 0.08
+"""Free border around the arm, as a share of the picture."""
+BACKGROUND = np.array([0.93, 0.94, 0.96])
+SHADOW = 0.86
+"""Brightness of the shadow on the floor, relative to the background."""
+LIGHT = np.array([0.3, -0.5, 0.81])
+AMBIENT = 0.4
+NO_COLOR = (0.6, 0.62, 0.66)
+STEPS = np.unique(np.round(2.0 ** np.arange(0.0, 10.1, 0.5)).astype(int))
+"""Numbers of steps along an edge of a triangle. The smallest one that leaves no gap is used."""
+SHAPES = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Facets:
+    """Triangles in the base frame.
+
+    Attributes:
+        corners: shape (n, 3, 3), m.
+        colors: red, green and blue of each triangle, 0 to 1, shape (n, 3).
+    """
+
+    corners: Array
+    colors: Array
+
+    def placed(self, pose: Pose, color: Sequence[float] | None = None) -> Facets:
+        """The same triangles at a pose, in one colour if it is given."""
+        colors = self.colors if color is None else np.broadcast_to(np.asarray(color[:3]), self.colors.shape)
+        return Facets(pose.apply(self.corners), colors)
+
+
+def draw(
+    robot: RobotDescription, positions: Array, view: View = "iso", others: Iterable[Facets] = ()
+) -> bytes:
+    """A PNG of the robot, with a shadow on the plane z = 0 of its base frame.
+
+    Links that have visuals are drawn with them, other bodies as the collision checks see them.
+
+    Args:
+        positions: of the joints, rad (m for a linear joint).
+        others: triangles of parts that the robot's model does not have.
+
+    Raises:
+        ConfigError, NotFoundError: the visuals of the robot cannot be read.
+    """
+    facets = list(_bodies(robot, positions))
+    facets += others
+    corners = np.concatenate([each.corners for each in facets])
+    colors = np.concatenate([each.colors for each in facets])
+    return _png(_rendered(corners, colors, view))
+
+
+@lru_cache(64)
+def solid(shape: str, size: tuple[float, ...]) -> Facets:
+    """The surface of a solid around its centre.
+
+    Args:
+        size: m; of a box its edges, of a sphere its radius, of a cylinder and a capsule radius and length, of
+            an ellipsoid its three radii.
+    """
+    match shape:
+        case "box":
+            mesh = trimesh.creation.box(extents=size)
+        case "cylinder":
+            mesh = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=40)
+        case "capsule":
+            mesh = trimesh.creation.capsule(radius=size[0], height=size[1], count=[24, 24])
+        case _:
+            mesh = trimesh.creation.icosphere(subdivisions=3)
+            mesh.apply_scale(size if shape == "ellipsoid" else size[0])
+    return surface(mesh.vertices, mesh.faces)
+
+
+def surface(vertices: Array, triangles: npt.NDArray[np.integer]) -> Facets:
+    """The triangles of a mesh, in grey."""
+    corners = np.asarray(vertices, dtype=float)[np.asarray(triangles)]
+    return Facets(corners, np.tile(NO_COLOR, (len(corners), 1)))
+
+
+def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
+    mj = robot.collision.mj
+    data = mujoco.MjData(mj)
+    data.qpos[:] = positions
+    mujoco.mj_kinematics(mj, data)
+    base = Pose(*_of_body(mj, data, robot.base_frame)).inverse()
+    visuals = visuals_of(robot.model_file)
+    for visual in visuals.visuals:
+        pose = (
+            base
+            @ Pose(*_of_body(mj, data, visual.link))
+            @ Pose.from_numbers([*visual.position, *visual.quaternion])
+        )
+        if visual.shape == "mesh":
+            for part in _glb(visuals, visuals.number(visual) or 0, tuple(visual.sizes())):
+                yield part.placed(pose, visual.color)
+        else:
+            yield solid(visual.shape, tuple(visual.sizes())).placed(pose, visual.color or NO_COLOR)
+    seen = {visual.link for visual in visuals.visuals}
+    for geom in range(mj.ngeom):
+        body = mj.body(int(mj.geom_bodyid[geom])).name
+        facets = None if body in seen else _geom(mj, geom)
+        if facets is not None:
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+            pose = base @ Pose(data.geom_xpos[geom], quaternion)
+            yield facets.placed(pose, mj.geom_rgba[geom])
+
+
+def _of_body(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array, Array]:
+    body = mj.body(name).id
+    return data.xpos[body], data.xquat[body]
+
+
+def _geom(mj: mujoco.MjModel, geom: int) -> Facets | None:
+    """The surface of a body's shape; None for planes and for what is only to be looked at."""
+    kind = mj.geom_type[geom]
+    if not (mj.geom_contype[geom] or mj.geom_conaffinity[geom]):
+        return None
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(mj.geom_dataid[geom])
+        vertex, face = int(mj.mesh_vertadr[mesh]), int(mj.mesh_faceadr[mesh])
+        return surface(
+            mj.mesh_vert[vertex : vertex + mj.mesh_vertnum[mesh]],
+            mj.mesh_face[face : face + mj.mesh_facenum[mesh]],
+        )
+    if kind not in SHAPES:
+        return None
+    half = mj.geom_size[geom].tolist()
+    shape = SHAPES[kind]
+    if shape == "box":
+        return solid(shape, tuple(2.0 * each for each in half))
+    if shape in ("cylinder", "capsule"):
+        return solid(shape, (half[0], 2.0 * half[1]))
+    return solid(shape, tuple(half))
+
+
+def _glb(visuals: RobotVisuals, number: int, scale: tuple[float, ...]) -> list[Facets]:
+    file = list(visuals.meshes.values())[number]
+    return _read_glb(file, file.stat().st_mtime_ns, visuals.read_mesh(number), scale)
+
+
+@lru_cache(64)
+def _read_glb(_file: Path, _changed_ns: int, content: bytes, scale: tuple[float, ...]) -> list[Facets]:
+    scene = trimesh.load_scene(io.BytesIO(content), file_type="glb")
+    found = []
+    for mesh in scene.dump():
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            corners = mesh.triangles * np.asarray(scale)
+            found.append(Facets(corners, _colors(mesh)))
+    return found
+
+
+def _colors(mesh: trimesh.Trimesh) -> Array:
+    visual = mesh.visual
+    if isinstance(visual, trimesh.visual.ColorVisuals):
+        return np.asarray(visual.face_colors)[:, :3] / 255.0
+    color = np.asarray(visual.material.main_color)[:3] / 255.0
+    return np.tile(color, (len(mesh.faces), 1))
+
+
+def _rendered(corners: Array, colors: Array, view: View) -> npt.NDArray[np.uint8]:
+    """An image of shape (HEIGHT, WIDTH, 3). At each point the nearest triangle is visible."""
+    width, height = OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT
+    right, up, towards = _camera(view)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    lit = np.abs((normals / np.maximum(lengths, 1e-12)) @ (LIGHT / np.linalg.norm(LIGHT)))
+    shaded = colors * (AMBIENT + (1.0 - AMBIENT) * lit[:, None])
+    shadow = corners - corners[..., 2:] / LIGHT[2] * LIGHT
+    # The shadow lies below everything, also where the floor is not at z = 0.
+    points = np.stack([np.concatenate([corners, shadow]) @ axis for axis in (right, up, towards)], axis=-1)
+    points[len(corners) :, :, 2] -= 1e3
+    flat = np.broadcast_to(BACKGROUND * SHADOW, shaded.shape)
+    low, high = points[: len(corners), :, :2].min((0, 1)), points[: len(corners), :, :2].max((0, 1))
+    scale = (1.0 - 2.0 * MARGIN) * min(width / (high[0] - low[0] + 1e-9), height / (high[1] - low[1] + 1e-9))
+    middle = 0.5 * (low + high)
+    points[..., 0] = 0.5 * width + scale * (points[..., 0] - middle[0])
+    points[..., 1] = 0.5 * height - scale * (points[..., 1] - middle[1])
+    image = np.tile(BACKGROUND, (height * width, 1))
+    _paint(image, points, np.concatenate([shaded, flat]), width, height)
+    blocks = image.reshape(HEIGHT, OVERSAMPLING, WIDTH, OVERSAMPLING, 3)
+    return np.asarray(np.round(255.0 * blocks.mean((1, 3))), dtype=np.uint8)
+
+
+def _camera(view: View) -> tuple[Array, Array, Array]:
+    """Directions in the base frame: right and up in the picture, and towards the camera."""
+    azimuth, elevation = np.radians(VIEWS[view])
+    flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    towards = np.cos(elevation) * flat + np.array([0.0, 0.0, np.sin(elevation)])
+    right = np.array([-flat[1], flat[0], 0.0])
+    return right, np.cross(towards, right), towards
+
+
+def _paint(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
+    """Fill the image with the nearest of the points of all triangles."""
+    edges = np.abs(points[..., :2] - np.roll(points[..., :2], 1, axis=1)).max((1, 2))
+    steps = STEPS[np.minimum(np.searchsorted(STEPS, edges), len(STEPS) - 1)]
+    depth = np.full(width * height, -np.inf, np.float32)
+    corners = points.astype(np.float32)
+    for number in np.unique(steps):
+        chosen = np.flatnonzero(steps == number)
+        lattice = _lattice(int(number))
+        for part in np.array_split(chosen, max(1, len(chosen) * len(lattice) // 1_000_000)):
+            found = lattice @ corners[part]
+            columns, rows = found[..., 0].astype(np.int32), found[..., 1].astype(np.int32)
+            pixels = np.where(
+                (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height), rows * width + columns, 0
+            )
+            nearer = found[..., 2] > depth[pixels]
+            nearer &= pixels > 0
+            pixels, depths = pixels[nearer], found[..., 2][nearer]
+            triangles = np.broadcast_to(part[:, None], columns.shape)[nearer]
+            order = np.argsort(depths)  # the nearest is written last, and so remains
+            pixels = pixels[order]
+            depth[pixels] = depths[order]
+            image[pixels] = colors[triangles[order]]
+
+
+@lru_cache(16)
+def _lattice(number: int) -> Array:
+    """Barycentric coordinates of points in a triangle, `number` steps along each edge, shape (n, 3)."""
+    first, second = np.meshgrid(np.arange(number + 1), np.arange(number + 1), indexing="ij")
+    inside = first + second <= number
+    a, b = first[inside] / number, second[inside] / number
+    return np.stack([a, b, 1.0 - a - b], axis=1).astype(np.float32)
+
+
+def _png(image: npt.NDArray[np.uint8]) -> bytes:
+    """The image as a PNG, 8 bits per colour. Source: the PNG specification, third edition."""
+    height, width, _ = image.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1)
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(rows.tobytes(), 6)),
+        (b"IEND", b""),
+    )
+    written = [
+        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        for kind, content in chunks
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(written)
