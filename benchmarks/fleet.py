@@ -105,7 +105,6 @@ class _Hub:
         assert len(answer["robots"]) == cells
         return 1e3 * (time.monotonic() - begin)
 
-
     def return_s(self, cells: int, cut_s: float) -> float:
         """Freeze the hub for a time. Returns how long it takes then until all cells are there."""
         self.process.send_signal(signal.SIGSTOP)
