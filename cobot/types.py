@@ -67,6 +67,8 @@ Algorithm = Literal[
 RRT_CONNECT: Algorithm = "RRTConnect"
 
 
+PictureView = Literal["iso", "front", "side", "top"]
+"""Position of the camera of a picture."""
 FreeAxis = Literal["rx", "ry", "rz"]
 """A rotation of the TCP about its own x, y or z axis that a goal leaves free."""
 FREE_AXES: tuple[FreeAxis, ...] = ("rx", "ry", "rz")

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -18,10 +17,9 @@ import trimesh
 
 from cobot.robot.description import RobotDescription
 from cobot.robot.visuals import RobotVisuals, visuals_of
-from cobot.types import Array, Pose
+from cobot.types import Array, PictureView, Pose
 
-View = Literal["iso", "front", "side", "top"]
-VIEWS: dict[View, tuple[float, float]] = {
+VIEWS: dict[PictureView, tuple[float, float]] = {
     "iso": (-50.0, 25.0),
     "front": (0.0, 8.0),
     "side": (-90.0, 8.0),
@@ -68,7 +66,7 @@ class Facets:
 
 
 def draw(
-    robot: RobotDescription, positions: Array, view: View = "iso", others: Iterable[Facets] = ()
+    robot: RobotDescription, positions: Array, view: PictureView = "iso", others: Iterable[Facets] = ()
 ) -> bytes:
     """A PNG of the robot, with a shadow on the plane z = 0 of its base frame.
 
@@ -196,7 +194,7 @@ def _colors(mesh: trimesh.Trimesh) -> Array:
     return np.tile(color, (len(mesh.faces), 1))
 
 
-def _rendered(corners: Array, colors: Array, view: View) -> npt.NDArray[np.uint8]:
+def _rendered(corners: Array, colors: Array, view: PictureView) -> npt.NDArray[np.uint8]:
     """An image of shape (HEIGHT, WIDTH, 3). At each point the nearest triangle is visible."""
     width, height = OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT
     right, up, towards = _camera(view)
@@ -220,7 +218,7 @@ def _rendered(corners: Array, colors: Array, view: View) -> npt.NDArray[np.uint8
     return np.asarray(np.round(255.0 * blocks.mean((1, 3))), dtype=np.uint8)
 
 
-def _camera(view: View) -> tuple[Array, Array, Array]:
+def _camera(view: PictureView) -> tuple[Array, Array, Array]:
     """Directions in the base frame: right and up in the picture, and towards the camera."""
     azimuth, elevation = np.radians(VIEWS[view])
     flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])

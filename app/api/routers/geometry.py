@@ -17,13 +17,12 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
-from app.services.state.cell import CellService
+from app.robot_services import Services
 from app.services.state.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
 from cobot.pose import Pose
-from cobot.robot.picture import Facets, View, draw, solid, surface
 from cobot.robot.visuals import visuals_of
-from cobot.types import JointLimits, Numbers7
+from cobot.types import Array, JointLimits, Numbers7, PictureView
 
 PROCESS = secrets.token_hex(4)
 """Random id of this process. It makes ETags of an earlier process invalid, because after a restart everything
@@ -211,7 +210,9 @@ def tagged(request: Request, content: bytes, media_type: str) -> Response:
 )
 async def picture(
     request: Request,
-    view: Annotated[View, Query(description="Where the camera is: iso is above, beside the arm.")] = "iso",
+    view: Annotated[
+        PictureView, Query(description="Position of the camera; iso is above and to the side.")
+    ] = "iso",
 ) -> Response:
     """A picture of the arm at its measured position, as PNG, 640 by 480 pixels.
 
@@ -221,28 +222,28 @@ async def picture(
     services = call.services
     state = await services.link.await_measured_state(call.timeout_s)
     async with costly_turn(request):
-        parts = _parts(services.cell)
-        content = await asyncio.to_thread(draw, services.robot, state.position, view, parts)
+        content = await asyncio.to_thread(_drawn, services, state.position, view)
     return Response(content, media_type=PNG_TYPE, headers={"Cache-Control": "no-store"})
 
 
-def _parts(service: CellService) -> list[Facets]:
-    """The loose parts of a simulated cell."""
-    if service.cell is None:
-        return []
-    found = []
-    for name, pose in service.parts().items():
-        part = service.cell.parts.get(name)
+def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
+    from cobot.robot.picture import draw, solid, surface  # they take a second to import
+
+    parts = []
+    cell = services.cell
+    for name, pose in {} if cell.cell is None else cell.parts().items():
+        part = cell.require().parts.get(name)
         if part is None:
             continue
         if part.shape == "mesh":
-            facets = surface(
-                np.reshape(part.mesh.vertices, (-1, 3)), np.reshape(part.mesh.triangles, (-1, 3))
+            vertices, triangles = (
+                np.reshape(each, (-1, 3)) for each in (part.mesh.vertices, part.mesh.triangles)
             )
+            facets = surface(vertices, triangles)
         else:
             facets = solid(part.shape, tuple(part.bounds_m))
-        found.append(facets.placed(Pose.from_numbers(pose), PART_COLOR))
-    return found
+        parts.append(facets.placed(Pose.from_numbers(pose), PART_COLOR))
+    return draw(services.robot, positions, view, parts)
 
 
 @router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))

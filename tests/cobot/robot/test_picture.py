@@ -13,8 +13,8 @@ from cobot.config import load_settings
 from cobot.pose import Pose
 from cobot.robot import picture
 from cobot.robot.description import load_robot
-from cobot.robot.picture import HEIGHT, MARGIN, VIEWS, WIDTH, Facets, View, draw, solid
-from cobot.types import Array
+from cobot.robot.picture import HEIGHT, MARGIN, VIEWS, WIDTH, Facets, draw, solid
+from cobot.types import Array, PictureView
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 AT_ORIGIN = Pose.from_numbers([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -25,7 +25,7 @@ def image_of(png: bytes) -> Array:
     return np.asarray(imread(io.BytesIO(png)), dtype=float)
 
 
-def drawn(*facets: Facets, view: View = "iso") -> Array:
+def drawn(*facets: Facets, view: PictureView = "iso") -> Array:
     corners = np.concatenate([each.corners for each in facets])
     colors = np.concatenate([each.colors for each in facets])
     return image_of(picture._png(picture._rendered(corners, colors, view)))
@@ -39,7 +39,7 @@ def share(image: Array, color: tuple[float, ...]) -> float:
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_a_sphere_is_a_disc_without_gaps(view: View) -> None:
+def test_a_sphere_is_a_disc_without_gaps(view: PictureView) -> None:
     """Its diameter is the height of the picture without the margins."""
     diameter = (1.0 - 2.0 * MARGIN) * HEIGHT
     expected = math.pi / 4.0 * diameter**2 / (WIDTH * HEIGHT)
