@@ -18,6 +18,7 @@ from app.offers.robots_on_graph import serving
 from app.robot_services import Services, SharedParts, serving_robot
 from app.services.events.log_lines import log_events
 from app.services.keys import Keys
+from app.services.rights.stop_reason import StopReason
 from cobot.audit import Audit
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
@@ -92,5 +93,5 @@ def _settle_memory() -> None:
 async def _stop_all(robots: dict[str, Services]) -> None:
     for each in robots.values():
         each.jobs.book.ending = True
-    reason = "stopped by the end of the service"
+    reason = StopReason("stopped by the end of the service", "service")
     await asyncio.gather(*(each.stopping.stop(STOP_S, reason) for each in robots.values()))

@@ -266,4 +266,6 @@ def _tell_job(link: RobotLink, record: JobRecord) -> None:
         parent=record.parent,
         motion=record.motion_id,
         error=None if record.error is None else record.error.detail,
+        code=None if record.error is None else record.error.code,
+        details=None if record.error is None else dict(record.error.details),
     )

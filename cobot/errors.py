@@ -38,6 +38,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 from cobot.findings import Explanation, Finding
@@ -51,20 +52,29 @@ class CobotError(Exception):
         explanation: changes that would make the motion work, if any were tried.
         explain: both in the form of the REST API (docs/motions.md), if a client raises an error that it
             received.
+        details: further facts as texts and numbers, whose names depend on `code` (docs/conventions.md).
     """
 
     code: ClassVar[str] = "error"
     findings: tuple[Finding, ...] = ()
     explanation: Explanation | None = None
     explain: Mapping[str, Any] | None = None
+    details: Mapping[str, Any] = MappingProxyType({})
 
-    def __init__(self, *arguments: object, findings: Iterable[Finding] = ()) -> None:
+    def __init__(
+        self,
+        *arguments: object,
+        findings: Iterable[Finding] = (),
+        details: Mapping[str, Any] | None = None,
+    ) -> None:
         super().__init__(*arguments)
         self.findings = tuple(findings)
+        if details:
+            self.details = dict(details)
 
     def with_message(self, message: str) -> Self:
         """A copy of the error with another message."""
-        error = type(self)(message, findings=self.findings)
+        error = type(self)(message, findings=self.findings, details=self.details)
         error.explanation = self.explanation
         return error
 

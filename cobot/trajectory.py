@@ -7,10 +7,11 @@ before it starts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import comb
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,19 @@ class Changes:
 
 
 UNCHANGED = Changes()
+NoticeKind = Literal["auto", "left_start", "chomp", "radius", "end_joints"]
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A difference of a motion from its request, for programs. `Trajectory.note` has it as a sentence.
+
+    Attributes:
+        values: facts of this kind of notice, by their names in docs/conventions.md.
+    """
+
+    kind: NoticeKind
+    values: Mapping[str, str | float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +74,7 @@ class Trajectory:
         coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
         note: sentence for people about the differences from the request; "" if there are none.
         changes: the differences of a motion through timed points, as numbers.
+        notices: the differences of a planned motion, in the order of `note`.
 
     Raises:
         InputError: a shape is wrong, times do not increase, a value is not finite, or position, velocity or
@@ -70,6 +85,7 @@ class Trajectory:
     coefficients: Array
     note: str = ""
     changes: Changes = UNCHANGED
+    notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         times = np.ascontiguousarray(self.breakpoints_s, dtype=np.float64)
@@ -172,7 +188,7 @@ class Trajectory:
     def stretched(self, factor: float) -> Trajectory:
         """The same path, `factor` times as long. Velocities fall by `factor`, jerks by `factor`³."""
         coefficients = self.coefficients / factor ** np.arange(ORDER)
-        return Trajectory(self.breakpoints_s * factor, coefficients, self.note, self.changes)
+        return Trajectory(self.breakpoints_s * factor, coefficients, self.note, self.changes, self.notices)
 
     def followed_by(self, other: Trajectory) -> Trajectory:
         """This trajectory followed by the other one.
@@ -184,6 +200,7 @@ class Trajectory:
             np.concatenate([self.coefficients, other.coefficients]),
             "; ".join(filter(None, (self.note, other.note))),
             self.changes if other.changes == UNCHANGED else other.changes,
+            self.notices + other.notices,
         )
 
     def _unit_polynomials(self, derivative: int) -> Array:

@@ -34,7 +34,11 @@ def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
     index = min(max(index, 0), trajectory.segments - 1)
     offset_s = float(breakpoints[index])
     left = Trajectory(
-        breakpoints[index:] - offset_s, trajectory.coefficients[index:], trajectory.note, trajectory.changes
+        breakpoints[index:] - offset_s,
+        trajectory.coefficients[index:],
+        trajectory.note,
+        trajectory.changes,
+        trajectory.notices,
     )
     return left, offset_s
 

@@ -78,6 +78,11 @@ class ErrorAnswer(BaseModel):
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
     code: ErrorCode = Field(description="A stable word for programs.")
+    details: dict[str, Any] | None = Field(
+        None,
+        exclude_if=lambda found: found is None,
+        description="Of some codes: facts for programs, see docs/conventions.md. Missing in other answers.",
+    )
 
 
 class RefusedAnswer(ErrorAnswer):
@@ -166,7 +171,9 @@ def install(app: FastAPI) -> None:
 def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
     """The HTTP answer to an error. `explain` replaces the message, which otherwise only has the facts."""
     headers = next((more for kind, more in HEADERS.items() if isinstance(error, kind)), None)
-    return _answer(status_of(error), str(error), error.code, headers, explain or explain_of(error))
+    return _answer(
+        status_of(error), str(error), error.code, headers, explain or explain_of(error), error.details
+    )
 
 
 def tell(request: Request, explain: Explain) -> None:
@@ -190,10 +197,17 @@ def without_websocket(otherwise: ASGIApp) -> ASGIApp:
 
 
 def _answer(
-    status: int, detail: str, code: str, headers: Any = None, explain: Explain | None = None
+    status: int,
+    detail: str,
+    code: str,
+    headers: Any = None,
+    explain: Explain | None = None,
+    details: Mapping[str, Any] | None = None,
 ) -> JSONResponse:
     audit.add_details(error=detail, code=code)
-    more = {} if explain is None else {"explain": explain.model_dump()}
+    more: dict[str, Any] = {} if explain is None else {"explain": explain.model_dump()}
+    if details:
+        more["details"] = dict(details)
     return ErrorResponse({"detail": detail, "code": code} | more, status, headers)
 
 

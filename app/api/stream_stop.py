@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import Stopped, StopService, together
 from cobot import audit
 
@@ -27,7 +28,7 @@ class StreamStop:
         self,
         robots: Mapping[str, StopService],
         timeout_s: float,
-        reason: str,
+        reason: StopReason,
         answer: Callable[[int, Stopped], None],
     ) -> None:
         self._robots = robots

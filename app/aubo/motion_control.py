@@ -14,6 +14,7 @@ import numpy as np
 from app.aubo.poses import place_of
 from app.aubo.registry import CallOrigin, Json, service
 from app.services.motion.queue.moves import queue_request
+from app.services.rights.stop_reason import StopReason
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
 from cobot.motions.requests import NO_START, MotionRequest, RatedMove
@@ -222,7 +223,7 @@ async def stop_joint(robot: Services, acc: float = 0.0) -> None:
         acc: deceleration, rad/s²: 0, or at least the joints' limits. A gentler stop is not supported.
     """
     _require_fastest(acc, float(robot.robot.limits.max_acceleration.max()), "rad/s²")
-    await robot.stopping.stop_motion("stopped by MotionControl/stopJoint")
+    await robot.stopping.stop_motion(StopReason("stopped by MotionControl/stopJoint"))
 
 
 @service("MotionControl")
@@ -238,7 +239,7 @@ async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> 
     limits = robot.robot.cartesian_limits
     _require_fastest(acc, limits.max_linear_acceleration, "m/s²")
     _require_fastest(acc_rot, limits.max_angular_acceleration, "rad/s²")
-    await robot.stopping.stop_motion("stopped by MotionControl/stopLine")
+    await robot.stopping.stop_motion(StopReason("stopped by MotionControl/stopLine"))
 
 
 @service("MotionControl")

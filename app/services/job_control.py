@@ -19,8 +19,9 @@ from app.services.rights.claims import Caller
 from app.services.rights.job import WITHOUT_ARM, Job, JobRecord, JobState
 from app.services.rights.job_book import JobBook, unknown
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import StopService
-from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped, PlanningTimeout
+from cobot.errors import CobotError, ConflictError, ExecutionError, PlanningTimeout
 from cobot.types import RESTING
 
 log = logging.getLogger("cobot.jobs")
@@ -111,9 +112,10 @@ class JobService:
             ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
         job = self._going(number)
-        error = MotionStopped(f"job {number} was cancelled by {CLIENT.get()}")
+        reason = StopReason(f"job {number} was cancelled by {CLIENT.get()}", "cancelled")
+        error = reason.error
         if job is self._ownership.sequence_job:
-            stopped = await self._stopping.stop(timeout_s, str(error))
+            stopped = await self._stopping.stop(timeout_s, reason)
             if not stopped.success:
                 raise ExecutionError(stopped.message)
         elif not any(each.cancel(job, error) for each in (self._queue, self._gripper, self._studies)):

@@ -33,6 +33,7 @@ def _error_of(answer: Json) -> CobotError:
     else:
         error = ERRORS.get(str(answer["code"]), CobotError)(str(answer["detail"]))
     error.explain = answer.get("explain")
+    error.details = answer.get("details") or {}
     return error
 
 

@@ -53,6 +53,7 @@ class JobHandle:
         if job["error"] is not None:
             error = ERRORS.get(str(job["error"]["code"]), ExecutionError)(job["error"]["detail"])
             error.explain = job["error"].get("explain")
+            error.details = job["error"].get("details") or {}
             raise error
         return job
 

@@ -30,7 +30,7 @@ from cobot.planners.timing.waypoints import plan_waypoints
 from cobot.planners.unit_advice import advising_units
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array
 
 __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
@@ -125,7 +125,8 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     """The motion of ptp, or if ptp fails, that of ompl."""
     try:
         trajectory = _validate(robot, request, plan_ptp(robot, request, goals[0]))
-        return replace(trajectory, note="auto took ptp: the direct joint motion is free")
+        taken = Notice("auto", {"planner": PlannerName.PTP.value})
+        return replace(trajectory, note="auto took ptp: the direct joint motion is free", notices=(taken,))
     except PlanningError as exc:
         straight = exc
     try:
@@ -133,7 +134,9 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     except PlanningError as exc:
         message = f"auto found no motion: ptp: {straight}; {exc}"
         raise type(exc)(message, findings=straight.findings + exc.findings) from exc
-    return replace(trajectory, note=f"auto took ompl ({request.algorithm}): ptp: {straight}")
+    taken = Notice("auto", {"planner": PlannerName.OMPL.value})
+    note = f"auto took ompl ({request.algorithm}): ptp: {straight}"
+    return replace(trajectory, note=note, notices=(taken,))
 
 
 def _validate(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:

@@ -13,7 +13,7 @@ from cobot.planners.ptp import plan_ptp
 from cobot.robot.collision import Contact, motion_pieces
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, PlannerName, Synchronization
 
 SPARE_M = 1e-3
@@ -54,7 +54,11 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
                 if clearance.contact(motion_pieces(motion)) is not None:
                     continue
             check_limits(motion, request.scaled_limits(robot).including(start))
-            return replace(motion, note=_note(robot, start, inside, exit_joints))
+            return replace(
+                motion,
+                note=_note(robot, start, inside, exit_joints),
+                notices=(Notice("left_start", {}),),
+            )
     raise _no_way_out(robot, straight, inside)
 
 

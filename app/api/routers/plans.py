@@ -21,6 +21,7 @@ from app.api.schemas.plan_answers import (
     DistanceAnswer,
     MotionAnswer,
     MotionPoint,
+    NoticeAnswer,
     PlanAnswer,
     PlanDistance,
     PlanPoint,
@@ -299,6 +300,10 @@ def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
         expires_in_s=expires_in_s,
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
         note="" if trajectory is None else trajectory.note,
+        notices=[
+            NoticeAnswer(kind=each.kind, values=dict(each.values))
+            for each in (() if trajectory is None else trajectory.notices)
+        ],
         path=_path(found),
         utilisation={
             name: PlanUse(peak=peak.tolist(), share=found.utilisation[name].tolist())

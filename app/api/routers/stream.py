@@ -36,6 +36,7 @@ from app.api.stream_frames import (
 from app.api.stream_stop import StreamStop
 from app.robot_services import Services
 from app.services.clients import CLIENT
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import Stopped
 from app.services.streaming.jog import Jog
 from app.services.streaming.pulling import Pulling
@@ -48,6 +49,7 @@ from cobot.clock import Ticks
 from cobot.errors import AuthenticationError, CobotError, InputError, PermissionDenied
 from cobot.ipc.layout import Stream
 from cobot.ipc.state_fields import LAYOUT_VERSION
+from cobot.logs import log_context
 
 MAX_ANSWERS = 64
 """Maximum number of answers that wait for a client which does not read. Beyond it the oldest is dropped."""
@@ -83,7 +85,7 @@ class StreamConnection:
         self._stop = StreamStop(
             {name: each.stopping for name, each in robots_of(socket).items()},
             float(socket.app.state.endpoints["POST /stop"].timeout_s),
-            f"stopped over the WebSocket by {CLIENT.get()}",
+            StopReason(f"stopped over the WebSocket by {CLIENT.get()}"),
             self._answer_stop,
         )
         self._timeout_s = timeout_s
@@ -106,6 +108,7 @@ class StreamConnection:
         hello = hello_frame(
             streams.info,
             robot=streams.robot,
+            request=log_context.get().get("request", ""),
             dof=len(streams.info["joint_names"]),
             layout=LAYOUT_VERSION,
             period_s=streams.period_s,

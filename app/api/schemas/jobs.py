@@ -177,7 +177,12 @@ def job_answer(record: JobRecord) -> JobAnswer:
     error = None
     if record.error is not None:
         found = CobotError(findings=record.error.findings)
-        error = RefusedAnswer(detail=record.error.detail, code=record.error.code, explain=explain_of(found))
+        error = RefusedAnswer(
+            detail=record.error.detail,
+            code=record.error.code,
+            explain=explain_of(found),
+            details=dict(record.error.details) or None,
+        )
     words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
     requested = {"path": record.path, "body": record.body} if record.path else None
     return JobAnswer.model_validate(asdict(record) | words | {"error": error, "requested": requested})

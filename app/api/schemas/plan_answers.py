@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 from cobot.motions.fields import HOME, example
 from cobot.motions.forecast import Closest
 from cobot.robot.nearest import Nearest
+from cobot.trajectory import NoticeKind
 
 CLOSEST_SELF = {
     "between": ["link3", "link5"],
@@ -121,6 +122,13 @@ class ClearanceAnswer(BaseModel):
     )
 
 
+class NoticeAnswer(BaseModel):
+    """A difference of a motion from its request."""
+
+    kind: NoticeKind = Field(description="Kind of the difference, see docs/conventions.md.")
+    values: dict[str, str | float] = Field(description="Its facts.")
+
+
 class PlanAnswer(BaseModel):
     """A motion that has been planned and checked, but not run."""
 
@@ -135,6 +143,7 @@ class PlanAnswer(BaseModel):
         description="The planner that auto chose and the reason, and how the motion leaves a "
         "start in collision."
     )
+    notices: list[NoticeAnswer] = Field([], description="The same for programs.")
     path: list[PlanPoint] = Field(
         description="Points of the path, evenly spaced in time, both ends included."
     )

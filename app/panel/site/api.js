@@ -9,11 +9,11 @@ const READ_MS = 10_000;
 const WRITE_MS = 30_000; // planning is given 20 s by the service
 export const LONG_MS = 130_000; // what writes or reads a long file
 
-// status: of HTTP; 0 without an answer.
+// status: of HTTP; 0 without an answer. answer: its body, see reasons.js.
 export class Refused extends Error {
-  constructor(status, detail) {
+  constructor(status, detail, { code = "", explain = null, details = null } = {}) {
     super(detail);
-    this.status = status;
+    Object.assign(this, { status, code, explain, details });
   }
 }
 
@@ -71,7 +71,7 @@ export class Api {
     const said = await answer.json().catch(() => ({}));
     const why = typeof said.detail === "string" ? said.detail : `HTTP ${answer.status}`;
     if (!quiet && (answer.status === 401 || answer.status === 403)) this.askForToken(why);
-    throw new Refused(answer.status, why);
+    throw new Refused(answer.status, why, said);
   }
 
   async get(path, options) {

@@ -2,6 +2,7 @@
 import { LONG_MS } from "./api.js";
 import { row } from "./plots.js";
 import { fromRest, read, readJson, velocityCurve } from "./points.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const OPTIONS = { move_to_start: "csv-start", retime: "csv-retime" };
@@ -87,7 +88,8 @@ export class Csv {
       const sent = await this.post(Object.keys(OPTIONS).filter((name) => element(OPTIONS[name]).checked));
       this.say(() => word("csv_sent", { seconds: sent.duration_s.toFixed(1), note: sent.note }));
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error));
+      element("csv-why").title = error.message;
     }
   }
 
@@ -102,6 +104,7 @@ export class Csv {
 
   say(words) {
     this.words = words;
+    element("csv-why").title = "";
     this.write();
   }
 

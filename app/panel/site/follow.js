@@ -4,7 +4,7 @@ const BUSY = 503;
 const WAIT_S = 2;
 const AGAIN_MS = 1000;
 
-// "" once the arm has arrived, or why it has not. While nobody answers, or the service is too busy, the motion
+// null once the arm has arrived, or the error for `reasonOf`. While nobody answers, or the service is too busy, the motion
 // goes on, and so it is asked for again.
 export async function moved(api, path, body) {
   const { robot } = api;
@@ -17,5 +17,5 @@ export async function moved(api, path, body) {
       await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
     }
   }
-  return job.state === "finished" ? "" : job.error?.detail ?? job.state;
+  return job.state === "finished" ? null : job.error ?? { code: job.state };
 }

@@ -1,5 +1,6 @@
 // The arm, moved by hand: for as long as this page is there to say so. Who guides it looks at the arm, so a
 // page that loses the focus goes on; one that is hidden or left ends it, and the service when it hears nothing.
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const TIMEOUT_S = 2;
@@ -47,7 +48,7 @@ export class Freedrive {
     } catch (error) {
       if (this.session !== renewed) return; // it has been ended here meanwhile
       this.session = null;
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
     this.write();
   }
@@ -63,7 +64,7 @@ export class Freedrive {
 
   // Also while the page goes away: `keepalive` has the browser send it all the same.
   leave(robot) {
-    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, { keepalive: true }).catch((error) => this.say(error.message));
+    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, { keepalive: true }).catch((error) => this.say(reasonOf(error)));
   }
 
   write() {

@@ -1,9 +1,9 @@
 // What a stop has left: who stopped the arm and when, what has ended, and what to press next. It stays next to the
 // arm until a motion begins or it is closed. An e-stop and a fault have a message of their own, in banner.js.
 import { WITH_STEPS } from "./job.js";
+import { requests } from "./stop.js";
 import { inEachLanguage, named, word } from "./words.js";
 
-const OWN_MS = 3000; // after STOP was pressed on this page, a stop is that one
 const JOINED_MS = 2000; // the same press arrives in two ways
 const STREAM = "stream";
 const LATCHED = ["ESTOP", "FAULT"];
@@ -11,8 +11,6 @@ const element = (id) => document.getElementById(id);
 
 export class Halt {
   constructor() {
-    this.pressed = -Infinity;
-    document.addEventListener("cobot-stop", () => (this.pressed = performance.now()));
     element("halt-close").addEventListener("click", () => this.clear());
     inEachLanguage(() => this.write());
     this.clear();
@@ -26,18 +24,16 @@ export class Halt {
   }
 
   hear({ type, time, data }) {
-    if (type === "stop") this.stopped(new Date(time), data.by);
+    if (type === "stop") this.stopped(new Date(time), data);
     else if (type === "job" && !data.parent) this.follow(data);
     else if (type === "motion" && data.what === "begun") this.clearStop();
     else if (type === "session") this.stream(data.what);
     else if (type === "mode" && LATCHED.includes(data.mode)) this.clearStop();
   }
 
-  stopped(time, by) {
+  stopped(time, { by, request }) {
     if (this.stop && time - this.stop.time < JOINED_MS) return;
-    const isOwn = performance.now() - this.pressed < OWN_MS;
-    this.pressed = -Infinity; // the next one is that of another client
-    this.stop = { time, by, isOwn };
+    this.stop = { time, by, isOwn: requests.has(request) };
     this.ended = this.running;
     this.write();
   }

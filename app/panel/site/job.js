@@ -1,7 +1,7 @@
 // How fast all motions go, and the motion that runs: how far it is, its pause and how it has ended.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
-import { plain } from "./plain.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
@@ -57,7 +57,7 @@ export class Job {
       if (sent === this.sent) this.show(fraction);
       this.write();
     } catch (error) {
-      write("job-why", error.message);
+      write("job-why", reasonOf(error));
     }
     if (this.job?.state === "running") this.timer = setTimeout(() => this.look(), EVERY_MS);
   }
@@ -93,7 +93,7 @@ export class Job {
       await this.api.post("/speed_override", { fraction });
       write("job-why", "");
     } catch (error) {
-      write("job-why", error.message);
+      write("job-why", reasonOf(error));
     }
     this.sending = false;
     this.sent += 1;
@@ -106,7 +106,7 @@ export class Job {
       await this.api.post(`/jobs/${this.job.id}/${what}`);
       write("job-why", "");
     } catch (error) {
-      write("job-why", error.message);
+      write("job-why", reasonOf(error));
     }
     this.look();
   }
@@ -121,7 +121,8 @@ export class Job {
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
-    write("job-error", plain(error?.detail ?? ""));
+    write("job-error", error ? reasonOf(error) : "");
+    element("job-error").title = error?.detail ?? "";
     write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");
   }
 }

@@ -3,6 +3,7 @@
 import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { abcOf, stepped, tcpOf } from "./kinematics.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 50;
@@ -146,7 +147,7 @@ export class Jog {
     this.say(word("jog_moves"));
     const joints = [...state.commanded_position];
     const speed = Math.min(this.speeds.share, MAX_SHARE);
-    let why = "";
+    let why = null;
     const [turn, line] = [Number(sign) * angle * (Math.PI / 180), Number(sign) * way];
     try {
       if (jog === "joint") {
@@ -156,10 +157,10 @@ export class Jog {
         const goal = this.beside(tcpOf(geometry, joints), Number(index), turn, line);
         why = await moved(this.api, "/move/pose", { ...goal, planner: "lin", speed });
       }
-      if (why) this.say(why);
+      if (why) this.say(reasonOf(why));
       else this.hint();
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     } finally {
       this.pending = false;
     }

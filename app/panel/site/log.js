@@ -1,5 +1,5 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
-import { plain } from "./plain.js";
+import { causeOf, reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const MAX_ENTRIES = 100;
@@ -21,8 +21,8 @@ function said(type, data) {
   for (const [field, of] of Object.entries(IN_WORDS[type] ?? {})) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
-  if (type === "stop") values.reason = plain(values.reason);
-  if (type === "job" && values.error) values.error = plain(values.error);
+  if (type === "stop") values.reason = causeOf(data);
+  if (type === "job" && data.error) values.error = reasonOf({ ...data, detail: data.error });
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
   if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("object_none");
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
@@ -107,6 +107,7 @@ export class Log {
     kind.textContent = word(`event_${type}`);
     kind.dataset.level = level;
     text.textContent = said(type, data);
+    text.title = data.error ?? data.reason ?? "";
     made.told = event;
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));

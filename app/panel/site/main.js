@@ -39,6 +39,7 @@ import { Setup } from "./setup.js";
 import { Simulation } from "./simulation.js";
 import { Speed } from "./speed.js";
 import { Status } from "./status.js";
+import { requests } from "./stop.js";
 import { Stored } from "./stored.js";
 import { Stream } from "./stream.js";
 import { Pages, Robots } from "./tabs.js";
@@ -190,6 +191,7 @@ class Panel {
   }
 
   answered(frame) {
+    if (frame.type === "hello") requests.add(frame.request);
     if (frame.type === "stopped") document.dispatchEvent(new CustomEvent("cobot-stopped", { detail: frame }));
     this.jog.hear(frame);
     this.pull.hear(frame);

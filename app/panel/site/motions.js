@@ -3,6 +3,7 @@ import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { ID, idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
@@ -13,6 +14,13 @@ const SAMPLES_OF_MANY = 400;
 const SELF_NEAR_M = 0.01; // an arm is always near to itself: only this little is worth a sentence
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
+
+// How a plan differs from the request, in words. That the direct way is free is no news.
+function noticed({ notices, note }) {
+  const kinds = notices.filter(({ kind, values }) => kind !== "auto" || values.planner !== "ptp");
+  if (!notices.length && note) return [word("notice_other")];
+  return kinds.map(({ kind, values }) => word(`notice_${kind === "auto" ? values.planner : kind}`, values, word("notice_other")));
+}
 
 export class Motions {
   constructor(api, preview, state, speeds) {
@@ -67,7 +75,7 @@ export class Motions {
       const positions = await this.api.get("/positions");
       if (robot === this.api.robot) this.offer(positions);
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error), error.message);
     }
   }
 
@@ -106,7 +114,7 @@ export class Motions {
       await this.load();
       this.say(() => word("position_taught", { name: label }));
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error), error.message);
     }
   }
 
@@ -117,7 +125,7 @@ export class Motions {
       this.offer(await left.json());
       this.say(() => word("position_forgotten", { name: label }));
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error), error.message);
     }
   }
 
@@ -181,9 +189,9 @@ export class Motions {
       if (asked !== this.asked) return null;
       this.plan = plan;
       this.preview(plan);
-      this.say(() => this.described(plan));
+      this.say(() => this.described(plan), plan.note);
     } catch (error) {
-      if (asked === this.asked) this.say(() => error.message);
+      if (asked === this.asked) this.say(() => reasonOf(error), error.message);
     }
     this.mark();
     return plan;
@@ -198,8 +206,7 @@ export class Motions {
       ? word("closest", { mm: Math.round(1000 * nearest.distance_m), between: nearest.between.join(" – ") })
       : word("closest_none");
     const name = this.name ? word("plan_to", { name: this.name }) : "";
-    const note = plan.note?.startsWith("auto took ptp") ? "" : plan.note; // the usual case is no news
-    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, note].filter(Boolean).join(" ");
+    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, ...noticed(plan)].filter(Boolean).join(" ");
   }
 
   async execute() {
@@ -210,16 +217,16 @@ export class Motions {
     const { asked, name } = this;
     this.say(() => word("moving", { name: name ?? "" }));
     this.preview(plan, plan.duration_s); // the ghost shows where the arm goes
-    const why = await moved(this.api, "/execute", { plan_id: plan.plan_id }).catch((error) => error.message);
+    const why = await moved(this.api, "/execute", { plan_id: plan.plan_id }).catch((error) => error);
     if (asked !== this.asked) return; // somebody looks at another plan by now
     this.discard();
-    this.say(() => why || word("arrived"));
+    this.say(() => (why ? reasonOf(why) : word("arrived")), why?.detail ?? why?.message);
   }
 
   // On a simulated copy of the robot, each motion after the other. Nothing moves, and the plan stays.
   async rehearse() {
     const { asked, plan } = this;
-    const say = (words) => asked === this.asked && this.say(words);
+    const say = (words, title) => asked === this.asked && this.say(words, title);
     this.rehearsing = true;
     this.mark();
     say(() => word("rehearsing"));
@@ -237,7 +244,7 @@ export class Motions {
       }
       say(() => `${word("rehearsed", { seconds: seconds.toFixed(1), percent: Math.round(100 * effort) })} ${this.described(plan)}`);
     } catch (error) {
-      say(() => error.message);
+      say(() => reasonOf(error), error.message);
     } finally {
       this.rehearsing = false;
       this.mark();
@@ -273,8 +280,10 @@ export class Motions {
     }
   }
 
-  say(words) {
+  // title: the sentence of the service.
+  say(words, title = "") {
     this.words = words;
     element("plan").textContent = words();
+    element("plan").title = title;
   }
 }

@@ -1,5 +1,6 @@
 // Motions that wait for their turn, each with a way out of the queue.
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SHOWN = 20;
@@ -26,7 +27,7 @@ export class Queue {
       this.jobs = jobs.reverse(); // the next one first
       this.write();
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
   }
 
@@ -70,7 +71,7 @@ export class Queue {
     try {
       await this.api.post(`/jobs/${id}/cancel`);
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
     this.look();
   }

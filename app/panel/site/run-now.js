@@ -1,6 +1,7 @@
 // The newest program of any client: its step, its cycle and the time of a cycle; and a pause after a chosen step.
 import { allow } from "./able.js";
 import { WITH_STEPS } from "./job.js";
+import { reasonOf } from "./reasons.js";
 import { nameOf } from "./step-words.js";
 import { stepAt } from "./steps.js";
 import { inEachLanguage, word } from "./words.js";
@@ -74,7 +75,7 @@ export class RunNow {
       await this.api.post(`/jobs/${job.id}/pause?at_waypoint=${step}`);
       this.say(() => word("run_pauses", { step }));
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error));
     }
   }
 

@@ -1,6 +1,7 @@
 // Starts a stored program, or the program that is open on the page Program, as a job of the service. The job continues
 // if this page is closed.
 import { allow } from "./able.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
@@ -57,7 +58,7 @@ export class Run {
       this.say(() => word(hold ? "points_steps" : "points_runs"));
       await this.look();
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error));
     }
   }
 
@@ -77,13 +78,13 @@ export class Run {
   async look() {
     const { job } = this;
     if (!job) return;
-    const ended = (problem) => (UNSURE.includes(problem.status) ? {} : { state: "failed", error: { detail: problem.message } });
+    const ended = (problem) => (UNSURE.includes(problem.status) ? {} : { state: "failed", error: problem });
     const { state, error } = await this.api.get(`/jobs/${job}`).catch(ended);
     if (job !== this.job) return;
     if (!state) setTimeout(() => this.look(), AGAIN_MS);
     if (!ENDS.includes(state)) return;
     this.job = null;
-    this.say(() => (state === "finished" ? word("points_done") : error?.detail ?? word(`job_${state}`)));
+    this.say(() => (state === "finished" ? word("points_done") : error ? reasonOf(error) : word(`job_${state}`)));
   }
 
   write() {

@@ -4,6 +4,7 @@ export const WRITING = "input:not([type=range]), textarea, [contenteditable]";
 const UNSURE_MS = 3000; // an arm comes to rest sooner
 const GIVE_UP_MS = 11_000; // the service gives itself 10 s
 const SHOWN_MS = 2000; // the confirmation, on the button
+export const requests = new Set(); // ids of the requests and connections by which this page stops the arm
 const button = document.getElementById("stop");
 const why = document.getElementById("stop-why");
 let pressed = 0; // how often
@@ -44,9 +45,11 @@ function headers() {
 
 // Every robot, whichever is shown.
 async function send(press) {
+  const id = `panel-${Math.random().toString(36).slice(2)}`;
+  requests.add(id);
   const unsure = setTimeout(() => fail(press, `no answer for ${UNSURE_MS / 1000} s`), UNSURE_MS);
   try {
-    const answer = await fetch("/stop", { method: "POST", headers: headers(), signal: AbortSignal.timeout(GIVE_UP_MS) });
+    const answer = await fetch("/stop", { method: "POST", headers: { ...headers(), "X-Request-Id": id }, signal: AbortSignal.timeout(GIVE_UP_MS) });
     const said = await answer.json();
     if (answer.ok && said.success) succeed(press);
     else fail(press, said.message ?? said.detail ?? `HTTP ${answer.status}`);

@@ -21,6 +21,7 @@ export class Typed {
     this.now = now;
     this.planned = ""; // what the newest plan of a typed value is of
     this.plan = null; // that plan
+    this.wanted = null; // the newest typed pose and the plan that was asked for it: {pose, asked}
     document.addEventListener("focusin", ({ target }) => target.dataset.value && target.select());
     document.addEventListener("keydown", (event) => {
       if (event.key !== "Enter" || !event.target.dataset?.value) return;
@@ -46,10 +47,10 @@ export class Typed {
     }
     this.planned = asked;
     const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
-    const wanted = kind === "joint"
+    const planned = kind === "joint"
       ? this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed))
-      : this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
-    this.plan = await wanted;
+      : this.toPose(name, this.pose(state, geometry, Number(index), typed));
+    this.plan = await planned;
     if (kind === "tcp" && this.plan?.path.length) this.now().readouts.aim(tcpOf(geometry, this.plan.path.at(-1).joints)); // for the next value
   }
 
@@ -64,9 +65,21 @@ export class Typed {
     return joints;
   }
 
+  // The next value may be typed before this plan is there.
+  async toPose(name, pose) {
+    const planned = this.motions.toPose(name, pose);
+    const wanted = { pose, asked: this.motions.asked };
+    this.wanted = wanted;
+    const plan = await planned;
+    if (!plan && wanted === this.wanted) this.wanted = null;
+    return plan;
+  }
+
+  // The pose that was typed before, as long as its plan is the newest one, with one value of it changed.
   pose(state, geometry, index, typed) {
     const { position, quaternion } = this.now().readouts.aimed ?? tcpOf(geometry, state.commanded_position);
     const [[x, y, z], [a, b, c]] = [position, abcOf(quaternion)];
-    return { x, y, z, a, b, c, [POSE[index]]: index < 3 ? typed / MM : typed * RAD };
+    const before = this.wanted?.asked === this.motions.asked ? this.wanted.pose : { x, y, z, a, b, c };
+    return { ...before, [POSE[index]]: index < 3 ? typed / MM : typed * RAD };
   }
 }

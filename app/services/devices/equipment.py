@@ -11,6 +11,7 @@ from app.services.devices.serial_ports import SerialPorts
 from app.services.devices.sockets import Sockets
 from app.services.devices.traces import Level, Traces
 from app.services.rights.speed_override import SpeedOverride
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError
@@ -63,7 +64,8 @@ class Equipment:
         self.serial_ports.close_all()
 
     async def _expire(self, name: str, action: int) -> None:
-        done, reason = WatchdogAction(action), f"stopped by the watchdog {name}"
+        done = WatchdogAction(action)
+        reason = StopReason(f"stopped by the watchdog {name}", "watchdog")
         text = f"watchdog {name}: not written in time; action: {done.name.lower()}"
         self.traces.add("alarm", text, Level.ERROR if action else Level.WARNING)
         try:

@@ -22,6 +22,7 @@ from app.services.gripping.held import HeldService
 from app.services.rights.claims import Caller
 from app.services.rights.job import Job
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from cobot.config import Settings
@@ -332,7 +333,7 @@ class GripperService:
 
     async def _stop_arm(self, why: str) -> None:
         with contextlib.suppress(CobotError):
-            await self._stopping.stop_motion(why)
+            await self._stopping.stop_motion(StopReason(why, "gripper"))
 
     async def _watch(self, worker: GripperWorker) -> None:
         """Watch for stops and e-stops from any source, and end the present command."""

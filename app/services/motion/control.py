@@ -8,9 +8,10 @@ from datetime import UTC, datetime
 from app.services.clients import CLIENT, RequestClient
 from app.services.rights.lease import TIMEOUT_S
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
-from cobot.errors import CobotError, ConflictError, MotionStopped
+from cobot.errors import CobotError, ConflictError
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +105,11 @@ class ControlService:
         token = lease.take(client, timeout_s).token  # before the stop, so that no other client comes between
         if not former and ownership.owner is None:
             return Taken(token, None, [])
-        reason = f"{client} has taken control"
+        reason = StopReason(f"{client} has taken control", "taken_over")
         for each in former:
             if each.tell is not None:
-                each.tell(reason)
-        ownership.interrupt(MotionStopped(reason))
+                each.tell(reason.text)
+        ownership.interrupt(reason.error)
         stopped = await self._stopping.stop(stop_s, reason)
         names = " and ".join(dict.fromkeys(map(str, former))) or "a local client"
         return Taken(token, names, stopped.stopped)

@@ -13,6 +13,7 @@ from app.services.motion.planning_tasks import PlanRequest
 from app.services.motion.signal_follower import CommandGripper, FollowsSignals, SignalFollower
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
+from app.services.rights.stop_reason import StopReason
 from app.services.state.commands import ACKNOWLEDGE_S
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
@@ -23,7 +24,6 @@ from cobot.errors import (
     ConflictError,
     ExecutionError,
     InputError,
-    MotionStopped,
     MotionTimeout,
     NotSupportedError,
     PlanningError,
@@ -188,7 +188,7 @@ class MotionService:
             try:
                 await self._require_free(trajectory)
             except CollisionError as exc:
-                claim.interrupt(MotionStopped(str(exc)))
+                claim.interrupt(StopReason(str(exc), "scene").error)
 
     async def require_free_since(self, since_s: float, trajectory: Trajectory) -> None:
         """Check a motion again if the scene has changed since this time, on the link's clock.
@@ -218,10 +218,13 @@ class MotionService:
         stopped = state.motion_result is MotionResult.MET and claim.interruption is not None
         if state.motion_result in WHERE or stopped:
             share = 100.0 * state.path_time_s / state.path_duration_s
-            cause = claim.interruption or MotionStopped(state.reason)
+            cause = claim.interruption or StopReason(state.reason, "robot", "").error
             where = WHERE.get(state.motion_result, WHERE[MotionResult.STOPPED])
             waited = f"; it waited for {waits_for}" if waits_for else ""
-            raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it{waited}")
+            details = {**cause.details, "share": share / 100.0}
+            raise type(cause)(
+                f"{cause}: the arm came to rest {where} after {share:.0f} % of it{waited}", details=details
+            )
         if state.motion_result not in (MotionResult.ARRIVED, MotionResult.MET):
             raise ExecutionError(state.reason)
         if state.motion_result is MotionResult.ARRIVED and signals is not None and signals.is_missed:

@@ -82,7 +82,8 @@ class Plan:
                 name = self.limits.names[int(joint)]
                 raise ConflictError(
                     f"plan {self.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
-                    f"made and is {now[joint]:g} now; a plan requires the same value; plan again"
+                    f"made and is {now[joint]:g} now; a plan requires the same value; plan again",
+                    details={"cause": "limits_changed"},
                 )
         for what, before, now in (
             ("scene", self.scene, robot.collision.scene.version),
@@ -91,7 +92,8 @@ class Plan:
             if before != now:
                 raise ConflictError(
                     f"plan {self.plan_id}: the {what} had version {before} when it was made and has version "
-                    f"{now} now; plan again"
+                    f"{now} now; plan again",
+                    details={"cause": f"{what}_changed"},
                 )
 
     def require_start(self, joints: Array, where: str = "is", most_rad: float = START_TOLERANCE_RAD) -> None:
@@ -108,5 +110,6 @@ class Plan:
             raise ConflictError(
                 f"plan {self.plan_id}: {self.limits.names[worst]} {where} at {joints[worst]:.6f} {unit}, "
                 f"{abs(off[worst]):.3g} {unit} from {self.start[worst]:.6f} {unit} where the plan begins; "
-                f"allowed are {most_rad:g} {unit}; go there, or plan again"
+                f"allowed are {most_rad:g} {unit}; go there, or plan again",
+                details={"cause": "not_at_start"},
             )

@@ -15,6 +15,7 @@ from app.services.motion.planning import PlanningService
 from app.services.motion.scene_edits import Edit, clear, named, require_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
@@ -288,7 +289,7 @@ class SceneService:
             why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {exc}"
             log.warning("motion %d is stopped: %s", motion_id, why)
             try:
-                await self._stopping.stop_motion(why)
+                await self._stopping.stop_motion(StopReason(why, "scene"))
             except ExecutionError as problem:  # the scene has changed all the same
                 return f"{why}; {problem}"
             return why

@@ -22,6 +22,7 @@ from typing import IO, Any
 from app.services.programs.steps import RunnerInstructions
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import acting
@@ -115,7 +116,7 @@ class SequenceService:
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
         self._steps: RunnerInstructions | None = None
-        self._stopped = ""  # why the runner was told to end
+        self._stopped: StopReason | None = None  # why the runner was told to end
         self._error_line = ""  # the newest error that the present runner has printed
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
@@ -163,7 +164,7 @@ class SequenceService:
             raise
         finally:
             self._starting = False
-        self._process, self._stopped, self._error_line = process, "", ""
+        self._process, self._stopped, self._error_line = process, None, ""
         self._steps = RunnerInstructions(answers, order.from_waypoint, self._hold_job, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
@@ -185,11 +186,11 @@ class SequenceService:
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
 
-    async def stop(self, reason: str = "stopped") -> str | None:
+    async def stop(self, reason: StopReason | None = None) -> str | None:
         """End the runner; kill it if it does not end by itself. Returns a description of it, or None.
 
         Args:
-            reason: the reason that is reported.
+            reason: the reason that is reported; None: a client has requested it.
         """
         if self._starting:  # `start` sees the count of stops, and ends what it has begun
             return "the start of a sequence"
@@ -197,7 +198,7 @@ class SequenceService:
         if process is None or watcher is None or watcher.done():
             return None
         described = f"sequence {self.status.sequence_id} (pid {process.pid})"
-        self._stopped = self._stopped or reason
+        self._stopped = self._stopped or reason or StopReason("stopped")
         _signal(process, signal.SIGTERM)
         try:
             await asyncio.wait_for(asyncio.shield(watcher), self._settings.stop_timeout_s)
@@ -298,8 +299,8 @@ class SequenceService:
         """The error for a return code of the runner."""
         if returncode == 0:
             return None
-        if self._stopped:
-            return MotionStopped(self._stopped)
+        if self._stopped is not None:
+            return self._stopped.error
         said = self._error_line.partition(ERROR_LINE)[2]
         detail = said or f"the runner ended with return code {returncode}"
         return ERRORS.get(returncode, ExecutionError)(detail)

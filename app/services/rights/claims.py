@@ -16,8 +16,9 @@ from app.services.clients import RequestClient
 from app.services.rights.job import Job
 from app.services.rights.lease import Lease
 from app.services.rights.speed_override import SpeedOverride
+from app.services.rights.stop_reason import StopReason
 from cobot.clock import Clock
-from cobot.errors import ExecutionError, MotionStopped, MotionTimeout
+from cobot.errors import ExecutionError, MotionTimeout
 from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -171,7 +172,7 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(caller.gone.wait(), min(max(left_s(), 0.01), MAX_WAIT_S))
         if caller.gone.is_set():
-            claim.interrupt(MotionStopped("the client went away"))
+            claim.interrupt(StopReason("the client went away", "client_left").error)
         else:
             claim.time_out()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -67,17 +67,18 @@ class JobError:
 
     Attributes:
         detail: the sentence.
-        code, findings: code and findings of the error, see `CobotError`.
+        code, findings, details: of the error, see `CobotError`.
     """
 
     detail: str
     code: str
     findings: tuple[Finding, ...] = ()
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, error: BaseException) -> JobError:
         if isinstance(error, CobotError):
-            return cls(str(error), error.code, error.findings)
+            return cls(str(error), error.code, error.findings, dict(error.details))
         if isinstance(error, asyncio.CancelledError):
             return cls("the service cancelled it", "interrupted")
         return cls("an error in cobot itself; its log has the details", CobotError.code)

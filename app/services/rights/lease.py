@@ -87,7 +87,7 @@ class ControlLease:
             return
         for token in client.leases:
             if token in self._ends:
-                raise ConflictError(self._ends[token])
+                raise ConflictError(self._ends[token], details={"cause": "control_lost"})
 
     def require(self, client: RequestClient) -> None:
         """Check that no other client has the lease.
@@ -102,7 +102,8 @@ class ControlLease:
             left_s = lease.until_s - self._clock.now_s()
             raise ConflictError(
                 f"{lease.client} has control of the robot, for {left_s:.0f} s if nothing moves: wait, or "
-                f"take control: POST /robot/control with force"
+                "take control: POST /robot/control with force",
+                details={"cause": "control", "by": str(lease.client)},
             )
 
     def take(self, client: RequestClient, timeout_s: float) -> Lease:

@@ -13,6 +13,7 @@ from app.services.rights.job import Job, JobKind, JobState
 from app.services.rights.job_book import JobBook
 from app.services.rights.lease import ControlLease, Lease
 from app.services.rights.speed_override import SpeedOverride
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from cobot import logs
 from cobot.errors import ConflictError, ExecutionError, MotionStopped
@@ -145,10 +146,16 @@ class Ownership:
         client = CLIENT.get()
         self.lease.require_not_lost(client)
         if self._claim is not None or (self._sequence is not None and self._sequence.token != token):
-            raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
+            raise ConflictError(
+                f"the robot is in use by {self.owner}; wait for it, or POST /stop",
+                details={"cause": "in_use"},
+            )
         streamer = self._link.streamer()
         if streamer is not None:
-            raise ConflictError(f"the robot is in use by {streamer}; wait for its end, or POST /stop")
+            raise ConflictError(
+                f"the robot is in use by {streamer}; wait for its end, or POST /stop",
+                details={"cause": "in_use"},
+            )
         if token is not None and self._sequence is None:
             raise ConflictError("the sequence of this request has ended")
         if self._sequence is None:
@@ -245,7 +252,7 @@ class Ownership:
         clock, override, job = self._link.clock, self.speed_override, caller.job
         claim = Claim(caller.name, self._link.stops, override, clock, clock.now_s(), CLIENT.get(), job)
         if self.stops != caller.stops:
-            claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
+            claim.interrupt(StopReason("a stop was requested while the request was being read").error)
         self._claim = claim
         self.lease.renew()
         error: BaseException | None = None
@@ -272,13 +279,13 @@ class Ownership:
         """
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 
-    def stop(self, reason: str = BY_STOP) -> Claim | None:
+    def stop(self, reason: StopReason | None = None) -> Claim | None:
         """Interrupt the motion that is being read, planned or executed. Returns its claim, which will end, or
         None.
         """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()
-        return self.interrupt(MotionStopped(reason))
+        return self.interrupt((reason or StopReason(BY_STOP)).error)
 
     def cancel(self, job: Job, cause: MotionStopped) -> None:
         """Interrupt the motion of this job. Does nothing if it has ended or is ending."""

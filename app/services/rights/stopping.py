@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 from app.services.clients import CLIENT
 from app.services.rights.ownership import BY_COMMAND, BY_STOP, Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.config import MIN_STOP_S
-from cobot.errors import CobotError, ExecutionError, MotionStopped, UnavailableError
+from cobot.errors import CobotError, ExecutionError, UnavailableError
+from cobot.logs import log_context
 from cobot.types import RESTING, LoopMode
 
 END_TIMEOUT_S = 2.0
@@ -24,7 +26,7 @@ DRIVES_S = 3.0
 """Timeout for the drives once the arm is at rest, s. rtloop allows 2 s for the arm to settle."""
 HELD, FAST = 2, 1
 """Stop categories of IEC 60204-1 that `POST /stop` accepts."""
-StopPrograms = Callable[[str], Awaitable[str | None]]
+StopPrograms = Callable[[StopReason], Awaitable[str | None]]
 """Ends the running sequence or program for a reason. Returns a description of it, or None."""
 UNMEASURED_S = 0.25
 """Maximum age of a measurement, s. With an older one it is unknown whether the arm is at rest."""
@@ -91,21 +93,22 @@ class StopService:
 
     def follow(self) -> None:
         """After a stop from outside this service: end all requests that would move the arm again."""
-        task = asyncio.create_task(self.stop(MIN_STOP_S, BY_COMMAND))
+        task = asyncio.create_task(self.stop(MIN_STOP_S, StopReason(BY_COMMAND)))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 
-    async def stop(self, timeout_s: float, reason: str = BY_STOP, category: int = HELD) -> Stopped:
+    async def stop(self, timeout_s: float, reason: StopReason | None = None, category: int = HELD) -> Stopped:
         """End the sequence, the planning and the motion. Never raises; the result says what could not be
         confirmed.
 
         Args:
-            reason: the reason that is reported to the motion's owner.
+            reason: the reason that is reported to the motion's owner; None: a client has requested it.
             category: `HELD` or `FAST`.
         """
         begun_s = self._link.clock.now_s()
         self._link.request_stop(fast=category == FAST)
-        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason, category=category)
+        reason = reason or StopReason(BY_STOP)
+        self._publish(reason, category=category)
         orphan = self._orphan()
         claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
@@ -160,7 +163,7 @@ class StopService:
         except UnavailableError as exc:
             return str(exc)
 
-    async def stop_motion(self, reason: str, timeout_s: float = MOTION_STOP_S) -> None:
+    async def stop_motion(self, reason: StopReason, timeout_s: float = MOTION_STOP_S) -> None:
         """End the present motion of any client. Returns when the arm is at rest.
 
         Nothing else ends; a sequence continues after its stopped motion.
@@ -171,11 +174,11 @@ class StopService:
         Raises:
             ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
-        claim = self._ownership.interrupt(MotionStopped(reason))
+        claim = self._ownership.interrupt(reason.error)
         if claim is None and self._orphan() is None:
             return
         self._link.request_stop()
-        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason)
+        self._publish(reason)
         problems: list[str] = []
         await self._rest(timeout_s, problems)
         if problems:
@@ -192,9 +195,15 @@ class StopService:
             ConflictError, NotReadyError, UnavailableError: see `Commands.reset`.
         """
         if self._link.state().mode in LATCHED:
-            await self._stop_programs("stopped")
+            await self._stop_programs(StopReason("stopped"))
         await self._link.commands.reset(timeout_s)
         self._link.events.publish("reset", by=str(CLIENT.get()))
+
+    def _publish(self, reason: StopReason, **more: int) -> None:
+        request = log_context.get().get("request", "")
+        self._link.events.publish(
+            "stop", by=reason.by, reason=reason.text, cause=reason.cause, request=request, **more
+        )
 
     def _orphan(self) -> str | None:
         """Description of a motion without a claim: of a local client, or of an earlier service that has

@@ -210,7 +210,9 @@ class RobotLink:
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
             raise NotReadyError(
-                f"the robot is in mode {state.mode.name}: {state.reason}; remove the cause, then POST {reset}"
+                f"the robot is in mode {state.mode.name}: {state.reason}; remove the cause, "
+                f"then POST {reset}",
+                details={"mode": state.mode.name},
             )
         return state
 

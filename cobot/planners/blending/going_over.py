@@ -176,7 +176,8 @@ def _through(
         between.coefficients,
         new.trajectory.coefficients[last:],
     ]
-    whole = Trajectory(np.concatenate(times), np.concatenate(pieces), old.trajectory.note)
+    before = old.trajectory
+    whole = Trajectory(np.concatenate(times), np.concatenate(pieces), before.note, notices=before.notices)
     return whole, since_s, end_s
 
 

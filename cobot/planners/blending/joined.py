@@ -24,7 +24,7 @@ from cobot.planners.timing.coordinates import Zones
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory, from_hermite
+from cobot.trajectory import Notice, Trajectory, from_hermite
 from cobot.trajectory_parts import cut
 from cobot.types import Array
 
@@ -94,7 +94,8 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
         whole = part.trajectory if whole is None else whole.followed_by(part.trajectory)
     assert whole is not None
     notes = [whole.note, *radius_notes(radii_m, used)]
-    whole = replace(whole, note="; ".join(filter(None, notes)))
+    notices = (*whole.notices, *radius_notices(radii_m, used))
+    whole = replace(whole, note="; ".join(filter(None, notes)), notices=notices)
     return Blended(whole, tuple(ends), tuple(blended), tuple(used))
 
 
@@ -112,6 +113,15 @@ def radius_notes(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]
         f"motion {number}: its blend uses {1e3 * used:.3g} mm of its radius of {1e3 * radius:.4g} mm"
         if used > 0.0
         else f"motion {number}: stops at its end, because no blend is possible within {1e3 * radius:.4g} mm"
+        for number, (radius, used) in enumerate(zip(radii_m, used_m, strict=True), start=1)
+        if used < TOLD * radius
+    ]
+
+
+def radius_notices(radii_m: Sequence[float], used_m: Sequence[float]) -> list[Notice]:
+    """The same as `radius_notes`, for programs."""
+    return [
+        Notice("radius", {"motion": number, "radius_m": radius, "used_m": used})
         for number, (radius, used) in enumerate(zip(radii_m, used_m, strict=True), start=1)
         if used < TOLD * radius
     ]
@@ -232,7 +242,7 @@ def part_of(
     reached = np.interp(middles, progress.sample(progress.breakpoints_s)[:, 0], progress.breakpoints_s)
     if any(_breaks(robot, *each) for each in zip(legs, _between(timed.trajectory, reached), strict=True)):
         return Part(stopping)
-    trajectory = replace(timed.trajectory, note=stopping.trajectory.note)
+    trajectory = replace(timed.trajectory, note=stopping.trajectory.note, notices=stopping.trajectory.notices)
     used = tuple(corner.used_m for corner in corners)
     times = (*reached.tolist(), trajectory.duration_s)
     return Part(Blended(trajectory, times, (True,) * len(corners), used), path, progress)

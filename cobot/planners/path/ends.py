@@ -17,7 +17,7 @@ from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.tcp_path import TcpPath, angles_between, untwisted
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import apart, inverse
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, Pose
 
 CLOSED_M, CLOSED_RAD = 2.0 * MAX_DEVIATION_M, 2.0 * MAX_DEVIATION_RAD
@@ -82,7 +82,8 @@ def follow_or_relax(
     except PlanningError as exc:
         motion = follow(robot, request, path)
         if motion is not None:
-            motion = replace(motion, note=f"the motion does not end in the joints it began with: {exc}")
+            note = f"the motion does not end in the joints it began with: {exc}"
+            motion = replace(motion, note=note, notices=(Notice("end_joints", {}),))
     return motion
 
 

@@ -22,7 +22,7 @@ from cobot.planners.search.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Notice, Trajectory
 from cobot.types import RRT_CONNECT, Array
 
 POINTS, MAX_POINTS = 40, 100
@@ -66,7 +66,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         except CollisionError as exc:
             problem = problem or exc
         else:
-            return replace(motion, note=note)
+            return replace(motion, note=note, notices=(Notice("chomp", {}),) if note else ())
     raise PlanningError(
         f"chomp: found no free path near the straight line: {problem}",
         findings=() if problem is None else problem.findings,

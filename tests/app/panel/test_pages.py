@@ -24,6 +24,7 @@ REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
+MADE += ("change_", "check_", "conflict_", "error_", "notice_", "stopped_")
 MADE += ("part_", "role_", "say_", "step_", "study_", "test_")
 """So begin names of words that are put together."""
 

@@ -136,6 +136,9 @@ def test_a_cancelled_job_leaves_the_arm_at_rest_on_its_path(run: VirtualService)
     assert (ended["state"], ended["error"]["code"]) == ("cancelled", "stopped")
     assert f"job {job['id']} was cancelled by anonymous from 127.0.0.1" in ended["error"]["detail"]
     assert 0.0 < ended["progress"] < 1.0
+    details = ended["error"]["details"]
+    assert (details["cause"], details["by"]) == ("cancelled", "anonymous from 127.0.0.1")
+    assert details["share"] == pytest.approx(ended["progress"], abs=0.01)
     here = run.joints()
     run.sleep(1.0)
     np.testing.assert_allclose(run.joints(), here, atol=1e-3)
@@ -150,6 +153,7 @@ def test_a_stop_cancels_a_job_with_the_stop_as_the_reason(run: VirtualService) -
     ended = seen(run, job)
     assert ended["state"] == "cancelled"
     assert ended["error"]["detail"].startswith("stopped by POST /stop")
+    assert ended["error"]["details"]["cause"] == "stop"
 
 
 def test_a_job_pauses_on_its_path_and_goes_on(run: VirtualService) -> None:

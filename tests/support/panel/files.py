@@ -99,7 +99,9 @@ def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
     assert "joint1 leaves its range" in panel.text("#csv-why")
     assert panel.page.run("document.querySelectorAll('#csv-plots .beyond').length") == 2
     panel.page.click("#csv-send")
-    panel.until("document.querySelector('#csv-why').innerText.includes('angle of joint1 is 4 rad')")
+    panel.until(
+        "document.querySelector('#csv-why').innerText.includes('joint1: 229° is beyond the limit of')"
+    )
 
     drop(panel, "#csv-why", "away.csv", rows_of([0.0, 2.0], [0.3, 0.4]))
     panel.until("document.querySelector('#csv-why').innerText.includes('away.csv')")

@@ -214,6 +214,25 @@ def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> No
     panel.until(f"{FIELD.format(first)}.value.endsWith(' °')")
 
 
+def test_a_value_counts_that_is_typed_before_the_plan_of_the_one_before_it_is_there(panel: Panel) -> None:
+    """Both Enter keys are pressed within one turn of the page, so the first plan cannot have come yet."""
+    before = tcp_at(panel, commanded(panel))
+    typed = [[1, f"{1000 * before[0] - 15:.3f}"], [2, f"{1000 * before[1] + 25:.3f}"]]
+    panel.page.run(
+        f"""for (const [row, value] of {json.dumps(typed)}) {{
+            const field = document.querySelector(`#tcp .row:nth-child(${{row}}) input`);
+            field.focus();
+            field.value = value;
+            field.dispatchEvent(new KeyboardEvent("keydown", {{ key: "Enter", bubbles: true }}));
+            field.blur();
+        }}"""
+    )
+    panel.until("cobotPanel.motions.plan && !document.querySelector('#execute').disabled")
+    goal = panel.page.run("cobotPanel.motions.plan.path.at(-1).position")
+    np.testing.assert_allclose(np.subtract(goal, before), [-0.015, 0.025, 0.0], atol=1e-5)
+    panel.page.click("#discard")
+
+
 def test_only_one_plain_number_in_the_unit_of_its_field_is_taken(panel: Panel) -> None:
     """Any other text is none: a wrong number would move the arm to a wrong place."""
     given = {
@@ -251,3 +270,37 @@ def test_a_button_that_cannot_work_has_the_reason_as_its_tooltip(panel: Panel) -
     set_to(panel, "#language", "de")
     assert panel.page.run("document.querySelector('#execute').title") == "Zuerst eine Bewegung planen."
     set_to(panel, "#language", "en")
+
+
+@pytest.mark.parametrize(
+    ("language", "reach", "limit"),
+    [
+        ("en", "The arm does not reach the place", "is beyond the limit of"),
+        ("de", "Der Arm erreicht die Stelle nicht", "liegt jenseits der Grenze von"),
+        ("zh", "机械臂够不到该位置", "超出限值"),
+    ],
+)
+def test_a_refused_plan_is_explained_in_the_language_of_the_panel(
+    panel: Panel, language: str, reach: str, limit: str
+) -> None:
+    """Oracle: the numbers of `explain` in the answer of REST, in the units of the panel."""
+    set_to(panel, "#language", language)
+    try:
+        for body, path, text in (
+            ({"x": 3.0, "y": 0.0, "z": 0.5, "a": 0.0, "b": 3.0, "c": 0.0, "planner": "lin"}, "pose", reach),
+            ({"joints": [3.5, *HOME[1:]]}, "joints", limit),
+        ):
+            answer = httpx.post(f"{panel.run.url}/robot/plan/{path}", json=body, timeout=WAIT_S).json()
+            check = answer["explain"]["checks"][0]
+            call = {"pose": "toPose('x', $BODY)", "joints": "toJoints('x', $BODY.joints)"}[path]
+            panel.page.run(f"cobotPanel.motions.{call.replace('$BODY', json.dumps(body))}")
+            panel.until(f"document.querySelector('#plan').innerText.includes({json.dumps(text)})")
+            shown = panel.text("#plan")
+            scale = {"rad": 180.0 / np.pi, "m": 1000.0}[check["unit"]]
+            assert f"{scale * check['value']:.0f}" in shown
+            detail = panel.page.run("document.querySelector('#plan').title")
+            assert check["unit"] in detail, "the sentence of the service, for engineers"
+            assert detail not in shown
+    finally:
+        set_to(panel, "#language", "en")
+        panel.page.run("cobotPanel.motions.discard()")

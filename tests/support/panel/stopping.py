@@ -139,6 +139,10 @@ def test_a_stop_that_one_way_does_not_take_goes_the_other_and_one_that_fails_is_
         assert "the robot's own emergency stop" in panel.text("#stop-why")
         panel.page.run("cobotPanel.status.connected(true)")
         assert not panel.page.run(f"{why}.hidden"), "nothing else writes over it"
+        panel.page.run("cobotPanel.halt.clear()")
+        httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
+        panel.until("!document.querySelector('#halt').hidden")
+        assert "by an unnamed client" in panel.text("#halt-who"), "not the press that nobody has heard"
     finally:
         panel.page.block()
         panel.page.run("delete cobotPanel.stream.send")

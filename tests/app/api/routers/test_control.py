@@ -90,6 +90,7 @@ def test_who_has_taken_it_moves_and_others_are_told_who_has(run: VirtualService)
     refused = move(run)
     assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
     assert "anonymous from 127.0.0.1 has control of the robot" in refused.json()["detail"]
+    assert refused.json()["details"] == {"cause": "control", "by": "anonymous from 127.0.0.1"}
     assert run.post(PATH, {}).status_code == 409
     assert move(run, token).json()["success"]
     later_s = datetime.fromisoformat(run.get(PATH).json()["until"]).timestamp()

@@ -72,10 +72,12 @@ def test_a_stop_is_told_with_who_and_the_motion_that_it_stopped(run: VirtualServ
     with run.listen("/events") as events:
         moving = run.begin(run.asking("POST", "/robot/move/joints", json={"joints": AWAY, "speed": 0.1}))
         number = heard(events, "motion", "begun")["motion"]
-        run.post("/stop")
+        run.ask("POST", "/stop", headers={"X-Request-Id": "press-1"})
         assert events.event("stop")["data"] == {
             "by": "anonymous from 127.0.0.1",
             "reason": "stopped by POST /stop",
+            "cause": "stop",
+            "request": "press-1",
             "category": 2,
         }
         stopped = heard(events, "motion", "stopped")

@@ -20,7 +20,7 @@ from cobot.planners.escape import leave
 from cobot.planners.search import sampling
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Notice, Trajectory
 from cobot.types import Algorithm, Array, PlannerName, Pose, Scaling
 
 SEED = 20261122
@@ -116,6 +116,7 @@ def test_a_start_in_collision_is_left_without_getting_deeper_and_the_plan_says_h
     motion = planned(robot, planner, start, home(robot))
     assert "the start is in collision: " in motion.note
     assert "the motion leaves this first by the shortest way, 0." in motion.note
+    assert "left_start" in [each.kind for each in motion.notices]
     depths = World(robot).along(motion)
     out = int(np.argmax(depths == 0.0))
     assert depths[0] < -0.05
@@ -160,12 +161,14 @@ def test_auto_goes_straight_where_that_is_free_and_says_so(robot: RobotDescripti
     goal = home(robot) + 0.2
     motion = planned(robot, "auto", home(robot), goal)
     assert motion.note == "auto took ptp: the direct joint motion is free"
+    assert motion.notices == (Notice("auto", {"planner": "ptp"}),)
     assert np.array_equal(motion.coefficients, planned(robot, "ptp", home(robot), goal).coefficients)
 
 
 def test_auto_says_why_it_did_not_go_straight(robot: RobotDescription) -> None:
     problem = next(scenes.problems(robot, "table", 1, SEED))
     motion = planned(problem.robot, "auto", problem.start, problem.goal)
+    assert motion.notices == (Notice("auto", {"planner": "ompl"}),)
     assert motion.note.startswith("auto took ompl (RRTConnect): ptp: collision of link")
     with pytest.raises(CollisionError):
         planned(problem.robot, "ptp", problem.start, problem.goal)

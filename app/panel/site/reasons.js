@@ -1,0 +1,53 @@
+// Why something was refused or has ended, in the language of the panel: from the code, the checks and the details of an
+// error, as docs/conventions.md describes them. The service's own sentence is shown only where these say too little.
+import { named, word } from "./words.js";
+
+const DEG = 180 / Math.PI;
+const SHOWN_UNITS = { rad: [DEG, "°"], "rad/s": [DEG, "°/s"], "rad/s²": [DEG, "°/s²"], "rad/s³": [DEG, "°/s³"], m: [1000, "mm"], "m/s": [1000, "mm/s"], "m/s²": [1000, "mm/s²"], "m/s³": [1000, "mm/s³"] };
+const MAX_CHECKS = 2;
+// What the code alone explains. With other codes the sentence has what a person needs, such as the name of a field.
+const CLEAR = ["unauthenticated", "forbidden", "busy", "not_ready", "planning_timeout", "unreachable", "collision", "stopped", "motion_timeout", "condition_not_met", "interrupted"];
+
+function amount(value, unit) {
+  const [scale, shown] = SHOWN_UNITS[unit] ?? [1, unit];
+  const scaled = scale * value;
+  return `${scaled.toFixed(Math.abs(scaled) < 10 ? 1 : 0).replace(/^-(0(?:\.0)?)$/, "$1")} ${shown}`.replace(" °", "°").trim();
+}
+
+// One failed check.
+function checked({ check, quantity, value, limit, unit, share, of }) {
+  const percent = share === null ? null : Math.round(100 * share);
+  const values = { of: of.join(" – "), value: amount(value, unit), limit: amount(limit, unit), by: amount(Math.abs(value - limit), unit), percent };
+  const kinds = [`check_${check}_${quantity.replaceAll(" ", "_")}`, `check_${check}`];
+  if (check === "collision") {
+    Object.assign(values, { one: of[0], other: of[1], depth: amount(Math.abs(value), unit) });
+    kinds.unshift(value < 0 ? "check_collision_in" : "check_collision_near");
+  }
+  const text = word(kinds.find((name) => word(name, {}, "")), values);
+  return percent === null ? text : `${text} ${word("check_at", values)}`;
+}
+
+// Why a motion was stopped, from its cause; "" for a stop on request, of which the note next to the arm tells.
+export function causeOf({ cause, by = "" } = {}) {
+  return cause && cause !== "stop" ? word(`stopped_${cause}`, { by: named(by) }, "") : "";
+}
+
+// error: {code, explain, details} and the service's sentence as `detail` or `message`; or a text.
+export function reasonOf(error) {
+  if (typeof error === "string") return error;
+  const { code, explain, details } = error;
+  const sentence = named(error.detail ?? error.message ?? "");
+  if (!code) return sentence;
+  if (details?.share !== undefined) {
+    return [causeOf(details), word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
+  }
+  const cause = details?.cause ? word(`${code}_${details.cause}`, { by: named(details.by ?? "") }, "") : "";
+  if (cause) return cause;
+  const general = word(`error_${code}`, {}, "");
+  const checks = (explain?.checks ?? []).slice(0, MAX_CHECKS).map(checked);
+  if (checks.length) {
+    const works = [...new Set(explain.works.map(({ change }) => word(`change_${change}`)))];
+    return [...checks, works.length ? word("works", { changes: works.join(", ") }) : ""].filter(Boolean).join(" ");
+  }
+  return [general, CLEAR.includes(code) && general ? "" : sentence].filter(Boolean).join(" ");
+}

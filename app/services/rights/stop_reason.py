@@ -1,0 +1,47 @@
+"""Why a motion is stopped: in words for people, and as a cause and a client for programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from app.services.clients import CLIENT
+from cobot.errors import MotionStopped
+
+StopCause = Literal[
+    "stop",  # a client or `cobot stop`
+    "cancelled",  # a client ended this job alone
+    "taken_over",  # a client took over the control
+    "client_left",  # the client that requested the motion disconnected
+    "scene",  # the motion would touch something that was added meanwhile
+    "gripper",  # the gripper lost its object
+    "watchdog",  # a watchdog was not written in time
+    "service",  # the service ends
+    "robot",  # rtloop or the device: the mode and its reason say why
+]
+
+
+def _client() -> str:
+    return str(CLIENT.get())
+
+
+@dataclass(frozen=True, slots=True)
+class StopReason:
+    """The reason for a stop.
+
+    Attributes:
+        text: the reason as a sentence.
+        by: the client that caused it.
+    """
+
+    text: str
+    cause: StopCause = "stop"
+    by: str = field(default_factory=_client)
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def error(self) -> MotionStopped:
+        """The error for the motion that is stopped."""
+        return MotionStopped(self.text, details={"cause": self.cause, "by": self.by})
