@@ -16,6 +16,7 @@ from vendor_calls import Caller, equipped, eventually
 from virtual_time import VirtualLoop
 
 from app.services.devices.registers import COUNT
+from app.services.rights.stop_reason import StopReason
 from cobot.codes import Code
 
 CLASS = "RegisterControl"
@@ -110,9 +111,9 @@ class Stopping:
     def __init__(self) -> None:
         self.stops = self.estops = self.pauses = 0
 
-    async def stop(self, timeout_s: float, reason: str) -> None:
+    async def stop(self, timeout_s: float, reason: StopReason) -> None:
         assert timeout_s > 0.0
-        assert reason == "stopped by the watchdog plc"
+        assert str(reason) == "stopped by the watchdog plc"
         self.stops += 1
 
     async def pause(self) -> None:
