@@ -190,7 +190,7 @@ def test_a_stored_program_is_run_with_its_step_cycles_and_a_pause(panel: Panel, 
     panel.page.click("#run-pause-at")
     said(panel, "pauses once step 2 is done", "run-now-why")
     panel.page.click("#end")
-    said(panel, "was cancelled by", "run-why")
+    said(panel, "Ended by an unnamed client", "run-why")
     panel.load()
     panel.page.click("#tab-run")
     said(panel, LABEL, "run-program")
