@@ -213,7 +213,7 @@ def test_a_program_is_run_step_by_step_paused_and_ended(panel: Panel) -> None:
     until(lambda: newest_job(panel)["state"] == "running" and panel.mode() == "TRAJECTORY")
     panel.until("!document.querySelector('#end').disabled")
     panel.page.click("#end")
-    panel.until("document.querySelector('#run-why').innerText.includes('was cancelled by')")
+    panel.until("document.querySelector('#run-why').innerText.includes('Ended by an unnamed client')")
     assert newest_job(panel)["state"] == "cancelled"
     panel.stays()
     set_to(panel, "#points-rounds", "1")
