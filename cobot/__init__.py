@@ -12,7 +12,7 @@ __all__ = ["CoordType", "Mode", "Robot"]
 
 
 def __getattr__(name: str) -> Any:
-    """Made when it is asked for: rtloop, which imports from here too, has no use for it."""
+    """Import a name on first use, because rtloop also imports this package and does not need the client."""
     if name in __all__:
         return getattr(import_module("cobot.client"), name)
     raise AttributeError(f"module 'cobot' has no attribute {name!r}")

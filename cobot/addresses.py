@@ -1,10 +1,10 @@
-"""Where a robot is found at the service: by its name, or, without one, the default robot.
+"""Addresses of robots at the service. Without a name, a path means the default robot.
 
-What the plain paths are for the default robot, those below /robots/NAME are for any:
+Plain paths are for the default robot; the same paths below /robots/NAME are for any robot:
 
     /robot/pose         /robots/NAME/pose
     /trajectory/send    /robots/NAME/trajectory/send
-    /stop               /robots/NAME/stop, of this robot alone
+    /stop               /robots/NAME/stop, which stops only this robot
 """
 
 from __future__ import annotations
@@ -15,27 +15,28 @@ from cobot.errors import InputError
 
 DEFAULT_URL = "http://localhost:8007"
 CONTROL_TOKEN = "X-Control-Token"
-"""The header that shows the token of a lease: its holder's motions carry it."""
+"""Header with the token of a lease. The holder sends it with its motions."""
 VERSION = "/v1"
-"""Version of the API, below which each path exists too. The paths without it are aliases."""
+"""Prefix with the version of the API. The paths without it are aliases."""
 CLIENT_NAME = "X-Client-Name"
-"""The header in which a client without a token names its user; percent-encoded UTF-8. It proves nothing."""
+"""Header in which a client without a token names its user, as percent-encoded UTF-8. It proves nothing."""
 PREFER, STRICT_STATUS = "Prefer", "status=strict"
-"""The header and its value by which a motion that did not arrive is answered with the status of its error."""
+"""Header and value with which a client requests that a motion that does not arrive is answered with the
+status of its error."""
 IDEMPOTENCY_KEY = "Idempotency-Key"
-"""The header that marks a request which is sent again: it begins nothing a second time."""
+"""Header that identifies a request. If the same request is sent again, it is not executed a second time."""
 ROBOTS = "/robots"
 MCP = "/mcp/mcp"
-"""Where agents reach the service."""
+"""Path of the MCP server for agents."""
 MANUAL = "/manual"
-"""Where the service has its manual."""
+"""Path of the manual."""
 _PLAIN = "/robot"
 
 
 def check_url(url: str) -> None:
     """
     Raises:
-        InputError: that is no address of a service, with what one looks like.
+        InputError: the URL is not the address of a service; the message has an example.
     """
     try:
         parts = urlsplit(url)
@@ -44,7 +45,7 @@ def check_url(url: str) -> None:
     except ValueError as exc:
         problem = str(exc)
     if problem:
-        raise InputError(f"url {url!r}: {problem}; one looks like {DEFAULT_URL}")
+        raise InputError(f"url {url!r}: {problem}; a valid one is {DEFAULT_URL}")
 
 
 def address(url: str, robot: str) -> str:
@@ -53,7 +54,7 @@ def address(url: str, robot: str) -> str:
 
 
 def path_below(plain: str) -> str:
-    """What follows the name of a robot, of a plain path as in api_endpoints.yaml."""
+    """The part of a path after the name of a robot, for a plain path as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
 
 
@@ -63,5 +64,5 @@ def service_of(url: str) -> str:
 
 
 def path_at(url: str, plain: str) -> str:
-    """The path to append to an address for a plain path; below a robot's address it is shorter."""
+    """The path to append to an address for a plain path. Below the address of a robot it is shorter."""
     return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

@@ -1,7 +1,7 @@
-"""Addresses of arrays, for compiled code that works on them without Python's objects.
+"""Addresses of arrays, for compiled code that works on memory without Python objects.
 
-An address is taken once, and the buffer is released again at once: the caller keeps the array
-alive as an attribute for as long, and never resizes it.
+The buffer is released as soon as its address has been taken. So the caller must keep the array alive as an
+attribute, and must never resize it.
 """
 
 from cpython.buffer cimport PyBUF_C_CONTIGUOUS, PyBUF_FORMAT, PyBUF_WRITABLE
@@ -16,8 +16,8 @@ cdef double* doubles(object array, Py_ssize_t size) except NULL:
     """The first number of a C-contiguous, writable array of at least `size` float64.
 
     Raises:
-        TypeError: it is no array, or one of other numbers.
-        ValueError: it is too short, not contiguous, read-only or not aligned.
+        TypeError: the object is not an array, or has other numbers.
+        ValueError: the array is too short, not contiguous, read-only or not aligned.
     """
     cdef Py_buffer view
     cdef void* address
@@ -40,8 +40,8 @@ cdef char* bytes_of(object buffer, Py_ssize_t size) except NULL:
     """The first byte of a C-contiguous, writable buffer of at least `size` bytes.
 
     Raises:
-        TypeError: it is no buffer.
-        ValueError: it is too short, not contiguous or read-only.
+        TypeError: the object is not a buffer.
+        ValueError: the buffer is too short, not contiguous or read-only.
     """
     cdef Py_buffer view
     _open(buffer, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE, &view)
@@ -53,10 +53,10 @@ cdef char* bytes_of(object buffer, Py_ssize_t size) except NULL:
 
 
 cdef int checked_dof(Py_ssize_t dof) except -1:
-    """The number of joints.
+    """Check a number of joints and return it.
 
     Raises:
-        InputError: more than compiled code has room for.
+        InputError: the number is above the maximum of compiled code.
     """
     if dof > MAX_DOF:
         raise InputError(f"{dof} joints, allowed are up to {MAX_DOF}")
@@ -86,10 +86,10 @@ cdef str _numbers_of(object array):
 
 
 def address_of_doubles(array: object, size: int) -> int:
-    """What compiled code gets from `doubles`, as a number."""
+    """The address that `doubles` gives to compiled code, as a number."""
     return <uintptr_t>doubles(array, size)
 
 
 def address_of_bytes(buffer: object, size: int) -> int:
-    """What compiled code gets from `bytes_of`, as a number."""
+    """The address that `bytes_of` gives to compiled code, as a number."""
     return <uintptr_t>bytes_of(buffer, size)

@@ -4,8 +4,8 @@ A thread writes the entries, so that no request waits for a disk. While the disk
 `CAPACITY` entries wait. Further entries are counted, and the file reports their number once there is room. A
 client that repeats an action more than `BURST` times in a second causes one entry with the number of
 repetitions. When all waiting entries have been written, the file is flushed (fdatasync). A power cut loses
-only the entries that were waiting for the disk. The module is long because recording an action and keeping
-the record are one guarantee.
+only the entries that were waiting for the disk. The module is long because recording an action and storing
+the record together give one guarantee.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class Audit:
                 self._file.append(_line(entry))
             except OSError as exc:
                 if not self.problem:
-                    log.error("the audit file cannot be written, its entries wait: %s", exc)
+                    log.error("the audit file cannot be written; its entries wait: %s", exc)
                 self.problem = f"{self._path} cannot be written: {exc.strerror}"
                 if self._ending.wait(RETRY_S):
                     raise
@@ -169,9 +169,9 @@ class Trail:
 
     Attributes:
         who: returns the name of the identity, which is unknown until the request is authenticated.
-        tell_refused: reports a refusal to other clients: the action, a code and a sentence.
+        tell_refused: reports a rejected request to other clients, with the action, a code and a sentence.
         changes: whether the request would move or change something.
-        left_out: whether the request needs no entry of its own, because its effect has one.
+        left_out: whether the request needs no entry, because its effect has one.
     """
 
     audit: Audit
@@ -308,7 +308,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def _id_of(entry: Entry) -> str:
-    """The time and a checksum, because several entries may have one time."""
+    """The id of an entry: its time and a checksum, because several entries may have the same time."""
     return f"{entry['time']}-{zlib.crc32(json.dumps(entry, sort_keys=True).encode()):08x}"
 
 

@@ -79,7 +79,7 @@ def utc_now(clock: Clock) -> datetime:
 
 
 class WallTime:
-    """Turns times on CLOCK_MONOTONIC into times of day.
+    """Converts times on CLOCK_MONOTONIC to times of day.
 
     The two clocks cannot be read at the same moment, and a thread may be interrupted between the readings.
     Stamps that were calculated from a new pair of readings each time would therefore jitter by that delay
@@ -99,14 +99,14 @@ class WallTime:
         return now_ns + self.ahead_ns()
 
     def ahead_ns(self) -> int:
-        """The time of day less CLOCK_MONOTONIC, in ns."""
+        """The time of day minus CLOCK_MONOTONIC, in ns."""
         least, most = self._read()
         if not least <= self._ahead_ns <= most:
             self._ahead_ns = self._measured_ahead_ns()
         return self._ahead_ns
 
     def _read(self) -> tuple[int, int]:
-        """The least and the largest offset that agree with one reading of both clocks, in ns."""
+        """The smallest and the largest offset that are consistent with one reading of both clocks, in ns."""
         before_ns = self._clock.now_ns()
         wall_ns = self._clock.wall_ns()
         return wall_ns - self._clock.now_ns(), wall_ns - before_ns

@@ -1,4 +1,4 @@
-"""The table of result codes. Vendor services answer with them, and refusals carry them over every transport.
+"""The table of result codes. Vendor services answer with them, and rejections have them on every transport.
 
 0 is success; all other codes are positive. Transports that use words instead of numbers have the names in
 lower case, which are the codes of `cobot.errors`.

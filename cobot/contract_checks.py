@@ -1,4 +1,4 @@
-"""A check of a contract, and its result: for backends (`rtloop.contract`) and grippers."""
+"""Checks of a contract and their results, for backends (`rtloop.contract`) and grippers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cobot.foreign import plain_error, plain_text
 
 
 class ContractError(Exception):
-    """A class violates its contract; the text says where."""
+    """A class violates its contract. The text says how."""
 
 
 class NotTested(Exception):
-    """The device or its rig lacks something that a check needs; the text says what."""
+    """The device or its rig lacks something that a check needs. The text says what is missing."""
 
 
 class CheckVerdict(StrEnum):
@@ -26,7 +26,7 @@ class CheckVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """The result of a check: what was found, what is wrong, or what is missing."""
+    """The result of a check, with a text: the finding, the error, or the missing feature."""
 
     check: str
     verdict: CheckVerdict
@@ -34,11 +34,11 @@ class CheckResult:
 
 
 def result_of(check: str, run: Callable[[], str], problem: type[Exception]) -> CheckResult:
-    """Run one check. A class that raises an unexpected exception has failed it.
+    """Run one check. It has failed if the class raises an unexpected exception.
 
     Args:
-        run: returns what was found.
-        problem: an exception whose text is meant for people, in addition to those of cobot.
+        run: executes the check and returns the finding.
+        problem: an exception, in addition to those of cobot, whose text is for people.
     """
     try:
         return CheckResult(check, CheckVerdict.PASSED, run())

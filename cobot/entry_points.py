@@ -1,4 +1,4 @@
-"""Classes that a setting names: those that ship with cobot, and those that installed packages declare."""
+"""Finds classes that settings name. They ship with cobot, or installed packages declare them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Registry:
     """Classes by name.
 
     Attributes:
-        group: of the entry points.
-        setting: that names a class, for errors.
-        shipped: package.module:Class of each name. They are entry points of cobot, too; listed here, they are
-            found in a source tree that is not installed.
+        group: group of the entry points.
+        setting: the setting that names a class, for errors.
+        shipped: package.module:Class by name. These are also entry points of cobot; they are listed here so
+            that they are found in a source tree that is not installed.
     """
 
     group: str
@@ -28,7 +28,7 @@ class Registry:
     shipped: Mapping[str, str]
 
     def names(self) -> dict[str, str]:
-        """All names, each with the place of its class."""
+        """All names, each with the location of its class."""
         found = {each.name: each.value for each in entry_points(group=self.group)}
         return {**found, **self.shipped}
 
@@ -44,10 +44,10 @@ class Registry:
         }
 
     def load(self, name: str) -> Callable[..., Any]:
-        """The class of a name, or of "package.module:Class".
+        """The class for a name or for "package.module:Class".
 
         Raises:
-            ConfigError: it does not exist or cannot be loaded. The error lists the valid names.
+            ConfigError: the class does not exist or cannot be loaded. The error lists the valid names.
         """
         names = self.names()
         module, _, attribute = names.get(name, name).partition(":")
@@ -70,5 +70,5 @@ class Registry:
         return made
 
     def unloadable(self, name: str, exc: BaseException) -> ConfigError:
-        """The error for a class that raises this when it is loaded or called."""
+        """The error for a class that raises `exc` when it is loaded or called."""
         return ConfigError(f"{self.setting}: cannot load {name!r}: {plain_error(exc)}")

@@ -17,7 +17,7 @@ CobotError
 ├── ConflictError        another client has control, or the present state does not permit the call
 │   └── ChangedError         another client has changed what this client changes
 ├── NotSupportedError    this product cannot honour the call
-├── DeviceError          a device, a port or a peer refused or broke off
+├── DeviceError          a device, a port or a peer rejected the request or disconnected
 │   └── DeviceTimeout        it did not answer in the time given
 ├── PayloadError         a body is larger than the service accepts
 ├── MediaTypeError       a body has a type that the endpoint does not accept

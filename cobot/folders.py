@@ -1,5 +1,5 @@
-"""Names of files that clients give, of which only those below one folder are touched, and new files in
-folders that other users may write to.
+"""Safe access to files that clients name, which must be below one folder, and to new files in folders that
+other users may write to.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from cobot.errors import InputError
 
 
 def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
-    """The resolved path of what a client has named, whether it is there or not.
+    """The resolved path of a file that a client has named. The file need not exist.
 
     Args:
-        folder: resolved.
-        field: of the request that has the name, for the sentence.
-        folder_name: for people.
+        folder: the folder, resolved.
+        field: field of the request with the name, for the error.
+        folder_name: name of the folder for people.
 
     Raises:
-        InputError: no possible name, or one that leads elsewhere.
+        InputError: the name is invalid, or leads out of the folder.
     """
     try:
         path = (folder / name).resolve()
@@ -32,11 +32,11 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
 
 
 def open_new(path: Path) -> BinaryIO:
-    """Create a file and open it for writing. What has its name is removed first, so that neither a link nor
-    another user's file is written through.
+    """Create a file and open it for writing. An existing file or link is removed first, so that nothing is
+    written through a link or into another user's file.
 
     Raises:
-        OSError: it cannot be created, or something else has got its name in the meantime.
+        OSError: the file cannot be created, or its name has been taken meanwhile.
     """
     path.unlink(missing_ok=True)
     return path.open("xb")  # O_EXCL follows no link

@@ -1,4 +1,4 @@
-"""Makes text, iterators and numbers from devices, files and programs safe to store, print and send.
+"""Makes texts, iterators and numbers from devices, files and programs safe to store, print and send.
 
 An object's `str()` may raise or return another type. A text may be a megabyte of escape sequences, an
 iterator may never end, and a number may have 300 digits.
@@ -15,7 +15,7 @@ from cobot.logs.lines import MAX_MESSAGE, printable
 
 MAX_NAME = 80
 WIDE = 1e7
-"""Smallest number that is written with an exponent, because its digits would be hard to count."""
+"""Numbers from here on are written with an exponent, because their digits would be hard to count."""
 
 
 MAX_LINE = 10_000

@@ -1,7 +1,7 @@
-"""JSON as MATLAB and R write it: a list of one item as the item, and nothing as `[]`.
+"""Reads JSON as MATLAB and R write it: a list of one item as the item, and an absent value as `[]`.
 
-Both encoders drop the brackets of a list of one item and have no other word for an absent value than an empty
-list. `RequestModel` reads both, in each field alike, by what the field's type accepts.
+Both encoders drop the brackets of a list of one item, and can express an absent value only as an empty list.
+`RequestModel` accepts both in each field, depending on the field's type.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from pydantic import BaseModel, model_validator
 from cobot.strict import StrictModel, keys_of
 
 ABSENT: Any = object()
-"""The value of a field that the document leaves to its default."""
+"""Marks a field that the document does not give, so that it gets its default."""
 
 
 @dataclass(frozen=True, slots=True)
 class JsonShape:
-    """What a type accepts as JSON.
+    """The JSON values that a type accepts.
 
     Attributes:
-        kinds: Python's types of the values.
-        item: of a list.
-        entry: of an object that is a mapping.
-        filled: a list of this type has at least one item.
+        kinds: Python types of the values.
+        item: shape of a list's items.
+        entry: shape of a mapping's values.
+        filled: whether a list of this type must have at least one item.
     """
 
     kinds: frozenset[type]
@@ -37,7 +37,8 @@ class JsonShape:
     filled: bool = False
 
     def read(self, value: Any) -> Any:
-        """A value as the type expects it; one that does not fit is left for the type to reject."""
+        """Convert a value to the form that the type expects. A value that does not fit is unchanged, and the
+        type rejects it."""
         if isinstance(value, list) and not value:
             return self._nothing()
         if self.item is not None and not self._is_accepted(value):
@@ -48,7 +49,7 @@ class JsonShape:
         return value
 
     def read_kept(self, value: Any) -> Any:
-        """As `read`, of a value that cannot be left out."""
+        """Like `read`, for a value that cannot be left out."""
         found = self.read(value)
         return value if found is ABSENT else found
 
@@ -56,7 +57,8 @@ class JsonShape:
         return type(value) in self.kinds
 
     def _is_accepted(self, value: Any) -> bool:
-        """Whether it needs no brackets: a row of numbers is not yet a list of rows."""
+        """Whether a value needs no additional brackets. For example, a row of numbers is not a list of
+        rows."""
         if not self.accepts(value):
             return False
         rows = isinstance(value, list) and self.item is not None and self.item.item is not None
@@ -71,7 +73,7 @@ class JsonShape:
 
 
 class RequestModel(StrictModel):
-    """The base of what clients send as JSON."""
+    """Base class of requests that clients send as JSON."""
 
     @model_validator(mode="before")
     @classmethod

@@ -1,7 +1,7 @@
 """The functions that a Lua program can call, with their parameters, for editors.
 
-docs/lua.md says what they do. `[]` is optional, and `{}` a table with named fields, which are those of the
-requests.
+docs/lua.md explains them. `[]` marks optional parameters, and `{}` a table with named fields, which are those
+of the requests.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cobot.motions.gripper_bodies import GripperGrasp, GripperMove, GripperRelea
 
 
 def _table(model: type[BaseModel]) -> str:
-    """The fields of a request as a table of Lua."""
+    """The fields of a request as a Lua table."""
     fields = model.model_fields.items()
     needed = ", ".join(f"{name} = ..." for name, field in fields if field.is_required())
     rest = ", ".join(name for name, field in fields if not field.is_required())

@@ -22,7 +22,7 @@ class ModbusFunction(IntEnum):
 
 
 REFUSED = 0x80
-"""Flag that a device adds to the function code of a request that it refuses."""
+"""Flag that a device adds to the function code of a request that it rejects."""
 REFUSALS = {
     1: "illegal function",
     2: "illegal address",

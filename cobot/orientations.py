@@ -11,7 +11,7 @@ from collections.abc import Sequence
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 GIMBAL_LOCK = 1e-7
-"""Where cos B is smaller, only the sum or the difference of A and C is known."""
+"""If cos B is below this, only the sum or the difference of A and C is defined."""
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:

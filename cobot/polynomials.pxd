@@ -1,4 +1,4 @@
-"""What other compiled modules call: quintic polynomials of several coordinates. See polynomials.pyx."""
+"""Quintic polynomials of several coordinates, for other compiled modules. See polynomials.pyx."""
 
 cdef enum:
     ORDER = 6  # Coefficients of a quintic, in ascending powers.

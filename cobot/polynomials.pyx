@@ -1,4 +1,4 @@
-"""Quintic polynomials: their bases, and how motions of several coordinates are made of them.
+"""Quintic polynomials: their bases, and motions of several coordinates that consist of them.
 
 A quintic leads from one state, (3, n): position, velocity and acceleration, to another in a given time. Its
 coefficients, (6, n), are those of the powers of s, the share of that time, in [0, 1]. Rows are contiguous.
@@ -50,7 +50,7 @@ cdef void quintic_between(
 ) noexcept nogil:
     """The coefficients of the quintic between two states, each (3, n).
 
-    It is computed from the start on, so that what does not move does not move by a rounding either.
+    It is computed relative to the start, so that a coordinate at rest does not move because of rounding.
     """
     cdef double square = duration_s * duration_s
     cdef double ends[ORDER]
@@ -68,7 +68,7 @@ cdef void quintic_between(
 
 
 cdef inline void _basis(int order, double s, double duration_s, double* basis) noexcept nogil:
-    """Of a derivative by time, (6,): what each coefficient from that of its order on is multiplied with."""
+    """The basis of a derivative by time, (6,): the factors of the coefficients from that of its order on."""
     cdef double power = 1.0
     cdef int i, _
     for _ in range(order):
@@ -79,7 +79,8 @@ cdef inline void _basis(int order, double s, double duration_s, double* basis) n
 
 
 cdef inline double _sum(int order, const double* basis, const double* coefficients, int n) noexcept nogil:
-    """The highest power first: the lowest one is the largest in a motion, and is rounded once."""
+    """The sum of coefficients times basis, from the highest power on, because the lowest term is usually the
+    largest."""
     cdef double sum = 0.0
     cdef int i
     for i in range(ORDER - 1, order - 1, -1):
@@ -90,7 +91,8 @@ cdef inline double _sum(int order, const double* basis, const double* coefficien
 cdef void quintic_at(
     const double* coefficients, int n, double time_s, double duration_s, double* out
 ) noexcept nogil:
-    """Position, velocity and acceleration, (3, n), so long after the start of a quintic of a duration."""
+    """Position, velocity and acceleration, (3, n), of a quintic with a duration, at a time after its
+    start."""
     cdef double basis[ORDER]
     cdef int order, i
     for order in range(3):
@@ -102,7 +104,7 @@ cdef void quintic_at(
 cdef void quintic_peaks(
     const double* coefficients, int n, int order, double duration_s, int places, double* peaks
 ) noexcept nogil:
-    """The greatest amounts of a derivative, (n,), at equidistant places from the start to the end, at least
+    """The largest magnitudes of a derivative, (n,), at equidistant places from the start to the end, at least
     two."""
     cdef double basis[ORDER]
     cdef double amount
@@ -177,7 +179,7 @@ def pieces_at(breakpoints, coefficients, places):
 
 
 cdef double _root(const double* p, int degree, double low, double high) noexcept nogil:
-    """Where a polynomial that changes its sign once between two places is zero: by halving, and by Newton's
+    """The zero of a polynomial that changes its sign once between two places, by bisection and Newton's
     steps."""
     cdef double x = 0.5 * (low + high), value, slope, following
     cdef bint rising = _horner(p, degree, low) < 0.0
@@ -209,9 +211,11 @@ cdef inline double _horner(const double* p, int degree, double x) noexcept nogil
 
 
 cdef double _greatest(const double* p, int degree) noexcept nogil:
-    """The greatest amount on [0, 1] of a polynomial of up to degree 4: at an end, or where its slope is zero.
+    """The largest magnitude on [0, 1] of a polynomial of up to degree 4. It is at an end, or where the slope
+    is zero.
 
-    Between the zeros of one derivative the one before has at most one, from the straight line upwards.
+    Between two zeros of a derivative, the derivative of one order less has at most one zero. So the zeros are
+    found from the linear derivative upwards.
     """
     cdef double slopes[4][5]
     cdef double borders[6]
@@ -281,7 +285,7 @@ def hermite(times, positions, velocities, accelerations):
 
 
 def control_points(coefficients, widths):
-    """Of polynomials as Bezier curves, (pieces, order, n); see polynomials.pyi."""
+    """The control points of polynomials as Bezier curves, (pieces, order, n); see polynomials.pyi."""
     cdef int pieces = np.shape(coefficients)[0], n = np.shape(coefficients)[1]
     cdef int order = np.shape(coefficients)[2]
     cdef int piece, i, k, row
@@ -316,8 +320,8 @@ def control_points(coefficients, widths):
 
 
 def jumps(coefficients, durations):
-    """By how much position, velocity and acceleration, (3, pieces - 1, n), differ between the end of each
-    quintic and the start of the next one, and how large the latter are; see polynomials.pyi."""
+    """The jumps of position, velocity and acceleration, (3, pieces - 1, n), from the end of each quintic to
+    the start of the next one, and the magnitudes at that start; see polynomials.pyi."""
     cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
     cdef int piece, i, order, k, at
     rows = np.array(coefficients, dtype=np.float64, order="C")
@@ -347,7 +351,8 @@ def jumps(coefficients, durations):
 
 
 cdef double _control(const double* p, int degree) noexcept nogil:
-    """What no amount on [0, 1] of a polynomial of up to degree 4 is above: the greatest control point."""
+    """An upper bound of the magnitude on [0, 1] of a polynomial of up to degree 4: its largest control
+    point."""
     cdef double greatest = 0.0
     cdef double point
     cdef int i, k
@@ -360,7 +365,7 @@ cdef double _control(const double* p, int degree) noexcept nogil:
 
 
 def greatest_rates(coefficients, durations, enough=None):
-    """The exact greatest amounts of velocity, acceleration and jerk, (3, pieces, n), of quintics, of shape
+    """The exact largest magnitudes of velocity, acceleration and jerk, (3, pieces, n), of quintics, shape
     (pieces, n, 6), in the time since each piece's start; see polynomials.pyi for `enough`."""
     cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
     cdef int piece, i, order, k

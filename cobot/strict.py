@@ -17,12 +17,12 @@ from pydantic.fields import FieldInfo
 
 SHOWN_CHARACTERS = 80
 LONG_CHARACTERS = 40
-"""An error states the length of a longer text, because people cannot count it at a glance."""
+"""For a text longer than this, an error states the length, because people cannot see it at a glance."""
 SHOWN_ERRORS = 10
 
 
 class _Brief(reprlib.Repr):
-    """Formats values in JSON's words. Of a list of a million items it formats only those that are shown."""
+    """Formats values as in JSON. From a long list it formats only the items that are shown."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -52,17 +52,18 @@ MUST_BE = {
 }
 """JSON's names of the expected types, by pydantic's types of errors."""
 LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
-"""The violated bound of a list or an object and the words for it, by pydantic's types of errors."""
+"""For the length of a list or an object: the name of the violated bound and the words for it, by pydantic's
+type of error."""
 
 
 BOUNDS = {"less_than": "lt", "less_than_equal": "le"}
-"""The upper bound that is exceeded, by pydantic's types of errors."""
+"""The name of the exceeded upper bound, by pydantic's type of error."""
 QUOTE = "'"
 IN_METRES = {
     *("blend_radius", "depth", "drop", "length", "max_travel", "pitch", "radii", "radius", "retract"),
     *("rise", "size", "through_radius", "tolerance", "width"),
 }
-"""Fields in metres whose names do not say so."""
+"""Fields in metres whose names do not have the unit."""
 
 
 class StrictModel(BaseModel):
@@ -73,7 +74,7 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown(cls, content: Any) -> Any:
-        """Pydantic rejects an extra key too, but does not list the valid ones."""
+        """Reject unknown keys with a list of the valid ones. Pydantic's own error has no such list."""
         if isinstance(content, dict):
             valid = keys_of(cls)
             for key in content:
@@ -84,22 +85,22 @@ class StrictModel(BaseModel):
 
 @cache
 def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """A model's fields by their names in the document: `is` is a field `is_` with this alias."""
+    """A model's fields by their names in the document, which may be aliases: `is` for the field `is_`."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
-    """The sentence about an unknown key, or another name, with the likely meaning and the valid names."""
+    """The error for an unknown key or other name, with the probable correction and the valid names."""
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
     return f"unknown {what} {shown(name)}{hint}; valid are: {', '.join(valid)}"
 
 
 def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
-    """One of pydantic's errors as `place: what is wrong, got value`.
+    """One of pydantic's errors as `place: problem, got value`.
 
     Args:
-        ignored: parts of the place that mean nothing to the author of the document.
+        ignored: parts of the place that have no meaning for the author of the document.
     """
     place = ""
     for part in error["loc"]:
@@ -124,14 +125,14 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
 
 
 def unit_advice(place: str, value: object, limit: float) -> str:
-    """The end of a sentence about a value above its limit that looks like milliseconds or millimetres.
+    """A hint, for the end of an error, that a value above its limit looks like milliseconds or millimetres.
 
     Args:
-        place: of the field; its name says the unit.
+        place: place of the field, whose name has the unit.
         value: a number, also as text.
 
     Returns:
-        "" for another value.
+        The hint; "" for any other value.
     """
     name = re.sub(r"(\[\d+\])+$", "", place).rpartition(".")[2]
     try:
@@ -158,7 +159,8 @@ def _requirement(kind: str, error: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    """The key, formatted only if it is long or acts on a terminal, because it may come from a client."""
+    """The key for a message. A key from a client may be long or have control characters; then it is
+    formatted."""
     return name if len(name) <= SHOWN_CHARACTERS and name.isprintable() else shown(name)
 
 

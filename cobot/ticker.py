@@ -1,4 +1,4 @@
-"""A clock tick in the event loop, up to 1 kHz: the loop's own timers are too coarse for that."""
+"""A periodic callback in the event loop at up to 1 kHz, for which the loop's own timers are too coarse."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class Ticker:
-    """A timer of the kernel's that calls back with how often it was due since the last call.
+    """A kernel timer that calls a function with the number of periods since the last call.
 
     Args:
-        rate_hz: of the ticks.
+        rate_hz: rate of the ticks.
         on_tick: called in the running event loop.
     """
 

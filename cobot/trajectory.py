@@ -1,8 +1,7 @@
 """Trajectories as piecewise quintic polynomials, twice continuously differentiable.
 
-A polynomial says everything about the motion between its ends, so that limits are checked on true
-extrema and nothing hides between samples; and it is small, so that a whole motion is handed over
-before it starts.
+A polynomial defines the motion completely between its ends, so limits are checked on true extrema, not on
+samples. It is also small, so a whole motion is transferred before it starts.
 """
 
 from __future__ import annotations
@@ -222,7 +221,7 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
 
 @cache
 def _bernstein(degree: int) -> Array:
-    """The control points of a polynomial from its coefficients."""
+    """The matrix that converts the coefficients of a polynomial to its control points."""
     return np.array(
         [
             [comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]

@@ -10,12 +10,12 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 SAME_S = 1e-9
-"""Breakpoints that are nearer to each other, s, are taken for one."""
+"""Breakpoints closer to each other than this, s, count as one."""
 _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in range(ORDER)], dtype=float)
 
 
 def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
-    """The part between two times."""
+    """The part of a trajectory between two times."""
     inner = trajectory.breakpoints_s[
         (trajectory.breakpoints_s > begin_s + SAME_S) & (trajectory.breakpoints_s < end_s - SAME_S)
     ]
@@ -25,9 +25,10 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
 
 
 def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
-    """What of a motion is left at a time, from the last breakpoint before it on, and when that is, s.
+    """The rest of a motion at a time, which begins at the last breakpoint before it, and the time of that
+    breakpoint, s.
 
-    The polynomials are the same, bit for bit, and so are the times, less the one of that breakpoint.
+    The polynomials are the same, bit for bit. The times are also exact, minus that of the breakpoint.
     """
     breakpoints = trajectory.breakpoints_s
     index = int(np.searchsorted(breakpoints, time_s, side="right")) - 1

@@ -198,7 +198,7 @@ class NamedPosition:
     """A `group_state` of the SRDF, with joint angles in rad in the order of the joint limits.
 
     Attributes:
-        label: name for people, in any language; "" if `name` is that too.
+        label: name for people, in any language; "" if `name` is also the name for people.
     """
 
     name: str

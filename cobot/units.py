@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 DEGREES_FROM_RAD = 9.5
-"""No angle is more than one and a half turns: a larger one is likely to be in degrees."""
+"""Largest plausible angle in rad, one and a half turns. A larger one is probably in degrees."""
 MAX_POSE_ANGLE_RAD = DEGREES_FROM_RAD
 DEGREES_TO_RAD = 720.0
-"""Limit of an angle in degrees: two turns. A larger number is not an angle in any unit."""
+"""Largest plausible angle in degrees, two turns. A larger number is not an angle in any unit."""
 MILLIMETRES_FROM_M = 50.0
-"""No slide of an arm is that long: a larger position is likely to be in millimetres."""
+"""Largest plausible position of a slide in m. A larger one is probably in millimetres."""
 MAX_TIP_M = 10.0
-"""No tool is longer: a larger coordinate of its tip is likely to be in millimetres."""
+"""Largest plausible coordinate of a tool's tip in m. A larger one is probably in millimetres."""
 MILLIMETRES_TO_M = 1e4
 FAR_M = 10.0
-"""Largest reach of a TCP, m. A coordinate beyond it that is out of reach is likely to be in millimetres."""
+"""Largest plausible reach of a TCP, m. An unreachable coordinate beyond it is probably in millimetres."""
 DEGREES = "these look like degrees, angles are in rad"
 
 
@@ -23,7 +23,8 @@ def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
     """Return an angle in rad, after checking its size.
 
     Raises:
-        ValueError: It is beyond `most_rad`. The error gives the angle that it would be if meant in degrees.
+        ValueError: the angle is beyond `most_rad`. The message converts it from degrees if it looks like
+            degrees.
     """
     if abs(value) <= most_rad:
         return value
@@ -34,10 +35,11 @@ def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
 
 
 def require_way(value: float, most_m: float) -> float:
-    """The value, which is a coordinate, m.
+    """Return a coordinate in m, after checking its size.
 
     Raises:
-        ValueError: it is beyond `most_m`, with what it is from millimetres.
+        ValueError: the coordinate is beyond `most_m`. The message converts it from millimetres if it looks
+            like them.
     """
     if abs(value) <= most_m:
         return value

@@ -1,4 +1,4 @@
-"""Arrays of numbers, and the check that every value from outside passes."""
+"""Checked arrays of numbers. Every array from outside passes this check."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
     """A read-only float64 copy of `values`, shape (size,).
 
     Raises:
-        InputError: not numeric, of another length, or not finite.
+        InputError: the values are not numeric, have another length, or are not finite.
     """
     try:
         array = np.array(values, dtype=np.float64)

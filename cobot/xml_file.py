@@ -1,7 +1,7 @@
-"""XML files, read as bytes: the declaration decides the encoding, and each element knows its line.
+"""Reads XML files as bytes: the declaration decides the encoding, and each element stores its line.
 
-Namespaces are not resolved: `xacro:property` stays the tag's name. A DOCTYPE is rejected, and with it
-entities. Numbers are decimal and finite, and as many as the format asks for.
+Namespaces are not resolved, so `xacro:property` is the name of a tag. A DOCTYPE is rejected, and with it
+entities. Numbers must be decimal and finite, and there must be as many as the format requires.
 """
 
 from __future__ import annotations
@@ -25,21 +25,22 @@ BOMS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-"""In the order in which they are tried: UTF-16's begins UTF-32's."""
+"""Byte order marks in the order in which they are tried, because that of UTF-32 begins like that of
+UTF-16."""
 DECLARATION = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 WIDE = ("utf-16", "utf-32", "ucs-", "utf16", "utf32")
-"""A declaration that can be read byte by byte is in none of these, whatever it says."""
+"""Encodings that cannot be true if the declaration could be read byte by byte."""
 SLOW = ("idna", "punycode")
-"""Codecs whose time grows with the square of the text; they are not for files."""
+"""Codecs whose time grows with the square of the text's length. They are not meant for files."""
 DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 MAX_NUMBER = 1e15
-"""Larger values are errors of the file, and their squares lose all digits."""
+"""Largest number in a file. Larger ones are errors of the file, and their squares lose all digits."""
 SHOWN = 60
-"""Characters of a wrong value that a message shows."""
+"""Maximum number of characters of a wrong value in a message."""
 
 
 class Element(ElementTree.Element):
-    """An element that knows its line in the file."""
+    """An element that stores its line in the file."""
 
     line: int = 0
 
@@ -189,7 +190,7 @@ def numbers(
 
 
 def shown(text: str) -> str:
-    """A text of the file for a message: quoted, printable and short."""
+    """A text from the file for a message: quoted, printable and short."""
     return ascii(text[:SHOWN]) + ("..." if len(text) > SHOWN else "")
 
 

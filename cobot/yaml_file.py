@@ -37,7 +37,7 @@ def _load(source: str) -> Any:
 
 
 class _UniqueKeys(SafeConstructor):
-    """Rejects duplicate keys, of which YAML silently uses the last; a robot's limits must not depend on
+    """Rejects duplicate keys. YAML silently uses the last one, and a robot's limits must not depend on
     that."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -61,7 +61,7 @@ if yaml.__with_libyaml__:
     class _FastLoader(Composer, _UniqueKeys, yaml.CSafeLoader):
         """Parses in C, five times as fast: each process of cobot reads three files when it starts.
 
-        Nested nodes are composed in Python, because libyaml's own composer is recursive in C: a file of
+        Nested nodes are composed in Python, because libyaml's composer is recursive in C, so that a file of
         100,000 brackets would crash the process.
         """
 
@@ -74,7 +74,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """Read a YAML file that contains a mapping.
 
     Raises:
-        ConfigError: as `read_yaml`, or the file contains something else.
+        ConfigError: see `read_yaml`; or the file contains something else.
     """
     content = read_yaml(path)
     if not isinstance(content, dict):

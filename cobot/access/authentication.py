@@ -23,7 +23,7 @@ LOOK_AGAIN_S = 0.5
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
 """Environment variable with the token of the DDS process. The service and the DDS process both have it."""
 FLEET_TOKEN_VARIABLE = "COBOT_FLEET_TOKEN"
-"""Environment variable with the token of the fleet's process, in the same way."""
+"""Environment variable with the token of the fleet's process. The service and that process both have it."""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
 
 log = logging.getLogger("cobot.service")
@@ -73,12 +73,13 @@ def ros_access(ros: RosSection, web: WebSection) -> str:
     if access == "observe":
         may = "observes only"
     else:
-        may = f"{'moves the robot' if access == 'move' else 'may do everything'} without a token"
+        may = f"{'may move the robot' if access == 'move' else 'may do everything'} without a token"
     return f"over ROS 2 every participant {where} {may} (ros.access: {ros.access})"
 
 
 def _access_of_ros(ros: RosSection, web: WebSection) -> str:
-    """`ros.access` with `auto` resolved: where every client needs a token, DDS participants may not move."""
+    """`ros.access` with `auto` resolved: if every client needs a token, DDS participants may not move the
+    robot."""
     if ros.access != "auto":
         return ros.access
     return "move" if ros.localhost_only and web.authentication != "required" else "observe"
@@ -139,8 +140,8 @@ class Authenticator:
     def find(self, token: str) -> Holder | None:
         """The holder of a token; None for an invalid or expired one.
 
-        The time taken does not depend on stored tokens: each hash is compared, in constant time. Only an
-        unknown token has the file looked at again, because it may be a new one.
+        The duration does not depend on stored tokens, because each hash is compared, in constant time. The
+        file is checked for changes only for an unknown token, because that may be a new one.
         """
         self._refresh()
         digest = sha256(token.encode("utf-8", "surrogatepass")).digest()

@@ -1,4 +1,4 @@
-"""Names that prove nothing."""
+"""Names that clients claim without proof."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_NAME = 40
 def claimed(name: str) -> str:
     """The name that a client without a token gives itself, in quotes, which no token's name contains.
 
-    It is text of a stranger: in one line, bounded, and without characters that cannot be seen.
+    The text is untrusted, so the result is one line of bounded length, without invisible characters.
     """
     text = " ".join(name.split())
     if not text:

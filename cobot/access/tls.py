@@ -1,4 +1,4 @@
-"""The service's certificate: whether it and its key can be used, said before anything starts."""
+"""Checks of the service's certificate and its key, before anything starts."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from cobot.errors import ConfigError
 
 
 def check_certificate(web: WebSection) -> bool:
-    """Whether the service speaks TLS.
+    """Check the certificate. Returns whether the service uses TLS.
 
     Raises:
-        ConfigError: the certificate and the key cannot be used, naming the file and what is wrong with it.
+        ConfigError: the certificate or the key cannot be used; the message names the file and the problem.
     """
     certificate, key = web.tls_certificate, web.tls_key
     if certificate is None or key is None:
@@ -43,5 +43,5 @@ def _require_pem(name: str, path: Path) -> None:
 
 
 def _no_password() -> str:
-    """OpenSSL would ask the terminal, and wait."""
+    """Reject an encrypted key, because OpenSSL would ask the terminal for a password and wait."""
     raise ConfigError("web.tls_key: it is encrypted; give the service one without a passphrase, mode 600")

@@ -107,7 +107,7 @@ class TokenFile:
             )  # users who can replace the file in any case
             if status.st_mode & 0o022 or status.st_uid not in trusted:
                 raise ConfigError(
-                    f"{self.path}: others may change it, and with it who moves the robot: "
+                    f"{self.path}: other users may change this file, and so control the robot: "
                     f"chown {os.geteuid()} and chmod 600 it"
                 )
             return tuple(_TOKENS.validate_json(content))
@@ -229,7 +229,7 @@ class TokenFile:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[int]:
-        """Lock the file against other processes that change it; gives the descriptor of its folder."""
+        """Lock the file against changes by other processes. Yields the descriptor of its folder."""
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             _lock(folder, self.path)
@@ -242,7 +242,7 @@ def _lock(folder: int, path: Path) -> None:
     """Lock a folder.
 
     Raises:
-        UnavailableError: another program has had it locked for all of `LOCKED_S`.
+        UnavailableError: another program has kept it locked for `LOCKED_S`.
     """
     ends_s = time.monotonic() + LOCKED_S
     while True:
@@ -267,7 +267,8 @@ def _admins(tokens: Tokens) -> list[Token]:
 
 
 def _require_admin(tokens: Tokens, name: str | None) -> None:
-    """Check again, with the file locked: two administrators may have revoked each other's tokens."""
+    """Check the administrator again while the file is locked, because two of them may revoke each other's
+    tokens."""
     if name is not None and all(each.name != name for each in _admins(tokens)):
         raise PermissionDenied(f"{name} is not the name of a valid token of an administrator")
 

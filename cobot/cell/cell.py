@@ -1,4 +1,4 @@
-"""The cell file: which hand, parts, fixtures, belts and switches the simulation has.
+"""The cell file: the hand, parts, fixtures, belts and switches of the simulation.
 
 All lengths are in metres, all positions in the robot's base frame.
 """
@@ -30,7 +30,7 @@ MAX_EXAMPLES = 16
 MAX_EXAMPLE_BYTES = 400_000
 """Maximum size of the file of an example program."""
 EXAMPLE_KINDS = {".json": "sequence", ".lua": "lua"}
-"""Kinds of example programs, by the ends of their files."""
+"""Kinds of example programs, by the endings of their files."""
 HAND = "hand"
 """Name of the hand, and first part of the names of its inputs and outputs."""
 CUP = "cup"
@@ -42,7 +42,7 @@ SPEED = "speed"
 SUCTION, VACUUM = "suction", "vacuum"
 """Last parts of the names of the cup's output and of its sensor, which reports kPa."""
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of parts and fixtures, with the number of their lengths."""
+"""Shapes of parts and fixtures, with the number of lengths of each."""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
 Coordinate = Annotated[float, Field(ge=-20.0, le=20.0)]
@@ -70,7 +70,7 @@ class Hand(CellEntry):
         stroke_m: largest width between the fingers.
         max_force_n: largest force of each finger.
         max_speed_m_s: largest speed of the width.
-        mass_kg: of the hand with its fingers.
+        mass_kg: mass of the hand with its fingers.
         palm_m: edges of the palm along x, y and z.
         finger_m: edges of a finger: thickness (x), width (y) and length (z).
         tcp_from_tip_m: distance of the TCP from the fingertips.
@@ -109,12 +109,12 @@ class Cup(CellEntry):
     lip.
 
     Attributes:
-        force_n: pull at which a part comes off, at full vacuum.
-        vacuum_kpa: full vacuum, below the pressure of the air: of a cup that sits on a part.
-        evacuate_s: time constant in which the vacuum builds up.
-        radius_m: of the lip.
+        force_n: pull at which a part comes off at full vacuum.
+        vacuum_kpa: full vacuum of a cup on a part, as a difference from the pressure of the air.
+        evacuate_s: time constant with which the vacuum builds up.
+        radius_m: radius of the lip.
         length_m: distance of the lip from the flange.
-        mass_kg: of the cup with its holder.
+        mass_kg: mass of the cup with its holder.
     """
 
     force_n: Annotated[float, Field(ge=0.1, le=5000.0)] = 60.0
@@ -131,13 +131,13 @@ class CellSolid(CellEntry):
     Attributes:
         size_m: box: edges along x, y and z; cylinder (along z): radius and length; sphere: radius. A mesh has
             a file instead.
-        file: of a mesh: STL or OBJ, in the folder of the cell file.
-        scale: of a mesh: metres for each unit of its file.
-        tolerance_m: of a mesh: how far its solids may reach beyond parts of it that are not convex.
-        hull: of a mesh: whether it is its convex hull.
-        position_m: of its middle; of a mesh, of the middle of its bounding box.
-        rotation_deg: about the fixed x, y and z axes of the base frame, in this order.
-        friction: coefficient of friction. Where two solids touch, the larger one counts, or that of the part.
+        file: for a mesh: STL or OBJ file in the folder of the cell file.
+        scale: for a mesh: metres per unit of its file.
+        tolerance_m: for a mesh: how far its solids may reach beyond its non-convex parts.
+        hull: for a mesh: whether its convex hull is used.
+        position_m: position of its middle; for a mesh, of the middle of its bounding box.
+        rotation_deg: angles about the fixed x, y and z axes of the base frame, in this order.
+        friction: coefficient of friction. If two solids touch, the larger one counts, or that of the part.
     """
 
     MAX_LENGTH_M: ClassVar[float] = 10.0
@@ -161,7 +161,7 @@ class CellSolid(CellEntry):
 
     @property
     def bounds_m(self) -> tuple[float, ...]:
-        """`size_m`; of a mesh, the edges of its bounding box."""
+        """`size_m`; for a mesh, the edges of its bounding box."""
         return self.mesh.size if self.shape == "mesh" else self.size_m
 
     def read_mesh(self, folder: Path) -> None:
@@ -230,8 +230,8 @@ class Belt(CellEntry):
 
 
 class LightBarrier(CellEntry):
-    """A boolean input: true while something is between two points. With `count`, a second input NAME.count
-    counts how often it became true."""
+    """A boolean input that is true while something is between two points. With `count`, a second input
+    NAME.count counts how often it became true."""
 
     type: Literal["light_barrier"]
     from_m: Point
@@ -246,7 +246,7 @@ class LightBarrier(CellEntry):
 
 
 class ContactSwitch(CellEntry):
-    """A boolean input: true while something presses on a fixture, a belt or a part.
+    """A boolean input that is true while something presses on a fixture, a belt or a part.
 
     Attributes:
         body: name of that body.
@@ -259,7 +259,8 @@ class ContactSwitch(CellEntry):
 
 
 class Distance(CellEntry):
-    """An analog input: the distance, m, to what is in front of a point; `range_m` if nothing is nearer."""
+    """An analog input with the distance, m, from a point to the nearest object in front of it; at most
+    `range_m`."""
 
     type: Literal["distance"]
     from_m: Point
@@ -275,7 +276,7 @@ class Distance(CellEntry):
 
 
 class Output(CellEntry):
-    """An output without an effect in the simulation, as a lamp has."""
+    """An output that has no effect in the simulation, such as that of a lamp."""
 
     kind: Annotated[IoKind, Field(strict=False)]
 
@@ -290,7 +291,7 @@ class ExampleProgram(NamedTuple):
     Attributes:
         label: name for people.
         file: its path from the folder of the cell file.
-        text: a sequence file or a Lua program, as it is.
+        text: content of the sequence file or the Lua program.
     """
 
     label: str
@@ -334,7 +335,7 @@ class Cell(CellEntry):
         """Read the files of the example programs, which are in the folder of the cell file.
 
         Raises:
-            ConfigError: one is missing, too large, or is not text.
+            ConfigError: a file is missing, too large, or is not text.
         """
         found = []
         for label, name in self.examples.items():
@@ -365,9 +366,9 @@ class Cell(CellEntry):
         for names in (bodies, points):
             for index, name in enumerate(names):
                 if name in (HAND, CUP):
-                    raise ValueError(f"the name {name!r} is reserved for what is at the flange")
+                    raise ValueError(f"the name {name!r} is reserved for the tool at the flange")
                 if name in names[:index]:
-                    raise ValueError(f"the name {name!r} occurs twice: each needs a name of its own")
+                    raise ValueError(f"the name {name!r} occurs twice: give each entry a different name")
         for name, switch in self.switches.items():
             if isinstance(switch, ContactSwitch) and switch.body not in bodies:
                 raise ValueError(
@@ -390,7 +391,7 @@ class Cell(CellEntry):
 
 
 def load_cell(path: Path) -> Cell:
-    """Read a cell file; of a folder, its `cell.yaml`.
+    """Read a cell file. For a folder, read its `cell.yaml`.
 
     Raises:
         ConfigError: the file is missing or invalid. The error names the file, the key, the value and what is
@@ -412,7 +413,7 @@ def load_cell(path: Path) -> Cell:
 
 
 def cell_file(path: Path) -> Path:
-    """The cell file that a path names.
+    """The cell file for a path.
 
     Raises:
         ConfigError: there is none.

@@ -1,4 +1,4 @@
-"""Parts and fixtures of a cell whose shape is a mesh file, as the convex solids that collide."""
+"""Convex collision solids of parts and fixtures whose shape is a mesh file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cobot.types import Array, Numbers3, Numbers6
 
 MAX_FILE_BYTES = 20_000_000
 MAX_SOLIDS = 64
-"""Maximum number of convex solids of one body, because every cycle looks for their contacts."""
+"""Maximum number of convex solids of one body, because every cycle searches for their contacts."""
 MIN_EDGE_M = 0.002
 
 
@@ -27,7 +27,7 @@ class MeshShape:
         size: edges of the bounding box.
         boxes: middle and edges of each box.
         hulls: corners of each other convex solid.
-        vertices, triangles: the mesh of the file, one number after the other.
+        vertices, triangles: the mesh of the file as flat sequences of numbers.
     """
 
     size: Numbers3
@@ -43,14 +43,14 @@ def mesh_shape(
     """Read a mesh file.
 
     Args:
-        folder: the folder of the cell file, which the mesh must be in.
-        scale: metres for each unit of the file.
-        tolerance_m: how far boxes may reach beyond parts of the mesh that are not convex.
+        folder: the folder of the cell file, which must contain the mesh.
+        scale: metres per unit of the file.
+        tolerance_m: how far boxes may reach beyond non-convex parts of the mesh.
         hull: whether the body is the convex hull of the mesh.
         max_m: longest edge of the bounding box.
 
     Raises:
-        ConfigError: there is no such file, or it cannot be a body of a cell, with the reason.
+        ConfigError: the file does not exist, or cannot be a body of a cell; the message has the reason.
     """
     try:
         file = file_beside(folder, name)
@@ -66,7 +66,7 @@ def mesh_shape(
 
 
 def file_beside(folder: Path, name: str) -> Path:
-    """The file that a cell file names by its path from the folder of the cell file.
+    """The file that a cell file names by a path relative to its folder.
 
     Raises:
         ConfigError: it is missing, or outside the folder.
@@ -87,7 +87,7 @@ def file_beside(folder: Path, name: str) -> Path:
 def _read(
     file: Path, _changed: int, _size: int, scale: float, tolerance_m: float, hull: bool, max_m: float
 ) -> MeshShape:
-    """Read a file; again if it has changed."""
+    """Read a file. The result is cached until the file changes."""
     try:
         vertices, triangles = mesh.read(file.read_bytes())
         if not len(triangles) or not 0 <= triangles.min() <= triangles.max() < len(vertices):

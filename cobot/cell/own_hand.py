@@ -1,6 +1,6 @@
-"""The hand that the arm's model brings along: links that slide or turn, as `cobot new-robot` keeps them.
+"""The hand that is part of the arm's model: links that slide or turn, as `cobot new-robot` writes it.
 
-`robot.gripper: {type: simulated, hand: {...}}` describes it. It takes the place of the cell file's hand.
+`robot.gripper: {type: simulated, hand: {...}}` describes it. It replaces the hand of the cell file.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class SlidingFinger(CellEntry):
     """A finger.
 
     Attributes:
-        body: its name in the model, which has the finger open.
+        body: name of the finger's body in the model. In the model the finger is open.
         axis: direction in which it opens, in the frame of that body.
-        travel_m: how far it slides from closed to open.
+        travel_m: distance that it slides from closed to open.
     """
 
     body: Annotated[str, Field(min_length=1, max_length=200)]
@@ -75,10 +75,10 @@ class TurningJoint(CellEntry):
     """A joint of fingers that turn.
 
     Attributes:
-        body: the link that it turns; the model has it open.
-        axis: about which it opens with a positive ratio, in the frame of that body.
-        anchor_m: a point of the axis, in the frame of that body.
-        ratio: its angle for each radian of the first joint.
+        body: the link that it turns. In the model the link is open.
+        axis: axis about which it opens if the ratio is positive, in the frame of that body.
+        anchor_m: a point on the axis, in the frame of that body.
+        ratio: its angle per radian of the first joint.
     """
 
     body: Annotated[str, Field(min_length=1, max_length=200)]
@@ -93,12 +93,12 @@ class TurningJoint(CellEntry):
 
 
 class TurningHand(CellEntry):
-    """A hand whose fingers turn together, or which has one jaw that turns.
+    """A hand whose fingers turn together, or that has one turning jaw.
 
     Attributes:
         joints: the first one is driven, all others follow it.
-        travel_rad: by which the first joint turns from closed to open.
-        widths_m: at equal steps of the first joint's angle from closed to open.
+        travel_rad: angle by which the first joint turns from closed to open.
+        widths_m: widths at equal steps of the first joint's angle from closed to open.
         max_force_n: largest force between the fingers at every width.
         max_speed_m_s: largest speed of the width.
     """
@@ -125,8 +125,8 @@ class TurningHand(CellEntry):
         for index, (before, after) in enumerate(pairwise(widths), start=1):
             if after - before < MIN_STEP_M:
                 raise ValueError(
-                    f"[{index}] is {after:g} after {before:g}, each must be at least {MIN_STEP_M:g} m larger "
-                    "than the one before"
+                    f"[{index}] is {after:g} after {before:g}; each must be at least {MIN_STEP_M:g} m larger "
+                    "than the previous one"
                 )
         return widths
 
@@ -146,7 +146,7 @@ AnyHand = Hand | AnyOwnHand
 
 
 def kind_of_hand(content: Any) -> str:
-    """Which class describes a hand: "turning" or "sliding"."""
+    """The kind of a hand: "turning" or "sliding"."""
     turns = isinstance(content, TurningHand) or (isinstance(content, Mapping) and "joints" in content)
     return "turning" if turns else "sliding"
 
@@ -156,7 +156,7 @@ NO_CELL = Cell.model_validate({"floor_m": None})
 
 
 def own_hand(settings: Settings) -> AnyOwnHand | None:
-    """The hand that the robot's model brings along; None without one.
+    """The hand that is part of the robot's model; None without one.
 
     Raises:
         ConfigError: its description is invalid.
@@ -172,7 +172,7 @@ def own_hand(settings: Settings) -> AnyOwnHand | None:
 
 
 def hand_of(settings: Settings) -> AnyHand | None:
-    """The hand of the simulation: the model's own one, else that of the cell file.
+    """The hand of the simulation: that of the arm's model, or without one that of the cell file.
 
     Raises:
         ConfigError: the cell file, or the description of the hand, is invalid.
@@ -186,10 +186,10 @@ def hand_of(settings: Settings) -> AnyHand | None:
 def cell_of(settings: Settings) -> Cell | None:
     """The simulated cell; an empty one for a hand without a cell file, None for the bare arm.
 
-    Its `hand` and `cup` are those of the cell file, and None if the model has a hand of its own.
+    Its `hand` and `cup` are those of the cell file; both are None if the arm's model has a hand.
 
     Raises:
-        ConfigError: as for `hand_of`.
+        ConfigError: see `hand_of`.
     """
     own = own_hand(settings)
     if settings.robot.cell is None:

@@ -4,8 +4,9 @@ The arm's joints come first, so its joint vectors are the first part of the plan
 
 Contacts are those of stiff bodies. Elliptic friction cones, friction stiffer than the contact's normal
 direction, and MuJoCo's no-slip iterations keep a held part from creeping between the fingers. In 5 s a can of
-0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, by less than 1 µm with all.
-While the arm turns a part, `rtloop.backends.cell_devices` makes up for what MuJoCo's contacts leave out.
+0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, and by less than 1 µm with
+all three. While the arm turns a part, `rtloop.backends.cell_devices` adds the forces that MuJoCo's contacts
+lack.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
 OVERLAP_M = 0.001
-"""How far bodies may overlap at the start."""
+"""Maximum overlap of bodies at the start, m."""
 IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
 GRASP = {**CONTACT, "solref": [0.002, 1.0]}
-"""Between fingers and parts: the stiffest contact that a period of 1 ms permits."""
+"""Contact between fingers and parts: the stiffest one that a period of 1 ms permits."""
 ROUND = ("cylinder", "sphere")
 """Shapes that roll, so rolling is damped."""
 _GEOMS = {
@@ -60,8 +61,8 @@ class Plant:
     """A compiled plant.
 
     Attributes:
-        hand: None without one.
-        start: its joint positions at the start; those of the arm are zeros.
+        hand: the hand; None without one.
+        start: joint positions of the plant at the start; those of the arm are zeros.
         flange: the site that carries the tool.
         tcp_body: the body with the TCP.
         gripping: the bodies between which parts are held.
@@ -86,7 +87,8 @@ class Plant:
 
 
 def plant_of(robot: RobotModel, settings: Settings) -> Plant:
-    """The plant of the settings, which have a cell or a hand of the arm's model; raises as `build_plant`."""
+    """The plant for settings with a cell or with a hand in the arm's model. Raises the same errors as
+    `build_plant`."""
     cell, hand, names = cell_of(settings), hand_of(settings), settings.robot
     assert cell is not None
     own = None if isinstance(hand, Hand) else hand
@@ -157,20 +159,20 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
 
 
 def _added_by(hand: AnyHand | None, cell: Cell) -> tuple[str, ...]:
-    """The names that a hand or a cup adds to the model; the arm's own hand adds none."""
+    """The names that a hand or a cup adds to the model. A hand of the arm's model adds none."""
     if cell.cup is not None:
         return (CUP, *LIPS)
     return (HAND, *FINGERS) if isinstance(hand, Hand) else ()
 
 
 def check_start(plant: Plant, joints: Array) -> None:
-    """See that nothing overlaps at the start.
+    """Check that nothing overlaps at the start.
 
     Args:
-        joints: of the arm.
+        joints: joint positions of the arm.
 
     Raises:
-        CollisionError: two bodies do, with how far.
+        CollisionError: two bodies overlap; the message has the distance.
     """
     mj = plant.mj
     data = mujoco.MjData(mj)
@@ -194,10 +196,10 @@ def check_start(plant: Plant, joints: Array) -> None:
 
 
 def check_cell(robot: RobotDescription, settings: Settings) -> str:
-    """See that the cell of the settings can be simulated; its contents in words.
+    """Check that the cell of the settings can be simulated. Returns its contents as a text.
 
     Raises:
-        ConfigError, CollisionError: it cannot, with the file and the reason.
+        ConfigError, CollisionError: it cannot be simulated; the message has the file and the reason.
     """
     cell = cell_of(settings)
     if cell is None:
@@ -222,7 +224,7 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
 
 
 def _name_of_geom(mj: mujoco.MjModel, geom: int, bodies: Container[str]) -> str:
-    """The name of a shape; of one of these bodies, the body's."""
+    """The name of a shape for messages; for a shape of one of these bodies, the body's name."""
     body = str(mj.body(mj.geom_bodyid[geom]).name)
     return body if body in bodies else str(mj.geom(geom).name or body)
 
@@ -242,7 +244,7 @@ def _make_contacts_stiff(spec: mujoco.MjSpec) -> None:
 
 
 def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
-    """Add the floor of the cell, and let nothing touch that of the arm's file."""
+    """Add the floor of the cell, and switch off contacts with the floor of the arm's file."""
     for geom in spec.worldbody.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
             geom.contype = geom.conaffinity = 0
@@ -288,7 +290,7 @@ def _add_solid(
 def _add_mesh(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: CellSolid, rule: dict[str, Any]
 ) -> None:
-    """Add the convex solids of a mesh, and the mass of one with uniform density."""
+    """Add the convex solids of a mesh, with the inertia that follows from a uniform density."""
     mesh, number = solid.mesh, 0
     for box in mesh.boxes:
         geom = body.add_geom(type=_GEOMS["box"], pos=box[:3], size=[0.5 * edge for edge in box[3:]], **rule)

@@ -15,19 +15,19 @@ from cobot.errors import ConfigError
 from cobot.robot.model import RobotModel
 
 FINGERS = ("hand finger 1", "hand finger 2")
-"""Names of the joints that the hand's drives move, and of the bodies and shapes of a cell file's hand. A hand
-that turns has one drive."""
+"""Names of the joints that the hand's drives move, and of the bodies and shapes of a hand in a cell file. A
+turning hand has one drive."""
 FOLLOWER = "hand follower"
-"""First part of the names of joints that follow the drive of a hand that turns."""
+"""Prefix of the names of joints that follow the drive of a turning hand."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
-"""Names of the balls that are a cup's lip: it is closed where all of them touch one body."""
+"""Names of the balls that form a cup's lip. The cup is closed if all of them touch one body."""
 SOFT_M = 0.0005
-"""How far a lip reaches beyond its balls, as it is soft."""
+"""Distance by which the soft lip reaches beyond its balls, m."""
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 DRIVE_KG = 0.5
-"""Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
+"""Effective mass of a finger's drive at the finger: its rotor behind a gear."""
 FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
-"""Inertia of a joint that follows, as a share of the drive's; and damping per inertia of joints that turn."""
+"""Inertia of a following joint, as a share of the drive's; and damping of turning joints per inertia."""
 TORSION_M = 0.005
 ROLLING_M = 0.0002
 
@@ -47,7 +47,7 @@ def _body_at_flange(spec: mujoco.MjSpec, robot: RobotModel, tcp: str, name: str)
 
 
 def add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the hand at the flange; the shapes of its fingers."""
+    """Add the hand at the flange. Returns the shapes of its fingers."""
     palm = _body_at_flange(spec, robot, tcp, HAND)
     height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
     palm.add_geom(
@@ -114,7 +114,8 @@ def add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
 
 
 def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.MjsGeom]:
-    """Have the fingers of the arm's model turn; their shapes, and those of the link next to a single jaw."""
+    """Add the joints for turning fingers of the arm's model. Returns the shapes of the fingers, and for a
+    single jaw those of the link next to it."""
     inertia = drive_inertia(hand)
     bodies = [_finger_of_model(spec, joint.body) for joint in hand.joints]
     carriers = [body.parent for body in bodies if body.parent not in bodies]
@@ -142,7 +143,7 @@ def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.Mjs
 
 
 def drive_inertia(hand: TurningHand) -> float:
-    """Inertia of the drive as the first joint feels it, kg m²."""
+    """Effective inertia of the drive at the first joint, kg·m²."""
     return DRIVE_KG * ((hand.stroke_m - hand.closed_m) / hand.travel_rad) ** 2
 
 
@@ -175,10 +176,11 @@ def _add_slide(
 def _couple(
     spec: mujoco.MjSpec, fingers: tuple[mujoco.MjsBody, mujoco.MjsBody], ratio: float
 ) -> list[mujoco.MjsGeom]:
-    """Have the fingers move together, and pass each other; their shapes, which touch as fingers do.
+    """Couple the fingers, and let them pass through each other. Returns their shapes, with the contacts of
+    fingers.
 
     Args:
-        ratio: how far the first one slides for each metre of the second one.
+        ratio: travel of the first finger per metre of the second one.
     """
     links = [_links(finger) for finger in fingers]
     _let_pass(spec, *links)
@@ -187,7 +189,7 @@ def _couple(
 
 
 def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[0]) -> None:
-    """Have a joint move by `ratio` for each unit of the leader."""
+    """Couple a joint to a leader: it moves by `ratio` per unit of the leader."""
     together = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -199,14 +201,14 @@ def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[
 
 
 def _let_pass(spec: mujoco.MjSpec, links: list[mujoco.MjsBody], others: list[mujoco.MjsBody]) -> None:
-    """Let links pass through other ones."""
+    """Let links pass through other links."""
     pairs = {frozenset((one.name, other.name)) for one in links for other in others if one.name != other.name}
     for first, second in (sorted(pair) for pair in sorted(pairs, key=sorted)):
         spec.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
-    """The shapes of links, which touch as fingers do."""
+    """The shapes of links, after giving them the contacts of fingers."""
     shapes = [geom for link in links for geom in link.geoms if geom.contype]
     for number, geom in enumerate(shapes, start=1):
         geom.name = geom.name or f"{HAND} shape {number} of {geom.parent.name}"
@@ -216,7 +218,7 @@ def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
 
 
 def _rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The link, and those fixed to it in both directions."""
+    """The link and all links that are fixed to it."""
     while not body.joints and body.parent.name != "world":
         body = body.parent
     found, pending = [], [body]
@@ -227,5 +229,5 @@ def _rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
 
 
 def _links(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """A body and all that it carries."""
+    """A body and all bodies that it carries."""
     return [body, *(link for child in body.bodies for link in _links(child))]

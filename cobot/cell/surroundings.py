@@ -1,4 +1,4 @@
-"""What a cell means for the planners: fixtures and held parts as objects of the scene, the hand as a tool."""
+"""A cell for the planners: fixtures and held parts become objects of the scene, the hand becomes a tool."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Numbers7, Pose
 
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
-"""Distance before the TCP at which the fingers end for the planners, m: streams keep 20 mm away from
+"""For the planners the fingers end at this distance before the TCP, m, because streams keep 20 mm away from
 everything, and the TCP must reach parts on a table. Shapes shorter than the second length are left out."""
 LIP_M = 0.004
 """Height of a cup's lip, which has no mass."""
@@ -22,7 +22,7 @@ FINGER_SHARE = 0.1
 
 
 def scene_file(settings: Settings) -> SceneFile:
-    """The file with the robot's scene, which the fixtures of its cell are added to.
+    """The file with the robot's scene. The fixtures of the robot's cell are added to it.
 
     Raises:
         ConfigError: the cell file is invalid.
@@ -41,7 +41,8 @@ def tool_file(settings: Settings) -> ToolFile:
 
 
 def first_tool(hand: AnyHand | None, cell: Cell | None) -> Tool:
-    """The hand or the cup of the cell file as a tool; BARE without one, or with a hand of the arm's model."""
+    """The hand or the cup of the cell file as a tool; BARE without one, or if the hand is part of the arm's
+    model."""
     if cell is not None and cell.cup is not None:
         return cup_as_tool(cell.cup)
     return hand_as_tool(hand) if isinstance(hand, Hand) else BARE
@@ -123,7 +124,7 @@ def _box(edges: tuple[float, float, float], x: float, z: float) -> SceneObject:
 
 
 def pose_of(solid: CellSolid | Belt) -> Pose:
-    """The pose in the base frame."""
+    """The pose of a solid in the base frame."""
     quaternion = np.zeros(4)
     mujoco.mju_euler2Quat(quaternion, np.radians(solid.rotation_deg), "XYZ")
     return Pose(np.array(solid.position_m), quaternion)

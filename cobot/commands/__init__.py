@@ -1,1 +1,1 @@
-"""The commands that use a running service: clients of it like any other."""
+"""The commands that use a running service. They are ordinary clients of it."""

@@ -22,7 +22,7 @@ complete -o filenames -F _cobot cobot"""
 
 
 def completion(shell: str, parser: argparse.ArgumentParser) -> str:
-    """What the shell is to read.
+    """The script for a shell.
 
     Args:
         shell: "bash", "zsh" or "fish".

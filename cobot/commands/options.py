@@ -14,7 +14,7 @@ URL_VARIABLE = "COBOT_URL"
 URL_HELP = f"URL of the service (default: {URL_VARIABLE}, or {DEFAULT_URL})"
 COMMANDS = ("state", "move", "send", "jobs", "program", "watch", "teleop", "acknowledge", "completion")
 SHELLS = ("bash", "zsh", "fish")
-EPILOG = "exit status: 0 done, 1 refused with a reason, 2 wrong usage, 3 no answer, 130 interrupted"
+EPILOG = "exit status: 0 done, 1 rejected with a reason, 2 wrong usage, 3 no answer, 130 interrupted"
 HELD, OFF = 2, 1
 """Stop categories."""
 Commands = Any
@@ -32,7 +32,7 @@ def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -
     """Add these options to an existing parser.
 
     Args:
-        robot: whether `--robot` is missing there.
+        robot: whether to add the option `--robot`.
     """
     group.add_argument("--url", metavar="URL", help=URL_HELP)
     group.add_argument(
@@ -41,11 +41,14 @@ def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -
         help="access token; COBOT_TOKEN is safer, because others can see a command line",
     )
     group.add_argument(
-        "--certificate", type=Path, metavar="FILE", help="certificate of a service with its own https"
+        "--certificate",
+        type=Path,
+        metavar="FILE",
+        help="certificate to trust, for an https service with its own certificate",
     )
     if robot:
         group.add_argument("--robot", metavar="NAME", help="name of the robot (default: the default robot)")
-    group.add_argument("--json", action="store_true", help="print JSON, for programs")
+    group.add_argument("--json", action="store_true", help="print JSON instead of text, for programs")
 
 
 def url_of(chosen: argparse.Namespace) -> str:
@@ -59,14 +62,16 @@ def default_url() -> str:
 
 
 def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> bool:
-    """Whether a command is for a running service. Ends the program if the options contradict each other."""
+    """Whether a command needs a running service. Ends the program if the options contradict each other."""
     if chosen.command == "stop":
         if chosen.url is None and (chosen.token or chosen.certificate or chosen.json):
-            parser.error("stop: --token, --certificate and --json go with --url")
+            parser.error("stop: --token, --certificate and --json need --url")
         if chosen.url is None and chosen.category != HELD:
-            parser.error("stop: --category goes with --url")
+            parser.error("stop: --category needs --url")
         if chosen.url is not None and (chosen.estop or chosen.config):
-            parser.error("stop: --estop and --config do not go with --url: they are for this computer")
+            parser.error(
+                "stop: --estop and --config cannot be used with --url, because they are for this computer"
+            )
         return chosen.url is not None
     if chosen.command == "run":
         own = {name: getattr(chosen, name) for name in ("config", "host", "port", "clock", "cell")}
@@ -74,7 +79,7 @@ def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> 
         wrong = remote if chosen.sequence is None else own
         for name, value in wrong.items():
             if value not in (None, False):
-                why = "is for a SEQUENCE" if chosen.sequence is None else "does not go with a SEQUENCE"
+                why = "is for a SEQUENCE" if chosen.sequence is None else "cannot be used with a SEQUENCE"
                 parser.error(f"run: --{name} {why}")
         return chosen.sequence is not None
     return chosen.command in COMMANDS
@@ -95,12 +100,12 @@ def add_parsers(commands: Commands) -> None:
     send = parser("send", "run a trajectory (.csv, .json) and wait for its end; Ctrl-C stops it")
     send.add_argument("file", type=Path, metavar="FILE")
     send.add_argument("--no-wait", action="store_true", help="return when the motion has begun")
-    send.add_argument("--move-to-start", action="store_true", help="move to the first point before")
+    send.add_argument("--move-to-start", action="store_true", help="first move to the first point")
     jobs = parser("jobs", "list the jobs of a service, or change one")
-    jobs.add_argument("id", nargs="?", metavar="ID", help="ID of a job; without it all jobs")
+    jobs.add_argument("id", nargs="?", metavar="ID", help="ID of a job; by default all jobs")
     change = jobs.add_mutually_exclusive_group()
     for what in ("cancel", "pause", "resume"):
-        change.add_argument(f"--{what}", action="store_true", help=f"{what} it")
+        change.add_argument(f"--{what}", action="store_true", help=f"{what} the job")
     program = parser("program", "list, print, save or run the programs that the service stores")
     program.add_argument("action", choices=("list", "show", "save", "run"), metavar="list|show|save|run")
     program.add_argument("id", nargs="?", metavar="ID", help="ID of a program; for all actions but list")
@@ -110,19 +115,19 @@ def add_parsers(commands: Commands) -> None:
         "--base",
         type=_count,
         metavar="N",
-        help="save: the version that was changed; without it a new program",
+        help="save: number of the version that was changed; by default the program is new",
     )
     program.add_argument("--version", type=_count, metavar="N", help="show, run: an older version")
-    program.add_argument("--repeat", type=_count, default=1, metavar="N", help="run: this number of times")
+    program.add_argument("--repeat", type=_count, default=1, metavar="N", help="run: number of runs")
     watch = parser("watch", "print events as they happen, until Ctrl-C")
-    watch.add_argument("--types", metavar="TYPE,...", help="event types of docs/events.md; without them all")
+    watch.add_argument("--types", metavar="TYPE,...", help="event types, see docs/events.md; by default all")
     watch.add_argument(
         "--state-hz", type=float, metavar="HZ", help="print the state too, 0.1 to 100 times per second"
     )
     watch.add_argument(
-        "--after", metavar="EPOCH-ID", help="begin after this event; 0: begin with all stored events"
+        "--after", metavar="EPOCH-ID", help="start after this event; 0 starts with all stored events"
     )
-    watch.add_argument("--count", type=_count, metavar="N", help="end after this number of events")
+    watch.add_argument("--count", type=_count, metavar="N", help="stop after this number of events")
     hand = parser(
         "teleop", "move the arm with the keyboard or a gamepad, while a key or the dead-man button is held"
     )
@@ -132,14 +137,20 @@ def add_parsers(commands: Commands) -> None:
         type=Path,
         const=Path(),
         metavar="DEVICE",
-        help="instead of the keyboard; without DEVICE the first one of /dev/input/js*",
+        help="use a gamepad instead of the keyboard; by default the first one of /dev/input/js*",
     )
-    hand.add_argument("--speed", type=float, default=0.5, metavar="SHARE", help="above 0 to 1 (%(default)s)")
+    hand.add_argument(
+        "--speed",
+        type=float,
+        default=0.5,
+        metavar="SHARE",
+        help="share of the maximum speed, above 0 to 1 (%(default)s)",
+    )
     seen = parser("acknowledge", "print the findings of the first contact with a robot, and confirm them")
     seen.add_argument(
         "--payload-checked",
         action="store_true",
-        help="tool and load are those of the model; not needed if POST /robot/tool has set them",
+        help="confirm that tool and load are those of the model; not needed if POST /robot/tool has set them",
     )
     completion = commands.add_parser("completion", help="print a script for completion in the shell")
     completion.add_argument("shell", choices=SHELLS)
@@ -152,8 +163,8 @@ def add_sequence_options(run: argparse.ArgumentParser) -> None:
         nargs="?",
         type=Path,
         metavar="SEQUENCE",
-        help="a sequence (.json) or program (.lua) that a running service executes; the options "
-        "of the group service are for this. Without it, run starts the service",
+        help="a sequence (.json) or program (.lua) that a running service executes, with the options "
+        "of the group service. Without it, run starts the service",
     )
     group = run.add_argument_group("service")
     add_service_options(group)
@@ -179,12 +190,12 @@ def _add_move(move: argparse.ArgumentParser) -> None:
         "--fields",
         default="{}",
         metavar="JSON",
-        help="further fields of the motion, as in the REST API: actions, start_when, pause_while, until",
+        help="more fields of the motion, as in the REST API: actions, start_when, pause_while, until",
     )
     move.add_argument(
         "--queue",
         action="store_true",
-        help="add the motion to the queue; do not wait",
+        help="add the motion to the queue and do not wait",
     )
     move.add_argument(
         "--blend-radius",

@@ -62,7 +62,7 @@ class Bar:
             self.erase()
 
     def update(self, done: float, total: float, what: str | None = None) -> None:
-        """Draw the bar. With a total of 0 the part that is done is unknown, and only the text is drawn."""
+        """Draw the bar. With a total of 0 the finished part is unknown, and only the text is drawn."""
         self._what = what or self._what
         line = self._what
         if total > 0.0:
@@ -92,5 +92,5 @@ def _is_terminal(stream: TextIO) -> bool:
 
 
 def _cells(text: str) -> int:
-    """Number of terminal cells that a text takes: Chinese characters take two (Unicode annex 11)."""
+    """Width of a text in terminal cells. Chinese characters take two cells (Unicode annex 11)."""
     return sum(2 if unicodedata.east_asian_width(character) in "WF" else 1 for character in text)

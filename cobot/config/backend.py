@@ -1,4 +1,4 @@
-"""The backend that moves the robot and its gripper, as the settings name them."""
+"""Sections of the settings that select a class: the robot's backend, and its gripper."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class BackendSection(Section):
 
 
 def options_of(section: BackendSection, kind: type[Model], setting: str = "robot.backend") -> Model:
-    """The options of a class, as an instance of its own model.
+    """The options of a section, as an instance of the class's options model.
 
     Args:
-        setting: for errors.
+        setting: name of the setting, for errors.
 
     Raises:
         ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.
@@ -54,7 +54,9 @@ def _section(value: object, info: ValidationInfo, what: str) -> object:
         )
     nameless = [key for key in content if not isinstance(key, str)]
     if nameless:
-        raise ValueError(f"the key {shown(nameless[0])} is not a text: an option of the {what} has a name")
+        raise ValueError(
+            f"the key {shown(nameless[0])} is not a text: the name of an option of the {what} must be a text"
+        )
     options = {key: each for key, each in content.items() if key not in ("type", "folder")}
     folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])
     return {"type": content["type"], "options": options, "folder": folder}
@@ -69,7 +71,7 @@ def _gripper_section(value: object, info: ValidationInfo) -> object:
 
 
 def _as_in_a_file(section: BackendSection | None) -> object:
-    """The complete section, with its folder, so that a file elsewhere can contain it."""
+    """The complete section including its folder, so that a file in another folder can contain it."""
     if section is None or not section.options:
         return section and section.type
     return {"type": section.type, "folder": str(section.folder), **section.options}

@@ -1,4 +1,4 @@
-"""`api_endpoints.yaml`: what a user wants otherwise of the endpoints that the service declares."""
+"""`api_endpoints.yaml`: a user's changes of the endpoints that the service declares."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cobot.strict import shown, unknown_key
 from cobot.yaml_file import read_mapping
 
 MIN_STOP_S = 4.0
-"""The shortest timeout that a user may give to POST /stop, s: a stop of the arm may take some 2.5 s."""
+"""Minimum timeout that a user may set for POST /stop, s. A stop of the arm may take about 2.5 s."""
 
 
 class EndpointChange(Section):
-    """Of one endpoint. What is not given stays as the service declares it."""
+    """Changes of one endpoint. Values that are not given stay as the service declares them."""
 
     enabled: bool = True
     timeout_s: Positive | None = None
@@ -32,10 +32,10 @@ def load_endpoints(path: Path, known: Iterable[str] | None = None) -> dict[str, 
     """Read `api_endpoints.yaml`.
 
     Args:
-        known: the names of all endpoints; None where they cannot be known, see `app.endpoints`.
+        known: the names of all endpoints; None if they are unknown here, see `app.endpoints`.
 
     Raises:
-        ConfigError: see `load_settings`, or a name is unknown, or there would be no stop.
+        ConfigError: see `load_settings`; or a name is unknown, or the stop would be disabled.
     """
     changes = parse(_EndpointsFile, path, read_mapping(path)).endpoints
     _check_stop(path, changes)
@@ -50,8 +50,8 @@ def load_endpoints(path: Path, known: Iterable[str] | None = None) -> dict[str, 
 def _unknown(name: str, valid: list[str]) -> str:
     if f" {ROBOTS}/" in name:
         return (
-            f"{shown(name)}: the endpoints below {ROBOTS}/NAME have no entries of their own, name the one "
-            "without it, as in 'POST /robot/execute': its entry holds for both"
+            f"{shown(name)}: endpoints below {ROBOTS}/NAME have no separate entries; give the path "
+            "without it, such as 'POST /robot/execute', whose entry applies to both"
         )
     return unknown_key(name, valid)
 

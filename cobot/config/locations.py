@@ -1,4 +1,4 @@
-"""Where the files are that settings name."""
+"""Finds the files that settings name."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cobot.errors import ConfigError
 def resolve(location: str, folder: Path) -> Path:
     """The file that a setting names: pkg://PACKAGE/PATH, ~/PATH, or relative to `folder`.
 
-    pkg://config and pkg://sequences are what ships with cobot.
+    pkg://config and pkg://sequences contain the files that ship with cobot.
 
     Raises:
-        ConfigError: for a package that is not installed or a path that leaves it.
+        ConfigError: the package is not installed, or the path leaves it.
     """
     if not location.startswith("pkg://"):
         try:
@@ -36,9 +36,10 @@ def resolve(location: str, folder: Path) -> Path:
 
 
 def _folder_of(package: str) -> Path | None:
-    """The folder of what ships with cobot, or else of an installed package; None if there is none.
+    """The folder with files that ship with cobot, or else that of an installed package; None if there is
+    none.
 
-    A foreign package may be named `config` too, so that what ships with cobot comes first.
+    The files of cobot come first, because another package may also be named `config`.
     """
     if package in shipped.NAMES:
         return (shipped.FOLDER / package).resolve()

@@ -1,4 +1,4 @@
-"""Reads settings from files: first the file shipped with cobot, then the user's file on top of it."""
+"""Reads settings from files: the file shipped with cobot, with the changes of the user's file."""
 
 from __future__ import annotations
 

@@ -16,20 +16,22 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Section(StrictModel):
-    """Base of all sections. Pydantic builds them with the settings as a whole, not also each by itself."""
+    """Base of all sections. Pydantic compiles them once with the whole settings, and not each one
+    separately."""
 
     model_config = ConfigDict(frozen=True, defer_build=True)
 
 
 def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "") -> Model:
-    """What a file says, as a model of it.
+    """Validate the content of a file as a model.
 
     Args:
-        path: of the file, against whose folder paths in it are resolved.
-        place: of the content in it, for errors.
+        path: path of the file. Relative paths in the content are resolved against its folder.
+        place: place of the content in the file, for errors.
 
     Raises:
-        ConfigError: naming the file, the key, the value and what is valid.
+        ConfigError: the content is invalid; the message names the file, the key, the value and the valid
+            values.
     """
     try:
         return kind.model_validate(content, context={"folder": path.parent})
@@ -39,7 +41,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """Have errors of what a setting names begin with the setting, which is what people can change."""
+    """A context in which errors begin with the name of a setting, which people can change."""
     try:
         yield
     except ConfigError as exc:

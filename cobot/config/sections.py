@@ -1,4 +1,4 @@
-"""What can be set, section by section. The files in `config/` say what each setting means."""
+"""All settings, section by section. The files in `config/` explain each setting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the value of a setting may be, beyond its type; each error says what would be valid."""
+"""Checks of the values of settings, in addition to their types. Each error names the valid values."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def _a_host(value: str) -> str:
 def _an_origin(value: str) -> str:
     if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+", value):
         raise ValueError(
-            f"{shown(value)} is not an origin of pages, such as https://app.example or "
-            "http://localhost:3000: a scheme, a host in lower case, and its port if it is not the usual one"
+            f"{shown(value)} is not the origin of a web page, such as https://app.example or "
+            "http://localhost:3000: a scheme, a host in lower case, and the port if it is not the default one"
         )
     return value
 
@@ -79,7 +79,7 @@ Origin = Annotated[str, AfterValidator(_an_origin)]
 
 
 def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
-    """Of `fleet.certificates`: there for addresses with TLS, and only for those."""
+    """Check `fleet.certificates`: it is required for addresses with TLS, and only allowed for those."""
     for hub in info.data.get("connect", ()):
         if hub.startswith("tls/") and certificates is None:
             raise ValueError(f"{hub} needs the folder of this cell's certificate: `cobot fleet certificate`")
@@ -89,21 +89,21 @@ def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
 
 
 def for_other_computers(peers: list[str], info: ValidationInfo) -> list[str]:
-    """Of `ros.peers`: they can be reached."""
+    """Check `ros.peers`: they must be reachable."""
     if peers and info.data.get("localhost_only"):
         raise ValueError(f"{shown(peers)} cannot be reached: set ros.localhost_only to false")
     return peers
 
 
 def with_its_certificate(key: Path | None, info: ValidationInfo) -> Path | None:
-    """Of `web.tls_key`: there is a certificate if there is a key, and none if there is none."""
+    """Check `web.tls_key`: a key and a certificate must be given together."""
     if (key is None) != (info.data.get("tls_certificate") is None):
         raise ValueError("web.tls_certificate and web.tls_key go together: give both, or neither")
     return key
 
 
 def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
-    """Of `web.limits`: the largest body that a request may have fits."""
+    """Check `web.limits`: the largest body of a request must fit."""
     largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
     if limits.bodies_bytes < largest:
         raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
@@ -111,8 +111,8 @@ def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> Conn
 
 
 def above_low(high: tuple[float, float, float], info: ValidationInfo) -> tuple[float, float, float]:
-    """Of `mcp.fence.high`: the box has a volume."""
+    """Check `mcp.fence.high`: the box must have a volume."""
     low = info.data.get("low")
     if low is not None and not all(a < b for a, b in zip(low, high, strict=True)):
-        raise ValueError(f"{high} has to be above low, {low}, in x, y and z")
+        raise ValueError(f"{high} must be above low, {low}, in x, y and z")
     return high

@@ -102,7 +102,7 @@ class Installed(StrictModel):
 def read_bundle(content: bytes) -> Bundle:
     """
     Raises:
-        InputError: it is not a bundle.
+        InputError: the content is not a bundle.
     """
     if len(content) > MAX_BUNDLE_BYTES:
         raise InputError(f"the bundle has {len(content)} bytes, allowed are {MAX_BUNDLE_BYTES}")

@@ -75,7 +75,7 @@ class RollOuts:
         """Keep a bundle. Returns its name.
 
         Raises:
-            InputError: it is not a bundle.
+            InputError: the content is not a bundle.
         """
         bundle, name = read_bundle(content), hash_of(content)
         with self._lock:

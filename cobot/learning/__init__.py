@@ -2,7 +2,7 @@
 
     gymnasium.make("cobot.learning:cobot/Reach-v0")
 
-Each module imports what it needs; docs/learning.md says which extra brings it.
+Each module imports only the packages that it needs. docs/learning.md says which extra installs them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""`python -m cobot.learning record FILE.mcap`: an episode of a service's arm, with cameras in its scene."""
+"""`python -m cobot.learning record FILE.mcap`: records an episode of a service's arm, with cameras in its
+scene."""
 
 from __future__ import annotations
 
@@ -20,18 +21,26 @@ EXIT_OK, EXIT_FAILED = 0, 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The exit status: 0 recorded, 1 not, 2 wrong usage."""
+    """Run the command. Returns the exit status: 0 if recorded, 1 if not, 2 for wrong usage."""
     parser = argparse.ArgumentParser("python -m cobot.learning", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    recording = commands.add_parser("record", help="write an episode, until Ctrl-C or the time is over")
+    recording = commands.add_parser("record", help="record an episode, until Ctrl-C or the end of the time")
     recording.add_argument("file", type=Path, metavar="FILE.mcap")
-    recording.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
-    recording.add_argument("--config", type=Path, help="settings of the robot, for the cameras' scene")
-    recording.add_argument("--seconds", type=float, default=60.0, help="at the longest (%(default)s)")
-    recording.add_argument("--rate", type=float, default=30.0, help="frames a second (%(default)s)")
-    recording.add_argument("--task", default="", help="in words, for the policy that learns from it")
+    recording.add_argument("--url", default=DEFAULT_URL, help="URL of the service (%(default)s)")
     recording.add_argument(
-        "--cameras", nargs="*", default=[], metavar="NAME", help=f"of {', '.join(CAMERAS)}; none without it"
+        "--config", type=Path, help="settings file of the robot, for the scene of the cameras"
+    )
+    recording.add_argument("--seconds", type=float, default=60.0, help="maximum duration, s (%(default)s)")
+    recording.add_argument("--rate", type=float, default=30.0, help="frames per second (%(default)s)")
+    recording.add_argument(
+        "--task", default="", help="description of the task, for the policy that learns from it"
+    )
+    recording.add_argument(
+        "--cameras",
+        nargs="*",
+        default=[],
+        metavar="NAME",
+        help=f"cameras to record: {', '.join(CAMERAS)}; by default none",
     )
     chosen = parser.parse_args(arguments)
     try:

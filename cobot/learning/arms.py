@@ -25,8 +25,8 @@ class EpisodeArm(Protocol):
         robot: client of the arm.
         clock: clock of the arm.
         control: the present streaming session, from `restart` on.
-        width_m: the smallest and the largest width between its fingers, m; None without a gripper.
-        max_force_n: at the fingers, N.
+        width_m: the smallest and the largest width between the fingers, m; None without a gripper.
+        max_force_n: largest force at the fingers, N.
     """
 
     robot: Robot
@@ -39,7 +39,7 @@ class EpisodeArm(Protocol):
         """Bring the arm to rest at `start` and begin a session.
 
         Raises:
-            CobotError: the arm does not get there.
+            CobotError: the arm does not reach it.
         """
         ...
 
@@ -47,7 +47,7 @@ class EpisodeArm(Protocol):
         """Move the fingers to a width, m, without waiting.
 
         Raises:
-            CobotError: the gripper does not take it.
+            CobotError: the gripper rejects the command.
         """
         ...
 
@@ -93,9 +93,9 @@ class ServedArm:
     """The arm of a service, which moves to the start of an episode with an ordinary motion.
 
     Args:
-        url: of the service, or of one of its robots.
+        url: URL of the service, or of one of its robots.
         rate_hz: rate of the targets.
-        speed: speed to the start, as a share of the limits.
+        speed: speed of the motion to the start, as a share of the limits.
         clock, client: see `Robot`.
     """
 

@@ -1,4 +1,4 @@
-"""Cameras in the scene: what they see of the arm and of what stands around it, by casting rays."""
+"""Cameras in the scene. Their pictures of the arm and its surroundings are computed by ray casting."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ MAX_PIXELS = 1280 * 960
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Where a camera stands and what it looks at.
+    """The pose and the properties of a camera.
 
     Attributes:
         name: letters, digits and underscores.
-        eye, target: it looks from here to there, m, in the frame it is mounted on.
-        mounted: on the base, or on the TCP and moved with it.
-        up: what is up in its pictures; not along its view.
-        width, height: pixels.
-        view_rad: the angle from the top of its picture to the bottom.
+        eye, target: position of the camera, and the point at which it looks, m, in the frame on which it is
+            mounted.
+        mounted: base, or tcp if it moves with the TCP.
+        up: upward direction in the pictures. It must not be along the view.
+        width, height: size of the pictures in pixels.
+        view_rad: vertical field of view, rad.
     """
 
     name: str
@@ -52,28 +53,28 @@ class Camera:
                 raise InputError(f"{what}: {name} must be 3 finite numbers, got {value}")
         if self.width < 1 or self.height < 1 or self.width * self.height > MAX_PIXELS:
             raise InputError(
-                f"{what}: {self.width} x {self.height} pixels; 1 to {MAX_PIXELS} in all are possible"
+                f"{what}: {self.width} x {self.height} pixels; 1 to {MAX_PIXELS} in total are allowed"
             )
         if not 0.01 <= self.view_rad <= 3.0:
             raise InputError(f"{what}: view_rad must be 0.01 to 3 rad, got {self.view_rad}")
         forward = np.subtract(self.target, self.eye)
         if np.linalg.norm(np.cross(forward, self.up)) < 1e-6:
-            raise InputError(f"{what}: up must not lie along the view, nor the target be the eye")
+            raise InputError(f"{what}: up must not be along the view, and target must differ from eye")
 
 
 FRONT = Camera("front", (1.4, -1.2, 1.0), (0.3, 0.0, 0.4))
 WRIST = Camera("wrist", (0.0, -0.1, -0.1), (0.0, 0.0, 0.15), "tcp", (0.0, -1.0, 0.0))
 CAMERAS = {camera.name: camera for camera in (FRONT, WRIST)}
-"""Two that see something on any arm, by name."""
+"""Two cameras that are useful for any arm, by name."""
 
 
 class Renderer:
-    """Pictures of one robot. Not thread safe."""
+    """Renders pictures of one robot. Not thread safe."""
 
     def __init__(self, robot: RobotDescription, cameras: Sequence[Camera]) -> None:
         names = [camera.name for camera in cameras]
         if len(set(names)) < len(names):
-            raise InputError(f"cameras need names of their own, got {', '.join(names)}")
+            raise InputError(f"each camera needs a different name, got {', '.join(names)}")
         self._robot, self._cameras = robot, tuple(cameras)
         self._mj = robot.model.among(robot.collision.scene, robot.collision.tool)
         self._data = mujoco.MjData(self._mj)
@@ -81,7 +82,8 @@ class Renderer:
         self._turn, self._place = base_frame(self._mj, self._data, robot.base_frame)
 
     def render(self, joints: Array) -> dict[str, np.ndarray]:
-        """What each camera sees when the joints stand there, rad: uint8, shape (height, width, 3)."""
+        """The picture of each camera with the arm at these joint positions, rad: uint8, shape (height, width,
+        3)."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._mj, self._data)
         tcp = np.empty(7)

@@ -21,11 +21,11 @@ Meaning = Literal["positions", "offsets"]
 
 
 def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) -> Array:
-    """The joints' part of a policy's answer, shape (k, dof), or (k, dof + 1) with fingers; further columns
-    are ignored.
+    """The actions in a policy's answer, shape (k, dof), or (k, dof + 1) with fingers. Further columns are
+    ignored.
 
     Raises:
-        ExecutionError: the actions are missing or invalid; with what the answer contains.
+        ExecutionError: the actions are missing or invalid; the message has the content of the answer.
     """
     columns = dof + fingers
     if ACTIONS not in answer:
@@ -51,16 +51,16 @@ def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) ->
 def timed(
     actions: Array, observed_s: float, period_s: float, now_s: float, meaning: Meaning, position: Array
 ) -> tuple[Array, Array]:
-    """Waypoints that can still be reached, with their times.
+    """The waypoints that can still be reached, with their times.
 
-    Action i is the joints' target i + 1 periods after its observation. The arm is already past the first
-    ones, because the policy took time. These are left out and the others keep their times, so that a slow
-    policy is late but never out of step.
+    Action i is the target i + 1 periods after its observation. The times of the first actions have passed
+    while the policy was computing, so these are left out. The others keep their times.
 
     Args:
         actions: shape (k, n): n joints, or the joints and the width between the fingers, m.
         observed_s: time of the observation, on the robot's clock.
-        position: the observed position, rad, to which `offsets` are relative. Widths are never offsets.
+        position: the observed joint positions, rad, to which `offsets` are relative. Widths are never
+            offsets.
 
     Returns:
         Times, shape (m,), on the robot's clock, and positions, shape (m, n), m from 0 to CHUNK_POINTS.

@@ -33,46 +33,49 @@ MARGIN_RAD = 0.02
 TRIES = 100
 GRIPPER_NUMBERS = ("gripper_width", "gripper_commanded_width", "gripper_force")
 REACH_M = 3.0
-"""No TCP is further from its base along an axis."""
+"""Largest coordinate of a TCP in the base frame, m."""
 RELATIVE, ABSOLUTE = "relative", "absolute"
 Connect = Callable[[str], tuple[Client, Robot, Clock]]
 
 
 class ArmEnv(gymnasium.Env[Observation, Array]):
-    """One arm that is streamed joint targets.
+    """One arm that follows streamed joint targets.
 
-    Without `url` it is a simulation of its own, which is the same for the same seed and the same actions and
-    takes as long as its arithmetic. With it, it is the arm of the service there, simulated or real, in that
-    service's time.
+    Without `url` it is a separate simulation, which gives the same results for the same seed and the same
+    actions, and runs as fast as it can compute. With `url` it is the arm of that service, simulated or real,
+    in the service's time.
 
-    An action is one target for each joint: with `relative` control from −1 to 1, how far on from the last
-    target, in units of `max_velocity_rad_s` times the period; with `absolute` control an angle, rad. A robot
-    with a gripper has one number more, the width between its fingers: −1 (closed) to 1 (open), or m.
+    An action has one number for each joint. With `relative` control it is the change from the last target,
+    from −1 to 1, in units of `max_velocity_rad_s` times the period. With `absolute` control it is an angle,
+    rad. For a robot with a gripper one more number is the width between the fingers: −1 (closed) to 1 (open),
+    or with `absolute` control m.
 
     Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
-    tcp_pose (m, and a quaternion w, x, y, z), what the task adds, and `camera_NAME` for each camera. With a
+        tcp_pose (m, and a quaternion w, x, y, z), the observations of the task, and `camera_NAME` for each
+        camera. With a
     gripper: gripper_width and gripper_commanded_width (m), gripper_force (N), each shape (1,), and
-    gripper_object, the number of a `cobot.ipc.layout.GripperObject`.
+        gripper_object, the number of a `cobot.ipc.layout.GripperObject`.
 
     `info`: time_s of the robot, interventions since the last step by kind (docs/streaming.md), and `reason`
-    when the session has ended, which truncates the episode.
+    if the session has ended, which truncates the episode.
 
     Args:
-        config: settings file of the robot; the shipped one without it.
-        cell: a cell file, or a folder with a cell.yaml, to simulate in place of the settings' `robot.cell`.
-        url: of a service that runs.
-        control: what an action means.
-        rate_hz: of the actions, 1 to 500.
-        task: what is to be done; without it `Reach`.
-        cameras: that belong to the observations.
+        config: settings file of the robot; by default the shipped one.
+        cell: a cell file, or a folder with a cell.yaml, to simulate instead of `robot.cell` of the settings.
+        url: URL of a running service.
+        control: meaning of an action: relative or absolute.
+        rate_hz: rate of the actions, 1 to 500.
+        task: the task; by default `Reach`.
+        cameras: cameras whose pictures are part of the observations.
         spread_rad: maximum distance of each joint from the start position at a start.
-        max_velocity_rad_s: of a relative action of 1.
-        speed: on the way to a start, on a service.
-        render_mode: None, or rgb_array: what the first camera sees, or `cameras.FRONT` without one.
-        connect: makes the client of REST, the streaming one and their clock from the URL.
+        max_velocity_rad_s: velocity of a relative action of 1.
+        speed: speed of the motion to the start, with a service.
+        render_mode: None, or rgb_array for the picture of the first camera, or of `cameras.FRONT` without
+            cameras.
+        connect: creates the REST client, the streaming client and their clock from the URL.
 
-    Raises (constructor):
-        InputError, ConfigError, UnavailableError: with what, and what is possible.
+    Raises (constructor): InputError, ConfigError, UnavailableError: an argument is invalid or cannot be used;
+    the message has the valid values.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 - Gymnasium's own form
@@ -143,11 +146,12 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         """Begin an episode.
 
         Args:
-            options: `start`, joint angles in rad to begin at instead of those that the seed gives.
+            options: `start`: joint angles at which to begin, rad, instead of those that the seed gives.
 
         Raises:
-            InputError: another option, or no such angles; LimitError for one where no target may be.
-            CollisionError: the arm cannot stand at `start`.
+            InputError: there is another option, or `start` is invalid. LimitError if it is outside the range
+                of targets.
+            CollisionError: the arm is in collision at `start`.
         """
         wanted = self._read_start(options)
         super().reset(seed=seed)
@@ -160,15 +164,15 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return self._observe(), self._info("")
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Aim the arm, wait for one period, look.
+        """Send the target, wait for one period, and observe.
 
         Raises:
-            InputError: another number of joints, or a number that is none.
-            DeviceError: the gripper does not take its command.
-            ExecutionError: there is no episode: `reset` first.
+            InputError: the action has another number of joints, or a value is not a number.
+            DeviceError: the gripper rejects its command.
+            ExecutionError: there is no episode; call `reset` first.
         """
         if self._ended:
-            raise ExecutionError("the episode has ended, or has not begun: reset the environment first")
+            raise ExecutionError("there is no running episode: reset the environment first")
         given = vector(action, self.action_space.shape[0], name="an action")
         joints, fingers = np.split(given, [len(self._target)])
         aim = self._target + self._step_rad * joints.clip(-1.0, 1.0) if self._relative else joints
@@ -192,7 +196,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return observation, reward, reached, bool(reason), self._info(reason, refused)
 
     def render(self) -> np.ndarray | None:
-        """What a camera sees now, uint8, shape (height, width, 3); None without a render mode."""
+        """The present picture of a camera, uint8, shape (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         if self._viewer is None:
@@ -201,12 +205,12 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return picture
 
     def close(self) -> None:
-        """The arm comes to rest, and is free for others."""
+        """Stop the arm and release it for other clients."""
         self._ended = True
         self._arm.close()
 
     def _read_start(self, options: dict[str, Any] | None) -> Array | None:
-        """Where the options say that an episode begins; None: nowhere."""
+        """The joint positions in the options at which an episode begins; None without them."""
         if not isinstance(options, Mapping | None):
             raise InputError(f"options must be a dictionary, got {options!r}")
         given = dict(options or {})
@@ -254,14 +258,15 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return seen
 
     def _width(self, number: float) -> float:
-        """The width, m, that the last number of an action means."""
+        """Convert the last number of an action to a width, m."""
         if not self._relative or self._arm.width_m is None:
             return number
         low, high = self._arm.width_m
         return low + 0.5 * (number + 1.0) * (high - low)
 
     def _send_target(self) -> str:
-        """Aims the arm; returns why it does not follow the first target of an episode, "" if it does."""
+        """Send the target. Returns the reason why the arm does not follow the first target of an episode; ""
+        if it does."""
         try:
             self._arm.control.set_target_joints(self._target.tolist())
         except InputError as exc:
@@ -315,7 +320,7 @@ def _check_numbers(rate_hz: float, spread_rad: float, velocity: float, speed: fl
     if not 0.0 <= spread_rad <= 3.0:
         raise InputError(f"spread_rad must be from 0 to 3 rad, got {spread_rad}")
     if not 0.0 < velocity <= 10.0:
-        raise InputError(f"max_velocity_rad_s must be above 0, 10 rad/s at most, got {velocity}")
+        raise InputError(f"max_velocity_rad_s must be above 0 and at most 10 rad/s, got {velocity}")
 
 
 def _check(control: str, render_mode: str | None, task: Task | None, cameras: Sequence[Camera]) -> None:
@@ -331,7 +336,7 @@ def _check(control: str, render_mode: str | None, task: Task | None, cameras: Se
 
 
 def _gripper(reading: GripperReading | None) -> Observation:
-    """What an observation has of a gripper; None: it has not been read yet."""
+    """The gripper's part of an observation. `reading` is None before the gripper has been read."""
     if reading is None:
         return {**{name: np.zeros(1) for name in GRIPPER_NUMBERS}, "gripper_object": np.int64(0)}
     numbers = (reading.known_width, reading.target_width, reading.known_force)

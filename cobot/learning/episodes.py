@@ -1,7 +1,7 @@
 """Episodes as MCAP files, with the arm's states, its commands, camera pictures and the task.
 
 The messages are those of ROS 2 (JointState, CompressedImage), which Foxglove and rosbags read. A file is
-called NAME.mcap.part until its episode has ended.
+named NAME.mcap.part until its episode has ended.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class EpisodeWriter:
         self, path: Path, joint_names: Sequence[str], rate_hz: float, *, task: str = "", robot: str = ""
     ) -> None:
         if path.suffix != ".mcap":
-            raise InputError(f"{path}: an episode is a file .mcap")
+            raise InputError(f"{path}: the file of an episode must end with .mcap")
         if not 0.0 < rate_hz <= 1000.0:
-            raise InputError(f"rate_hz must be above 0, 1000 at most, got {rate_hz}")
+            raise InputError(f"rate_hz must be above 0 and at most 1000, got {rate_hz}")
         self._names, self._path = list(joint_names), path
         self._about = {
             "robot": robot,
@@ -105,7 +105,7 @@ class EpisodeWriter:
             position, velocity: state of the joints, rad, rad/s.
             action: commanded joint positions, rad.
             pictures: pictures by camera name, uint8, shape (height, width, 3).
-            gripper: of a robot that has one: in each frame, or in none.
+            gripper: reading of the gripper. It must be given in each frame or in none.
         """
         time_ns = round(time_s * 1e9)
         dof = len(self._names)
@@ -202,11 +202,11 @@ def read_episode(path: Path) -> Episode:
     try:
         return _read(io.BytesIO(content))
     except UNREADABLE as exc:
-        raise InputError(f"{path}: is not a whole episode of cobot: {exc}") from exc
+        raise InputError(f"{path}: is not a complete episode of cobot: {exc}") from exc
 
 
 def _types() -> Any:
-    """The messages of ROS 2, and that of the gripper."""
+    """The message types of ROS 2, and that of the gripper."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(DEFINITIONS[GRIPPER], GRIPPER))
     return store
@@ -245,7 +245,7 @@ def _read(file: io.BytesIO) -> Episode:
             pixels += picture.nbytes
             require_room("the pictures of the file", 2 * pixels)  # they are copied into one array
     if not times_ns:
-        raise ValueError("there is no frame in it")
+        raise ValueError("it has no frame")
     lengths = {len(each) for each in (*rows.values(), *pictures.values())}
     if lengths != {len(times_ns)} or len(gripper) not in (0, len(times_ns)):
         raise ValueError("its topics are of different lengths")

@@ -1,9 +1,9 @@
 """Client of a policy server, over openpi's WebSocket protocol.
 
-After the connection is open the server sends one message that describes it. Then it answers each message with
-an observation by one with actions. Messages are MessagePack maps. An array is a map with the keys
-`__ndarray__`, `data`, `dtype` and `shape`; a single numpy number is one with `__npgeneric__`, `data` and
-`dtype`. A server that fails sends text and closes the connection.
+After the connection is open the server sends one message that describes it. Then it answers each observation
+with a message of actions. Messages are MessagePack maps. An array is a map with the keys `__ndarray__`,
+`data`, `dtype` and `shape`; a single numpy number is one with `__npgeneric__`, `data` and `dtype`. A server
+that fails sends text and closes the connection.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_ANSWER_BYTES = 64 << 20
 PLAIN = "biufSU"
 """Kinds of numpy types that their bytes define completely."""
 DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
-"""Names of these types. numpy accepts far more names, some of which it must first parse as Python."""
+"""Valid names of these types. numpy accepts far more names, some of which it parses as Python code."""
 
 
 def pack(message: Mapping[str, Any]) -> bytes:
@@ -153,8 +153,8 @@ class PolicyConnection:
 
     @contextlib.contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """Close the connection if an exchange is incomplete, even after Ctrl-C: its rest belongs to no later
-        one."""
+        """Close the connection if an exchange is incomplete, even after Ctrl-C, so that its rest is not taken
+        for a later answer."""
         try:
             yield
         except BaseException:

@@ -13,10 +13,10 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def pixels_of_png(content: bytes) -> np.ndarray:
-    """uint8, shape (height, width, 3).
+    """The pixels of a PNG file, uint8, shape (height, width, 3).
 
     Raises:
-        ValueError: it is damaged, or another kind of PNG.
+        ValueError: the file is damaged, or another kind of PNG.
     """
     if not content.startswith(SIGNATURE):
         raise ValueError("a picture in it is not a PNG")

@@ -28,7 +28,7 @@ SPARE_S = 0.02
 """Margin between the arrival of a chunk and the end of the last one, in seconds. It covers the transfer to
 rtloop and a short blend."""
 FINGERS_S = 0.005
-"""Interval at which the width of the fingers is looked up, in seconds."""
+"""Interval at which the fingers get the width of the present action, in seconds."""
 PATIENCE = 5
 """Maximum number of consecutive late answers. After that the run ends, because such a policy is too slow for
 this arm."""
@@ -55,7 +55,7 @@ class Sent:
         latency_s: time from the observation until the chunk was sent.
         dropped: number of first actions that were too late.
         times_s, positions: times and positions that were sent, shape (m,) and (m, dof).
-        widths: between the fingers at these times, m, shape (m,); empty without fingers.
+        widths: widths between the fingers at these times, m, shape (m,); empty without fingers.
     """
 
     observed_s: float
@@ -103,8 +103,8 @@ class PolicyRunner:
         observe: makes the observation; by default `state_observer()`.
         meaning: meaning of an action: joint positions in rad, or offsets from the observed positions.
         every_s: interval of requests, even if a chunk is longer; None: request shortly before a chunk ends.
-        fingers: follow the column after the joints, a width in m, at the times of the actions; None: that
-            column is ignored. `ServedFingers.of(robot.gripper)` are those of the robot.
+        fingers: fingers that follow the column after the joints, a width in m, at the times of the actions;
+        None: that column is ignored. `ServedFingers.of(robot.gripper)` gives those of the robot.
         clock: clock for waiting.
     """
 
@@ -139,7 +139,8 @@ class PolicyRunner:
         """Move the arm for this time on the robot's clock. Then the last chunk ends and the arm stops.
 
         Raises:
-            ExecutionError: the policy fails, is always too late, or answers with no valid chunk for this arm.
+            ExecutionError: the policy fails, is always too late, or its answer is not a valid chunk for this
+                arm.
             UnavailableError: the policy's server or the robot does not answer. The arm stops.
             MotionStopped: the session has ended.
         """
@@ -173,7 +174,7 @@ class PolicyRunner:
         return self._next_s(observed_s, float(times_s[-1]))
 
     def _infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The policy's answer. Fingers follow the last chunk meanwhile, as the arm does."""
+        """The policy's answer. While it is computed, the fingers follow the last chunk, as the arm does."""
         if self._fingers is None:
             return self._policy.infer(observation)
         answer: Future[Mapping[str, Any]] = Future()
@@ -191,7 +192,7 @@ class PolicyRunner:
         return answer.result()
 
     def _aim_fingers(self) -> None:
-        """Aim the fingers at the width of the last action whose time has come."""
+        """Command the width of the latest action whose time has passed."""
         if self._fingers is None or not self.sent:
             return
         due = int(np.searchsorted(self.sent[-1].times_s, self._robot.clock_s(), "right")) - 1

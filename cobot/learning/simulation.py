@@ -120,7 +120,7 @@ class Simulation:
     def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:
         """
         Args:
-            description: it carries the hand of the settings' cell, if there is one.
+            description: the robot; it carries the hand of the settings' cell, if there is one.
             start: joint positions of the arm at rest, shape (dof,), rad.
         """
         period_s = settings.rt.period_s

@@ -15,19 +15,19 @@ TRIES = 100
 
 
 class Task(Protocol):
-    """A task. Its randomness comes from the generator that `reset` gets, so that a seed defines an
-    episode."""
+    """Interface of a task. Random numbers must come from the generator that `reset` gets, so that a seed
+    defines an episode."""
 
     def spaces(self) -> dict[str, spaces.Space[Any]]:
         """The spaces of its additional observations."""
         ...
 
     def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:
-        """Begin an episode; the arm will be at `start`, rad."""
+        """Begin an episode, in which the arm starts at `start`, rad."""
         ...
 
     def observe(self) -> dict[str, Array]:
-        """Its additional observations."""
+        """The additional observations of the task."""
         ...
 
     def judge(self, observation: dict[str, Any]) -> tuple[float, bool]:

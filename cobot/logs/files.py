@@ -16,7 +16,7 @@ class RotatingFile:
 
     Args:
         count: maximum number of older files; NAME.1 is the newest of them.
-        strict: whether a symbolic link or a device at the path is refused.
+        strict: whether a symbolic link or a device at the path is rejected.
     """
 
     def __init__(self, path: Path, max_bytes: int, count: int, *, strict: bool = False) -> None:
@@ -78,7 +78,7 @@ class RotatingFile:
             self._make_private()
         elif self._strict:
             self.close()
-            raise OSError(errno.EINVAL, "no regular file")
+            raise OSError(errno.EINVAL, "not a regular file")
 
     def _make_private(self) -> None:
         make_private(self._descriptor)
@@ -113,5 +113,5 @@ def make_private(descriptor: int) -> None:
 
 
 def aside(path: Path, count: int) -> list[Path]:
-    """Paths of the file and of its older files, the newest first, whether or not they exist."""
+    """Paths of the file and of its older files, the newest first. They need not exist."""
     return [path, *(path.with_name(f"{path.name}.{number}") for number in range(1, count + 1))]

@@ -19,7 +19,8 @@ from cobot.logs.repeats import Repeats
 
 CAPACITY = 2000
 LOOK_S = 1.0
-"""Interval of checks whether repetitions have ended and whether writing works again, in seconds."""
+"""Interval at which the thread checks whether repetitions have ended and whether writing works again, in
+seconds."""
 
 Item = TypeVar("Item")
 
@@ -30,7 +31,7 @@ class _Sign(Enum):
 
 
 class Outlet(Generic[Item]):
-    """Writes items in a thread of its own, however long that takes.
+    """Writes items in a separate thread, which may block for any time.
 
     Args:
         write: writes one item. If it raises, the item is lost.
@@ -162,8 +163,8 @@ class Outlet(Generic[Item]):
 
 
 def write_all(descriptor: int, piece: bytes) -> None:
-    """Write a whole piece to a descriptor, however long that takes. The descriptor may be a pipe, a terminal
-    or a file, blocking or not.
+    """Write a whole piece to a descriptor, and wait as long as needed. The descriptor may be a pipe, a
+    terminal or a file, blocking or not.
 
     Raises:
         OSError: the descriptor cannot be written.

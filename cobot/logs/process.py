@@ -60,7 +60,7 @@ class ProcessLog(logging.Handler):
         self._outlet.put(line, (record.name, record.pathname, record.lineno, line.ids.get("client")))
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Print nothing, because printed text would come back here."""
+        """Print nothing, because printed text would become a log line again."""
 
     def close(self) -> None:
         self._outlet.close(END_S)
@@ -71,7 +71,7 @@ class ProcessLog(logging.Handler):
 
 
 class _Printed(io.TextIOBase):
-    """Turns printed text into log lines, so that no print waits for the process's own streams."""
+    """Converts printed text to log lines, so that no print waits for the process's own streams."""
 
     def __init__(self, name: str, level: int, descriptor: int) -> None:
         self._log = logging.getLogger(name)
@@ -134,10 +134,10 @@ def dropped() -> int:
 
 def _uncaught(kind: type[BaseException], exc: BaseException, where: TracebackType | None) -> None:
     if not issubclass(kind, KeyboardInterrupt):
-        log.critical("this process ends by an error", exc_info=(kind, exc, where))
+        log.critical("this process ends because of an error", exc_info=(kind, exc, where))
 
 
 def _uncaught_in_thread(found: threading.ExceptHookArgs) -> None:
     if found.exc_value is not None and not isinstance(found.exc_value, SystemExit):
         name = found.thread.name if found.thread else "?"
-        log.critical("thread %s ends by an error", name, exc_info=found.exc_value)
+        log.critical("thread %s ends because of an error", name, exc_info=found.exc_value)

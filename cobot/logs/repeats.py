@@ -1,4 +1,5 @@
-"""Repeated messages: in an interval, a limited number of each kind passes, and then their count."""
+"""Limits repeated messages: in each interval a limited number of each kind passes, followed by a count of the
+others."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ class Repeats(Generic[Item]):
     """Lets `burst` items of a kind pass in each interval. For any thread.
 
     Args:
-        now_s: the time, of any origin.
+        now_s: returns the time in seconds, from any origin.
     """
 
     def __init__(self, burst: int, interval_s: float, now_s: Callable[[], float]) -> None:
@@ -35,7 +36,7 @@ class Repeats(Generic[Item]):
         self._lock = threading.RLock()  # a garbage collection may log while this thread has it
 
     def passes(self, key: Hashable, item: Item) -> bool:
-        """Whether it may pass; one that may not will be in a later `summary`."""
+        """Whether an item may pass. One that may not is counted in a later `summary`."""
         with self._lock:
             now_s = self._now_s()
             if key not in self._kinds and len(self._kinds) >= MAX_KINDS:
@@ -54,7 +55,8 @@ class Repeats(Generic[Item]):
             return False
 
     def summary(self, *, all_of_them: bool = False) -> list[tuple[Item, int]]:
-        """The last item of each kind whose interval is over, and how many of it were held back."""
+        """For each kind whose interval is over: its last item, and the number of items that were held
+        back."""
         with self._lock:
             now_s = self._now_s()
             found = []
@@ -66,7 +68,7 @@ class Repeats(Generic[Item]):
 
     @property
     def held_back(self) -> bool:
-        """Whether a summary is to be expected."""
+        """Whether items are held back, so that a summary will follow."""
         with self._lock:
             return any(kind.held_back for kind in self._kinds.values())
 

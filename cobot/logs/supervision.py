@@ -100,7 +100,7 @@ class SupervisorLosses:
         self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)
 
     def read(self) -> tuple[int, int, int]:
-        """Lines lost by the file, lines lost by the terminal, and errno of the file; 0 without a
+        """Lines lost by the file, lines lost by the terminal, and errno of the file. All are 0 without a
         supervisor."""
         if self._memory is None:
             return 0, 0, 0

@@ -34,8 +34,8 @@ PARTS = 4
 """Number of parts of a continuous recording that fit into `recording.max_mb`. A larger part is continued in
 the next one."""
 GRACE_S = 2.0
-"""Extra time after which a recording ends although cycles are missing, because the real-time loop is dead, in
-seconds."""
+"""If cycles are still missing after this additional time, in seconds, the real-time loop has ended, and the
+recording ends without them."""
 LIST_S = 1.0
 """Interval of updates of the list of recordings, in seconds."""
 LATEST_WALL_NS = 2_100_000_000 * 10**9
@@ -81,7 +81,7 @@ class RobotRecorder:
             self._thread.join()
 
     def ask(self, request: Answer) -> Future[Answer]:
-        """Pass a request to the thread: `action` is dump (with `seconds`), start or stop.
+        """Pass a request to the thread. `action` is dump (with `seconds`), start or stop.
 
         The returned future holds the names of the files, or a CobotError.
         """
@@ -139,7 +139,7 @@ class RobotRecorder:
                 writing = self._begin(run, "continuous", int(status["next"]), None, part)
                 writing.next = max(writing.next, writing.file.take_over(left) + 1)
                 left.unlink(missing_ok=True)
-                log.warning("%s: the recording goes on in %s", self.robot, going_on)
+                log.warning("%s: the recording continues in %s", self.robot, going_on)
         except OSError as exc:
             self._fail(None, exc)
 
@@ -174,7 +174,8 @@ class RobotRecorder:
         status["handled"] = min([newest, *(trigger - 1 for trigger in unfinished)])
 
     def _keep(self, cycle: int, reason: str) -> None:
-        """Record the cycles before and after a fault or e-stop. Close ones share a recording."""
+        """Record the cycles before and after a fault or e-stop. Events close to each other share a
+        recording."""
         for writing in self._writings:
             if writing.trigger:
                 if cycle > writing.trigger and writing.last is not None:
@@ -275,7 +276,9 @@ class RobotRecorder:
             if grown := writing.has_grown():
                 writing.file.sync()
             if grown and self._store.make_room(0) > self._store.max_bytes:
-                raise OSError(f"recording.max_mb: {self._store.max_bytes} bytes are taken by what is written")
+                raise OSError(
+                    f"recording.max_mb: {self._store.max_bytes} bytes are used by recordings in progress"
+                )
             if writing.last is None:
                 if writing.file.size > self._store.max_bytes // PARTS:
                     self._next_part(writing)

@@ -1,1 +1,1 @@
-"""Recordings of a robot as MCAP files: what is in them, where they are, and what can be made of them."""
+"""Recordings of a robot as MCAP files: their content, their folder, plots and replays."""

@@ -49,7 +49,7 @@ def bounded_reader(file: BinaryIO) -> SeekingReader:
 
 
 def bounded_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """The records of a file that may be truncated, up to its end.
+    """The records of a file up to its end. The file may be truncated.
 
     Raises:
         ValueError, McapError, ZstdError, struct.error: the file is truncated, or a chunk claims too much.
@@ -113,10 +113,10 @@ def _require_claims(compression: str, claimed: int, frame: bytes, place: str = "
     """The size that a chunk claims.
 
     Args:
-        frame: the first bytes of what is compressed.
+        frame: first bytes of the compressed data.
     """
     if compression not in COMPRESSIONS:
-        raise ValueError(f"the chunk{place} is compressed with {compression[:20]!r}, only zstd is known")
+        raise ValueError(f"the chunk{place} is compressed with {compression[:20]!r}; only zstd is supported")
     if compression and frame:
         claimed = max(claimed, _frame_claim(frame))
     if claimed > MAX_CHUNK_BYTES:
@@ -127,6 +127,6 @@ def _require_claims(compression: str, claimed: int, frame: bytes, place: str = "
 
 
 def _frame_claim(frame: bytes) -> int:
-    """The size that a frame states of its content; 0 if it states none."""
+    """The size of its content that a frame states; 0 if it states none."""
     content = get_frame_parameters(frame).content_size
     return 0 if content == CONTENTSIZE_UNKNOWN else content

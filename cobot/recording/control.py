@@ -46,7 +46,9 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
                 writer.close()
         answer: dict[str, Any] = json.loads(line)
     except TimeoutError as exc:
-        raise UnavailableError(f"the recorder has not answered within {timeout_s:g} s; it goes on") from exc
+        raise UnavailableError(
+            f"the recorder has not answered within {timeout_s:g} s; it continues to work"
+        ) from exc
     except OSError as exc:
         raise UnavailableError(f"the recorder does not run ({exc}); cobot run restarts it") from exc
     except ValueError as exc:

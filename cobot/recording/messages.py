@@ -1,7 +1,7 @@
 """Records of cycles as ROS 2 messages in CDR, a thousand at a time.
 
-Messages of one topic differ in numbers alone: their bytes are a template with holes. Where the holes are is
-found by serialising messages in which one field differs, so `rosbags` alone knows CDR.
+Messages of one topic differ only in numbers, so their bytes are a template with holes. The positions of the
+holes are found by serialising messages that differ in one field. So only `rosbags` needs to know CDR.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ TOPICS = {
     "/events": EVENT,
     GRIPPER_TOPIC: GRIPPER,
 }
-"""The types of messages by topic. Only a robot with a gripper has that of the gripper."""
+"""The message types by topic. Only a robot with a gripper has the topic of the gripper."""
 SECOND_NS = 1_000_000_000
 ROS_POSE = [0, 1, 2, 4, 5, 6, 3]
-"""Where the numbers of a ROS pose, x, y, z, then x, y, z, w, are in x, y, z, then w, x, y, z."""
+"""Indices of the numbers of a ROS pose (x, y, z, then x, y, z, w) in x, y, z, then w, x, y, z."""
 
 
 def _constants(prefix: str, names: Sequence[tuple[str, int]], kind: str) -> str:
@@ -91,11 +91,11 @@ DEFINITIONS = {
 
 
 class Template:
-    """Messages of one type that differ in numbers alone.
+    """Messages of one type that differ only in numbers.
 
     Args:
-        serialized: the CDR of a message with these values, by field; what is not given is zero.
-        fields: the format of each, little-endian.
+        serialized: returns the CDR of a message with these values by field; other fields are zero.
+        fields: the format of each field, little-endian.
     """
 
     def __init__(self, serialized: Callable[[Mapping[str, Any]], bytes], fields: Mapping[str, str]) -> None:
@@ -119,17 +119,17 @@ class Template:
         )
 
     def messages(self, count: int) -> np.ndarray:
-        """So many messages, to be filled in by field."""
+        """`count` messages whose fields are to be filled in."""
         return np.tile(self._zero, count).view(self.dtype)
 
 
 class RecordMessages:
-    """What the records of one robot become.
+    """Converts the records of one robot to messages.
 
     Args:
-        joint_names: of the robot.
-        base_frame: of poses and forces.
-        period_s: of a cycle.
+        joint_names: names of the robot's joints.
+        base_frame: name of the frame of poses and forces.
+        period_s: period of a cycle.
     """
 
     def __init__(self, joint_names: Sequence[str], base_frame: str, period_s: float) -> None:
@@ -153,17 +153,18 @@ class RecordMessages:
         )
 
     def definition(self, type_: str) -> str:
-        """The text of a type and of all that it is made of, as `ros2msg` has it."""
+        """The definition of a type, followed by those of the types that it contains, in the format
+        `ros2msg`."""
         return str(self._store.generate_msgdef(type_, ros_version=2)[0])
 
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
-        """The messages of records, by topic: all in a row, and the size of one.
+        """The messages of records, by topic: the bytes of all messages, and the size of one.
 
-        Those of the gripper are there only if one of the records has a gripper.
+        The topic of the gripper is only included if a record has a gripper.
 
         Args:
-            records: of `cobot.ipc.records.record_dtype`.
-            ahead_ns: by how much the clock of the wall is ahead of CLOCK_MONOTONIC.
+            records: array of `cobot.ipc.records.record_dtype`.
+            ahead_ns: offset of the system clock from CLOCK_MONOTONIC, in ns.
         """
         count = len(records)
         measured = self._joints.messages(count)
@@ -213,7 +214,7 @@ class RecordMessages:
         )
 
     def cycle_of(self, content: bytes) -> int:
-        """The number of the cycle that a message of /cycle is of."""
+        """The number of the cycle in a message of /cycle."""
         return int(np.frombuffer(content, self._cycle.dtype)["cycle"][0])
 
     def _serialized(self, type_: str, **fields: Any) -> bytes:
@@ -248,7 +249,7 @@ class RecordMessages:
         return self._made("geometry_msgs/msg/Wrench", force=force, torque=torque)
 
     def _pose_of(self, values: Sequence[float]) -> Any:
-        """Of seven numbers in the order of ROS."""
+        """A pose message from seven numbers in the order of ROS."""
         x, y, z, *turn = map(float, values)
         return self._made(
             "geometry_msgs/msg/Pose",
@@ -259,7 +260,7 @@ class RecordMessages:
     def _table_message(
         self, message: str, kinds: Sequence[tuple[str, str]], values: Mapping[str, Any]
     ) -> bytes:
-        """A message whose fields after the header are those of a table."""
+        """A message whose fields after the header come from a table."""
         makers: dict[str, tuple[Callable[[Any], Any], Any]] = {
             "bool": (bool, 0),
             "float64": (float, 0.0),

@@ -1,4 +1,4 @@
-"""Where the arm was in a recording, and what happened: data that a planning process reads for the service."""
+"""The path of the arm and the events in a recording, which a planning process reads for the service."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ class Marked:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPath:
-    """Some of the cycles of a recording, evenly, its first and its last one among them.
+    """Evenly spaced cycles of a recording, including its first and its last one.
 
     Attributes:
-        times_s: since the first cycle, on the clock by which it was recorded, shape (n,).
-        joints, velocities: measured, rad and rad/s, shape (n, dof).
-        poses: of the TCP in the base frame, shape (n, 7): m, then w, x, y, z; none before they are computed.
+        times_s: times since the first cycle, on the clock of the recording, shape (n,).
+        joints, velocities: measured positions and velocities, rad and rad/s, shape (n, dof).
+        poses: poses of the TCP in the base frame, shape (n, 7): m, then w, x, y, z; empty until they are
+            computed.
     """
 
     times_s: Array

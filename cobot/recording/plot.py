@@ -103,7 +103,7 @@ def _thinned(values: Array) -> np.ndarray:
 
 
 def _ticks(span_s: float) -> Array:
-    """Round times, some six of them."""
+    """About six round times for the axis."""
     raw = span_s / 6.0
     size = 10.0 ** np.floor(np.log10(raw))
     step = next(each * size for each in (1.0, 2.0, 5.0, 10.0) if each * size >= raw)

@@ -1,4 +1,4 @@
-"""A recording as arrays, for what plots and replays it."""
+"""Reads a recording as arrays, for plots and replays."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The cycles of a recording, n of them.
+    """The n cycles of a recording.
 
     Attributes:
-        robot, joint_names, period_s, reason: of what the file is about.
-        times_s: on the robot's clock, from 0 on, shape (n,).
-        position, velocity, effort: measured, rad, rad/s, N·m, shape (n, dof).
-        commanded, commanded_effort: rad, N·m, shape (n, dof).
-        modes: of `cobot.types.LoopMode`, shape (n,).
+        robot, joint_names, period_s, reason: metadata of the file.
+        times_s: times on the robot's clock, from 0 on, shape (n,).
+        position, velocity, effort: measured values, rad, rad/s, N·m, shape (n, dof).
+        commanded, commanded_effort: commanded positions and efforts, rad, N·m, shape (n, dof).
+        modes: values of `cobot.types.LoopMode`, shape (n,).
         missing: number of missing cycles between the first and the last one.
     """
 
@@ -58,19 +58,19 @@ class Cycles:
 
 
 def read_recording(path: Path) -> Cycles:
-    """All cycles of a file.
+    """Read all cycles of a file.
 
     Raises:
-        InputError: it cannot be read, or is no recording of a robot, with why.
+        InputError: the file cannot be read, or is not a recording of a robot; the message has the reason.
     """
     return _understood(path, _read)
 
 
 def read_path(path: Path, samples: int) -> RecordedPath:
-    """The path of the arm at `samples` of its cycles, and all events.
+    """Read the path of the arm at `samples` of its cycles, and all events.
 
     Raises:
-        InputError: as `read_recording`; or the file is too large for that.
+        InputError: see `read_recording`; or the file is too large.
     """
     return _understood(path, lambda file: _sample_file(file, samples))
 
@@ -81,7 +81,7 @@ def _understood(path: Path, read: Callable[[Path], Result]) -> Result:
     except OSError as exc:
         raise InputError(f"{path}: {exc.strerror or exc}") from exc
     except UNREADABLE as exc:
-        raise InputError(f"{path}: is not a whole recording of cobot: {exc}") from exc
+        raise InputError(f"{path}: is not a complete recording of cobot: {exc}") from exc
 
 
 def _types() -> Typestore:
@@ -95,8 +95,8 @@ def _sample_file(path: Path, samples: int) -> RecordedPath:
     size = path.stat().st_size
     if size > MAX_SHOWN_BYTES:
         raise InputError(
-            f"{path.name}: has {size / 1e6:.0f} MB, up to {MAX_SHOWN_BYTES / 1e6:.0f} MB are shown; "
-            "cobot plot draws it"
+            f"{path.name}: has {size / 1e6:.0f} MB; up to {MAX_SHOWN_BYTES / 1e6:.0f} MB can be shown; "
+            "use cobot plot for this file"
         )
     store = _types()
     states: list[tuple[int, bytes]] = []

@@ -1,4 +1,4 @@
-"""A recorded motion as points of a trajectory, to be checked and timed again by the service."""
+"""Converts a recorded motion to the points of a trajectory, which the service checks and times again."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from cobot.recording.reader import Cycles
 from cobot.types import Array
 
 REST_RAD = 1e-4
-"""Before and after the motion the arm is nearer to its first and last position than this."""
+"""Before and after the motion, the arm is within this distance of its first and last position."""
 
 
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
-    """Times from 0 on, s, and joint positions, rad, shapes (n,) and (n, dof).
+    """The points of the motion: times from 0 on, s, shape (n,), and joint positions, rad, shape (n, dof).
 
     The rest before and after the motion is left out.
 
     Args:
-        every_s: between two points.
-        measured: where the arm was, not where it was commanded to be.
+        every_s: time between two points.
+        measured: whether to use the measured positions instead of the commanded ones.
 
     Raises:
-        InputError: nothing moves in it, or cycles are missing.
+        InputError: the arm does not move in the recording, or cycles are missing.
     """
     positions = cycles.position if measured else cycles.commanded
     if cycles.missing:
         raise InputError(
-            f"{cycles.missing} cycles are missing in the recording: where the arm was is unknown"
+            f"{cycles.missing} cycles are missing in the recording, so the path of the arm is unknown"
         )
     far = np.abs(positions - positions[0]).max(axis=1) > REST_RAD
     if not far.any():
@@ -43,7 +43,8 @@ def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tupl
 
 
 def csv_of(times_s: Array, positions: Array) -> str:
-    """As POST /trajectory/send_csv wants it; the arm reaches the first point when the motion begins."""
+    """The points as CSV for POST /trajectory/send_csv. The arm is at the first point when the motion
+    begins."""
     out = io.StringIO()
     header = ",".join([*(f"joint{joint + 1}" for joint in range(positions.shape[1])), "t"])
     np.savetxt(out, np.column_stack([positions, times_s]), "%.9f", ",", header=header, comments="")

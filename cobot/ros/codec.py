@@ -1,9 +1,10 @@
-"""Fields of ROS messages in their three forms: JSON as in rosbridge v2, checked; what `rosbags` works with.
+"""Converts the fields of ROS messages between three forms: JSON as in rosbridge v2, checked values, and the
+native values of `rosbags`.
 
 In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are accepted too), and
 NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), a list of one may come without its
-brackets, and `[]` in place of a single value or an object counts as a missing field.
-Checked values are complete: every field is there, in range, and of its type.
+brackets, and `[]` in place of a single value or an object counts as a missing field. Checked values are
+complete: every field exists, is in range, and has its type.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from cobot.errors import InputError
 from cobot.strict import shown, unknown_key
 
 HIDDEN = "structure_needs_at_least_one_member"
-"""An empty message has this one field on the wire, as ROS 2's own generators give it."""
+"""The only field of an empty message on the wire, as ROS 2's generators add it."""
 OCTETS = frozenset({"uint8", "char"})
 INTEGERS = {
     "byte": (0, 255),
@@ -32,7 +33,7 @@ INTEGERS = {
 }
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
-"""roslibpy writes times with the names of ROS 1 only."""
+"""Names of time fields in ROS 1, which roslibpy uses, and their names in ROS 2."""
 _DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
 BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring": (str,)}
 """Python types of a single item that may stand for a list of one. Items of other types are numbers."""
@@ -43,22 +44,22 @@ class FieldCodec(Protocol):
     """One kind of field."""
 
     def default(self) -> Any:
-        """What ROS puts there by itself."""
+        """The default of ROS for this field."""
         ...
 
     def check(self, value: Any, path: str) -> Any:
-        """The value, complete.
+        """Check a value and complete it with defaults.
 
         Args:
-            path: where it stands, for the error.
+            path: place of the value, for errors.
 
         Raises:
-            InputError: it does not fit.
+            InputError: the value is invalid.
         """
         ...
 
     def to_native(self, value: Any) -> Any:
-        """Of a checked value."""
+        """Convert a checked value to a native one."""
         ...
 
     def from_native(self, value: Any) -> Any:
@@ -67,7 +68,7 @@ class FieldCodec(Protocol):
 
 
 class Scalar:
-    """Number, text or truth; `bound` is a text's length in bytes, 0 for any."""
+    """A number, text or boolean. `bound` is the maximum length of a text in bytes, 0 for any."""
 
     def __init__(self, name: str, bound: int = 0, default: Any = None) -> None:
         self.name = name
@@ -119,7 +120,7 @@ class Scalar:
 
 
 class ListField:
-    """A list of `size` items, or of up to `bound` (0: any number) when `size` is None."""
+    """A list of `size` items. If `size` is None, a list of up to `bound` items (0: any number)."""
 
     def __init__(self, item: FieldCodec, size: int | None, bound: int, default: Any = None) -> None:
         self._item = item
@@ -193,7 +194,7 @@ class Octets:
 
 
 class CheckedMessage(dict[str, Any]):
-    """A message that another thread has checked before: as `Record.check` left it, or with what it raised."""
+    """A message that another thread has already checked: the result of `Record.check`, or its error."""
 
     __slots__ = ("name", "problem")
 
@@ -210,8 +211,8 @@ class Record:
     """A message.
 
     Args:
-        make: the native class.
-        fields: by name: the native attribute's name, and the field.
+        make: creates the native message.
+        fields: by name: the name of the native attribute, and the field.
     """
 
     def __init__(
@@ -255,7 +256,7 @@ class Record:
 
 
 def without_nan(value: Any) -> Any:
-    """The same for JSON, which has no numbers that are none: null in their place."""
+    """A copy of a value for JSON, with null for each number that is not finite."""
     if isinstance(value, dict):
         return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, list):

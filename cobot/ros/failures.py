@@ -1,4 +1,5 @@
-"""Responses and results that report a failure, in the fields that their ROS type has; ROS itself has none."""
+"""Responses and results that report a failure in fields of their ROS type, because ROS has no general field
+for it."""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ OF_ERROR: dict[type[CobotError], FjtError] = {
     errors.UnavailableError: FjtError.INTERRUPTED,
     errors.SharedMemoryError: FjtError.INTERRUPTED,
 }
-"""The `error_code` of errors that have none of their own: the goal is wrong, or something happened to it."""
+"""The `error_code` by class of error, for classes without a more specific code."""
 
 
 def error_code_of(error: CobotError) -> FjtError:

@@ -1,4 +1,4 @@
-"""The fingers of a gripper as joints of ROS: two that slide, each by half of the width."""
+"""The fingers of a gripper as ROS joints: two joints that slide, each by half of the width."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cobot.ros.messages import Message
 FINGER_JOINTS = ("gripper_finger_1", "gripper_finger_2")
 """Names of the joints, in the order of their values."""
 FRESH_S = 1.0
-"""Older values of the fingers are left out of joint states."""
+"""Maximum age of finger values in joint states, s."""
 
 
 def gripper_states(robot: str) -> str:
@@ -24,9 +24,9 @@ class FingerState:
     """Both fingers at one moment.
 
     Attributes:
-        width: between the fingers, m.
-        speed: of the width, m/s.
-        force: at the fingers, N; NaN if it is not known.
+        width: width between the fingers, m.
+        speed: speed at which the width changes, m/s.
+        force: force at the fingers, N; NaN if unknown.
     """
 
     width: float
@@ -50,7 +50,7 @@ class FingerState:
 
     @classmethod
     def of(cls, message: Message) -> FingerState | None:
-        """The fingers in a message that `message` has made; None if it has other joints or none."""
+        """Read the fingers from a message that `message` has created. None if it has other joints or none."""
         values = [message[name] for name in ("position", "velocity", "effort")]
         if tuple(message["name"]) != FINGER_JOINTS or any(not _is_whole(each) for each in values):
             return None

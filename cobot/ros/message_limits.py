@@ -1,6 +1,6 @@
 """Limits on one message of rosbridge: the service rejects larger ones, and the DDS process never sends them.
 
-Until a message is decoded no other code of the service runs, a stop neither, so its size bounds that time.
+While a message is decoded, no other code of the service runs, not even a stop. The limits bound this time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def check_message(text: str) -> None:
     """Checks the size of an encoded message.
 
     Raises:
-        PayloadError: names what there is too much of, the number and the limit.
+        PayloadError: a limit is exceeded; the message has the number and the limit.
     """
     if len(text) > MAX_MESSAGE:
         raise PayloadError(f"the message has {len(text)} characters, allowed are {MAX_MESSAGE}")

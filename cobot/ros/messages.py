@@ -61,7 +61,7 @@ class Messages:
         self.definitions |= definitions
 
     def promise(self, definitions: Mapping[str, str]) -> None:
-        """Add types with valid texts; each is parsed when it is first needed.
+        """Add types whose texts are valid. Each text is parsed when it is first needed.
 
         The vendor's 300 services take half a second to parse, and few are ever called.
         """
@@ -112,7 +112,8 @@ class Messages:
             raise InputError(f"{name}: {exc}") from exc
 
     def examine(self, name: str, message: Any) -> CheckedMessage:
-        """Check a message in the event loop without blocking: a large one takes seconds, in another thread.
+        """Check a message without blocking the event loop. A large message takes seconds, so another thread
+        checks it.
 
         Raises:
             InputError: the type is unknown. Problems of the message are raised by `checked`.
@@ -120,10 +121,10 @@ class Messages:
         return CheckedMessage(self.record(name), message)
 
     def to_cdr(self, name: str, message: Message) -> bytes:
-        """Little-endian CDR with its header of 4 bytes.
+        """Convert a message to little-endian CDR with its header of 4 bytes.
 
         Raises:
-            InputError: as `checked`.
+            InputError: see `checked`.
         """
         native = self.record(name).to_native(self.checked(name, message))
         return bytes(self._store.serialize_cdr(native, name, little_endian=True))
@@ -204,7 +205,7 @@ class Messages:
             self._promised |= dict.fromkeys(message_names(name), name)
 
     def _keep_promise(self, message: str) -> None:
-        """Parse the definition that a message belongs to, unless that was done."""
+        """Parse the definition of a message if that has not been done yet."""
         if (name := self._promised.get(message)) is not None:
             for each in message_names(name):
                 self._promised.pop(each, None)

@@ -1,4 +1,4 @@
-"""What a robot tells in ROS messages, for every transport: made of a state as rtloop publishes it."""
+"""ROS messages of a robot for all transports, created from the state that rtloop publishes."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ MEASURED = ("position", "velocity", "effort")
 
 
 class RobotMessages:
-    """Makes messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; SI units.
+    """Creates messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; SI units.
 
-    Frames are called as the model's bodies are, and the TCP as its site; the model's world is `world`.
+    Frames have the names of the model's bodies; the TCP has the name of its site, and the model's world is
+    `world`.
 
     Args:
-        base: the body that poses are given in.
-        tcp: the site at the tool's centre.
-        prefix: of the names of frames, "iiwa/" for example, where several robots share one tree.
-        clock: that the state's moments are on.
+        base: name of the body in whose frame poses are given.
+        tcp: name of the site at the TCP.
+        prefix: prefix of frame names, such as "iiwa/", if several robots share one tree.
+        clock: clock of the times in the state.
     """
 
     def __init__(
@@ -54,14 +55,15 @@ class RobotMessages:
         self._fixed = [body for body in range(1, model.mj.nbody) if not model.mj.body_jntnum[body]]
 
     def joint_state(self, state: np.ndarray, fingers: FingerState | None = None) -> Message:
-        """sensor_msgs/msg/JointState: measured, rad, rad/s, N·m; then the fingers, if they are known."""
+        """sensor_msgs/msg/JointState: measured values, rad, rad/s, N·m, followed by the fingers if they are
+        known."""
         rows = {} if fingers is None else fingers.rows
         measured = {name: state[name].tolist() + rows.get(name, []) for name in MEASURED}
         names = self._names if fingers is None else [*self._names, *FINGER_JOINTS]
         return {"header": self._header(state, self._base), "name": names, **measured}
 
     def pose(self, state: np.ndarray) -> Message:
-        """geometry_msgs/msg/PoseStamped: the TCP in the base frame, measured."""
+        """geometry_msgs/msg/PoseStamped: the measured TCP in the base frame."""
         x, y, z, *turn = state["tcp"].tolist()
         return {
             "header": self._header(state, self._base),
@@ -69,7 +71,8 @@ class RobotMessages:
         }
 
     def wrench(self, state: np.ndarray) -> Message:
-        """geometry_msgs/msg/WrenchStamped: what the surroundings exert at the TCP, in its frame."""
+        """geometry_msgs/msg/WrenchStamped: the wrench that the surroundings exert at the TCP, in the TCP's
+        frame."""
         wrench = cartesian_state(state).ext_wrench_in_tcp
         return {
             "header": self._header(state, self._tcp),
@@ -87,13 +90,13 @@ class RobotMessages:
         }
 
     def transforms(self, state: np.ndarray) -> Message:
-        """tf2_msgs/msg/TFMessage for /tf: each link that a joint moves, in its parent."""
+        """tf2_msgs/msg/TFMessage for /tf: the pose of each moving link in its parent's frame."""
         stamp = self._header(state, "")["stamp"]
         self._place(state["position"])
         return {"transforms": [self._transform(body, stamp) for body in self._moving]}
 
     def static_transforms(self) -> Message:
-        """tf2_msgs/msg/TFMessage for /tf_static: links that nothing moves, and the TCP."""
+        """tf2_msgs/msg/TFMessage for /tf_static: the links that no joint moves, and the TCP."""
         self._place(np.zeros(len(self._names)))
         stamp = ros_time(self._clock.wall_ns())
         made = [self._transform(body, stamp) for body in self._fixed]
@@ -109,7 +112,7 @@ class RobotMessages:
         return {"data": urdf(self._model, self._limits, self._tcp_site)}
 
     def measured_at(self, state: np.ndarray) -> int:
-        """The time of day of a state's measurement, in ns since 1970."""
+        """The time of day at which a state was measured, in ns since 1970."""
         return self._wall_time.at(int(state["measured_monotonic_ns"]))
 
     def _place(self, joints: Array) -> None:

@@ -1,4 +1,5 @@
-"""A URDF of a MuJoCo model: kinematics, limits, masses, simple shapes; to show the robot and to plan for it.
+"""Writes a URDF of a MuJoCo model, with kinematics, limits, masses and simple shapes, for display and
+planning.
 
 Source: http://wiki.ros.org/urdf/XML
 """
@@ -17,16 +18,16 @@ from cobot.types import Array, JointLimits
 
 WORLD = "world"
 GIMBAL_LOCK = 1e-9
-"""Below this cosine of the pitch, roll and yaw are one angle."""
+"""If the cosine of the pitch is below this, only the sum or difference of roll and yaw is defined."""
 _MIN_INERTIA = 1e-9
 _Geom = mujoco.mjtGeom
 
 
 def urdf(model: mujoco.MjModel, limits: JointLimits, tcp_site: int) -> str:
-    """The text.
+    """The text of the URDF.
 
-    A joint that does not go through its link's origin is followed by a link of no extent and a fixed joint.
-    Meshes and ellipsoids become the boxes around them; planes are left out.
+    A joint whose axis does not pass through its link's origin is followed by an empty link and a fixed joint.
+    Meshes and ellipsoids are replaced by the boxes around them; planes are left out.
 
     Args:
         tcp_site: index of the site that becomes the TCP's link.
@@ -53,7 +54,7 @@ def urdf(model: mujoco.MjModel, limits: JointLimits, tcp_site: int) -> str:
 
 
 def link_name(model: mujoco.MjModel, body: int) -> str:
-    """What the link of a body is called."""
+    """The name of the link for a body."""
     return model.body(body).name or f"body{body}" if body else WORLD
 
 
@@ -112,7 +113,7 @@ def _link(root: Element, model: mujoco.MjModel, body: int) -> None:
 
 
 def _shapes(link: Element, kind: str, model: mujoco.MjModel, geom: int) -> None:
-    """URDF knows no capsules: a cylinder and two spheres."""
+    """Add a shape to a link. A capsule becomes a cylinder and two spheres, because URDF has no capsules."""
     place, turn = model.geom_pos[geom], matrix_of(model.geom_quat[geom])
     radius, half, _ = model.geom_size[geom]
     match int(model.geom_type[geom]):
@@ -142,7 +143,7 @@ def _origin(element: Element, place: Array, turn: Array) -> None:
 
 
 def _fixed_angles(turn: Array) -> Array:
-    """Roll, pitch and yaw of a rotation matrix, about fixed axes; the roll is 0 where it is the yaw."""
+    """Roll, pitch and yaw of a rotation matrix, about fixed axes. At gimbal lock the roll is 0."""
     level = math.hypot(turn[0, 0], turn[1, 0])
     pitch = math.atan2(-turn[2, 0], level)
     if level < GIMBAL_LOCK:

@@ -21,37 +21,44 @@ from cobot.runner.schema import read_file, read_sequence, schema_text
 
 MOTION_TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
 RETURN_CODES = (
-    "return codes: 0 all done, 2 the file or an argument is wrong, 3 a motion failed, "
+    "return codes: 0 done, 2 the file or an argument is wrong, 3 a motion failed, "
     "4 the service or the robot is not available, 128 + N ended by signal N"
 )
 
 
 def main() -> int:
-    """The exit status."""
+    """Run the command line and return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cobot.runner", description=__doc__, epilog=RETURN_CODES)
     commands = parser.add_subparsers(dest="command", required=True)
     runner = commands.add_parser("run", help="run a sequence file or a Lua program", epilog=RETURN_CODES)
-    runner.add_argument("file", type=Path, help="- for standard input")
+    runner.add_argument("file", type=Path, help="the file; - for standard input")
     runner.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
-    runner.add_argument("--lua", action="store_true", help="it is a Lua program, as one named *.lua is")
-    runner.add_argument("--memory", type=_count, default=64, help="of a Lua program, MiB (%(default)s)")
+    runner.add_argument(
+        "--lua", action="store_true", help="treat the file as a Lua program, whatever its ending"
+    )
+    runner.add_argument(
+        "--memory", type=_count, default=64, help="memory of a Lua program, MiB (%(default)s)"
+    )
     runner.add_argument(
         "--instructions",
         type=_instructions,
         default=LuaLimits().instructions,
-        help="that a Lua program may execute without waiting for anything, 0 for any number (%(default)s)",
+        help="maximum number of instructions of a Lua program between two waits, 0 for any number "
+        "(%(default)s)",
     )
-    runner.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
-    runner.add_argument("--iterations", type=_count, default=1, help="how often (%(default)s)")
-    runner.add_argument("--delay", type=_seconds, default=0.0, help="between iterations, s (%(default)s)")
+    runner.add_argument("--url", default=DEFAULT_URL, help="URL of the service (%(default)s)")
+    runner.add_argument("--iterations", type=_count, default=1, help="number of iterations (%(default)s)")
+    runner.add_argument(
+        "--delay", type=_seconds, default=0.0, help="pause between iterations, s (%(default)s)"
+    )
     runner.add_argument(
         "--motion-timeout",
         type=_seconds,
         default=MOTION_TIMEOUT_S,
-        help="for the service's answer to a motion, s (%(default)s)",
+        help="timeout for the service's answer to a motion, s (%(default)s)",
     )
-    runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist")
-    runner.add_argument("--topics", default="", help="to record, comma separated; all without it")
+    runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist yet")
+    runner.add_argument("--topics", default="", help="topics to record, separated by commas; by default all")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
     runner.add_argument("--answers-fd", type=int, help=argparse.SUPPRESS)
     runner.add_argument("--name", help=argparse.SUPPRESS)  # of the file that comes as standard input

@@ -1,4 +1,4 @@
-"""Lists of steps: which waypoints belong together, and what a list must fulfil."""
+"""Groups the waypoints in lists of steps, and checks the lists."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Numbered = tuple[int, Target | Step]
 
 
 def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
-    """The steps with their numbers. Waypoints that the arm goes through without a stop are one group, with
-    the waypoint where it stops."""
+    """The steps in groups, with their numbers. Waypoints without a stop between them form one group with the
+    waypoint at which the arm stops."""
     found: list[list[Numbered]] = [[]]
     for number, step in enumerate(steps, start=first):
         found[-1].append((number, step))
@@ -30,13 +30,13 @@ def require_stops(
     """Check the radii of one list, and the conditions of motions between which the arm does not stop.
 
     Args:
-        place: of the list, as `steps[2].do`.
-        word: for one of them: step or waypoint.
-        before: the way home, if it comes first.
+        place: place of the list, such as `steps[2].do`.
+        word: name of an entry: step or waypoint.
+        before: the motion to home, if it comes first.
 
     Raises:
-        ValueError: a radius where the arm stops, too many waypoints without a stop, or a condition that
-            such a waypoint cannot have.
+        ValueError: a waypoint has a radius although the arm stops there, too many waypoints follow each other
+            without a stop, or a waypoint has a condition that it cannot have.
     """
     for index, step in enumerate(steps):
         if isinstance(step, Target) and step.radius > 0.0:
@@ -62,7 +62,7 @@ def require_stops(
 def walk(
     steps: Sequence[Target | Step], place: str, depth: int = 1
 ) -> Iterator[tuple[str, int, Target | Step]]:
-    """All steps, those in other steps included: place, depth (1 for the outermost list) and step."""
+    """All steps, including those in other steps: place, depth (1 for the outermost list) and step."""
     for index, step in enumerate(steps):
         here = f"{place}[{index}]"
         yield here, depth, step

@@ -1,4 +1,4 @@
-"""The steps that push: a body of POST /robot/force/..., as the client sends it."""
+"""The steps with force. Each has the body of a POST /robot/force/... request."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def describe_force(step: ForceStep) -> str:
 def run_force(
     client: Client, step: ForceStep, frames: Mapping[str, PalletPlace] | None = None
 ) -> dict[str, Any]:
-    """Do it. Returns the answer, when the arm rests.
+    """Execute a motion with force. Returns the answer when the arm rests.
 
     Args:
-        frames: places of pallets, by the `frame_id` with which the path of `follow` is relative to them.
+        frames: places of pallets by `frame_id`. The path of `follow` may be relative to one of them.
 
     Raises:
         CobotError: the service's, see `Client`.
@@ -48,7 +48,7 @@ def run_force(
 
 
 def describe_end(answer: Mapping[str, Any]) -> str:
-    """How a motion with force has ended: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
+    """The end of a motion with force as a text: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
     words = [f"{answer['stopped_by']} after {answer['duration_s']:.2f} s"]
     contact, held_n = answer["contact"], answer["force_n"]
     words.append("no contact" if contact is None else f"contact at {contact['distance_m']:.3f} m")

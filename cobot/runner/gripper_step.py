@@ -1,4 +1,5 @@
-"""The step that commands the gripper: a body of POST /robot/gripper/..., with the command's name."""
+"""The step that commands the gripper. It has the command's name and the body of a POST /robot/gripper/...
+request."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ COMMAND_TAGS = tuple(f"{name} command" for name in get_args(CommandName))
 
 
 class MoveCommand(GripperMove):
-    """Go to a width."""
+    """Move the fingers to a width."""
 
     command: Literal["move"]
 
@@ -27,7 +28,7 @@ class GraspCommand(GripperGrasp):
 
 
 class ReleaseCommand(GripperRelease):
-    """Let go of the object."""
+    """Release the object."""
 
     command: Literal["release"]
 
@@ -39,7 +40,7 @@ class HomeCommand(GripperHome):
 
 
 class StopCommand(RequestModel):
-    """Stop the fingers where they are. What they hold stays held."""
+    """Stop the fingers where they are. A held object stays held."""
 
     command: Literal["stop"]
 
@@ -72,7 +73,7 @@ def describe_command(command: RequestModel) -> str:
 
 
 def run_command(client: Client, command: RequestModel) -> None:
-    """Have the gripper do it. Returns when the fingers have ended the command.
+    """Send the command to the gripper. Returns when the fingers have finished.
 
     Raises:
         CobotError: the service's, see `Client`.

@@ -41,7 +41,7 @@ from cobot.runner.where import Where
 
 
 class Jump(Exception):
-    """The service has the sequence go on with another step of its outermost list."""
+    """Raised if the service requests that the sequence continues at another step of its outermost list."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f"step {number}")
@@ -52,7 +52,7 @@ class Interpreter:
     """Runs sequences.
 
     Args:
-        library: has the sequences that are called.
+        library: contains the sequences that can be called.
         log: gets a line for each step.
         report: gets the start and the end of each motion and each other step.
     """
@@ -93,7 +93,7 @@ class Interpreter:
         """Run a sequence once.
 
         Raises:
-            CobotError: a step has failed. The message begins with where.
+            CobotError: a step has failed. The message begins with the place.
         """
         total = len(sequence.items)
         where, self._prefix = Where(sequence.word, total), f"iteration {iteration}/{n_iterations}, "
@@ -123,7 +123,7 @@ class Interpreter:
             place: of the program, for the progress.
 
         Raises:
-            CobotError: the file is not valid, or a step has failed. The message begins with where.
+            CobotError: the file is not valid, or a step has failed. The message begins with the place.
         """
         sequence = self._library.find(name)
         self._library.require(sequence, name)
@@ -159,7 +159,7 @@ class Interpreter:
             raise Jump(number)
 
     def _move(self, first: int, chain: Sequence[Target], here: Where) -> None:
-        """Go to the last target of a chain, through the others without a stop."""
+        """Move to the last target of a chain, through the others without a stop."""
         text = f"{self._prefix}{here}"
         content: dict[str, Any] = {"target": chain[-1].model_dump(by_alias=True, exclude={"comment"})}
         if len(chain) > 1:
@@ -174,7 +174,7 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_motion(self, text: str, here: Where, content: dict[str, Any]) -> Iterator[dict[str, Any]]:
-        """A motion: its start and its end are reported, and its error says where it is."""
+        """A context for a motion. Its start and end are reported, and its error gets the place."""
         self._log(f"{text}: start")
         event = {**self._place, "step": str(here), **content}
         self._report({"event": "start", **event})
@@ -188,7 +188,7 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_step(self, step: Step, here: Where, doing: str) -> Iterator[None]:
-        """Another step: it is in the log and reported, and its error says where it is."""
+        """A context for another step. The step is logged and reported, and its error gets the place."""
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
         event = {

@@ -1,4 +1,4 @@
-"""The sequences that a sequence calls, read before anything moves."""
+"""Reads the sequences that a sequence calls, before anything moves."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Library:
         self._depths: dict[Path, int] = {}
 
     def find(self, name: str) -> Sequence:
-        """The sequence in a file below the folder.
+        """Read the sequence in a file below the folder.
 
         Raises:
             InputError: the name leads elsewhere, or the file is not a valid sequence.
@@ -32,17 +32,17 @@ class Library:
         path = self._path(name)
         if path not in self._sequences:
             if len(self._sequences) == MAX_FILES:
-                raise InputError(f"more than {MAX_FILES} files are called; put some of them together")
+                raise InputError(f"more than {MAX_FILES} files are called; merge some of them")
             if not path.is_file():
                 raise InputError(f"there is no file {name!r} in {self._folder}")
             self._sequences[path] = _read(path, name)
         return self._sequences[path]
 
     def require(self, sequence: Sequence, name: str) -> None:
-        """Read all that a sequence calls.
+        """Read all files that a sequence calls.
 
         Args:
-            name: of its file.
+            name: name of the sequence's file.
 
         Raises:
             InputError: a called file is missing or invalid, or files call each other in a circle or too
@@ -51,7 +51,7 @@ class Library:
         self._depth(sequence, {self._folder.resolve() / name: name})
 
     def _depth(self, sequence: Sequence, callers: Mapping[Path, str]) -> int:
-        """How deep its lists of steps are in each other, those of called files included."""
+        """The nesting depth of lists of steps, including those of called files."""
         deepest = 1
         for place, depth, step in walk(sequence.items, f"{sequence.word}s"):
             if isinstance(step, CallStep):

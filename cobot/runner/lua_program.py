@@ -31,16 +31,17 @@ Report = Callable[[dict[str, Any]], None]
 MAX_LINE = 10_000
 MAX_SLEEP_S = 1e9
 POSE = ("x", "y", "z", "c", "b", "a")
-"""[x, y, z, rx, ry, rz] turn about fixed axes, x first, which is KUKA's ABC backwards."""
+"""The fields for [x, y, z, rx, ry, rz]. Turning about fixed axes, x first, equals KUKA's ABC in reverse
+order."""
 TO_JOINTS, TO_POSE = JointMotion.model_fields.keys(), TcpMotion.model_fields.keys()
-"""The options of motions to joint angles, and along a path of the TCP's."""
+"""The options of motions to joint angles, and of motions along a path of the TCP."""
 
 
 class Program:
     """One run of one program.
 
     Attributes:
-        watch: how to end it.
+        watch: ends the program.
     """
 
     def __init__(
@@ -55,8 +56,8 @@ class Program:
     ) -> None:
         """
         Args:
-            url: of the service or of a robot at it, see `cobot.addresses`.
-            log: gets what the program says.
+            url: URL of the service or of one of its robots, see `cobot.addresses`.
+                        log: gets the output of the program.
             report: gets the start and the end of each motion and each other step.
             call: runs a sequence file.
             paused_s: total time for which the program has been paused.
@@ -82,7 +83,7 @@ class Program:
         self._sandbox = Sandbox(self._functions() | self._steps.functions(), self.watch, limits)
 
     def run(self, source: bytes, name: str) -> None:
-        """Run it to its end. See `Sandbox.run`."""
+        """Run the program to its end. See `Sandbox.run`."""
         try:
             self._sandbox.run(source, name)
         finally:
@@ -125,7 +126,8 @@ class Program:
             raise InputError(f"from_json: not valid JSON: {exc}") from exc
 
     def _move(self, *targets: object) -> None:
-        """The waypoints of a sequence file; those with a radius are gone through without a stop."""
+        """Move through waypoints like those of a sequence file. The arm passes waypoints with a radius
+        without a stop."""
         sequence = sequence_of({"waypoints": [plain(target, "the target") for target in targets]})
         for chain in groups(sequence.waypoints):
             motion = [target for _, target in chain if isinstance(target, Target)]
@@ -166,7 +168,7 @@ class Program:
         return self._lua([{**position, **angles}[key] for key in POSE])
 
     def _call(self, class_: object = None, method: object = None, arguments: Any = None) -> Any:
-        """A vendor service's result; its code other than 0 is an error."""
+        """Call a vendor service and return its result. A code other than 0 is an error."""
         names = text(class_, "the class"), text(method, "the method")
         for name in names:
             if not name.isidentifier():
@@ -197,10 +199,12 @@ class Program:
         self._report({"event": "arrived", "motion": what, "motion_id": answer["motion_id"]})
 
     def _run_in_thread(self, work: Callable[[], Result]) -> Result:
-        """The result of something that waits for the service, in a thread that an end leaves to itself.
+        """Run a function that waits for the service in a separate thread, and return its result. If the
+        program must end, the thread is abandoned.
 
         Raises:
-            CobotError: what it raises, with its code: a program that catches it gets nothing but the text.
+            CobotError: the error of the function. Its text has the code, because a program that catches it
+                gets only the text.
         """
         results: list[Result] = []
         problems: list[Exception] = []
@@ -226,8 +230,8 @@ class Program:
 
 
 def _options(speed: Any, scale: Any, valid: Set[str]) -> dict[str, Any]:
-    """`speed` and `accel_scale`, each if it is given; or a table of these and what else is valid, which the
-    service looks at.
+    """The options `speed` and `accel_scale`, if given; or a table with these and other valid options, which
+    the service checks.
     """
     given = {"speed": speed, "accel_scale": scale}
     if lua_type(speed) == "table":

@@ -1,8 +1,10 @@
-"""Where a Lua program runs: plain Lua 5.3 without a way out, within limits, and ended when told to.
+"""Runs a Lua program in a sandbox: plain Lua 5.3 without access to the system, with limits, and ended on
+request.
 
-The program sees values, tables and Lua functions; `sandbox.lua` says which, and how nothing that catches
-errors catches the end. A program inside one long function of Lua's own (a hostile string pattern) runs no
-instructions and so does not notice: who ends it must not wait for it for ever.
+The program sees only values, tables and Lua functions, which `sandbox.lua` defines. It also makes sure that a
+program that catches errors cannot catch its end. A program inside one long function of Lua itself (a hostile
+string pattern) executes no instructions, so it does not notice a request to end. Code that ends a program
+must not wait for it for ever.
 """
 
 from __future__ import annotations
@@ -23,20 +25,21 @@ PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
 """Number of instructions between two checks of the limits: about a millisecond."""
 END_S = 0.3
-"""How long a program that was told to end is waited for: it sees it within milliseconds, if at all."""
+"""Maximum wait for a program that must end, s. It notices the request within milliseconds, or never."""
 MAX_ERROR_BYTES = 10_000
-HOST_ERROR = "the runner has failed: {}; this is a mistake of cobot's"
+HOST_ERROR = "the runner has failed: {}; this is an error in cobot"
 
 Function = Callable[..., Any]
 
 
 @dataclass(frozen=True, slots=True)
 class LuaLimits:
-    """What a program may use.
+    """The limits of a program.
 
     Attributes:
-        memory_bytes: of Lua's heap.
-        instructions: between two calls that wait (sleep, motion, topic); 0 for any number.
+        memory_bytes: maximum size of Lua's heap.
+        instructions: maximum number of instructions between two calls that wait (sleep, motion, topic); 0 for
+            any number.
     """
 
     memory_bytes: int = 64 << 20
@@ -44,15 +47,15 @@ class LuaLimits:
 
 
 class Stopping(Exception):
-    """The program has been told to end; passes through all that it calls."""
+    """The program must end. This exception passes through everything that the program calls."""
 
 
 class ProgramWatch:
-    """When a program has to end, and what it waits for meanwhile.
+    """Tells a program when it must end, and lets it wait until then.
 
     Attributes:
-        reason: why it has to end; "" while it may go on.
-        told: whether because it was told to, not because of a limit.
+        reason: the reason why the program must end; "" while it may continue.
+        told: whether it must end because of a request, not because of a limit.
     """
 
     def __init__(self, instructions: int) -> None:
@@ -63,20 +66,20 @@ class ProgramWatch:
         self._changed = threading.Condition()
 
     def end(self, reason: str) -> None:
-        """Have the program end, whatever it does."""
+        """Request the end of the program."""
         self.told, self.reason = True, reason
         self.wake()
 
     def wake(self) -> None:
-        """Something has happened that `wait` may wait for."""
+        """Let `wait` check its condition again."""
         with self._changed:
             self._changed.notify_all()
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
-        """Whether `ready` came true within the time.
+        """Wait until `ready` returns true. Returns whether it did within the time.
 
         Raises:
-            Stopping: the program has to end.
+            Stopping: the program must end.
         """
         self._count = 0
         with self._changed:
@@ -89,13 +92,14 @@ class ProgramWatch:
         """Wait.
 
         Raises:
-            Stopping: the program has to end.
+            Stopping: the program must end.
         """
         deadline_s = time.monotonic() + seconds
         self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
 
     def poll(self, instructions: int) -> tuple[bytes, bool] | None:
-        """Count instructions; None, or why the program has to end and whether the place matters."""
+        """Count instructions. Returns None, or the reason why the program must end and whether its place
+        matters."""
         if self.reason:
             return self.reason.encode(), False
         self._count += instructions
@@ -109,7 +113,7 @@ class Sandbox:
     """A Lua runtime for one run of one program.
 
     Attributes:
-        failure: the newest error of ours that was reported to the program, None for none.
+        failure: the latest `CobotError` that was reported to the program; None for none.
     """
 
     def __init__(self, functions: Mapping[str, Function], watch: ProgramWatch, limits: LuaLimits) -> None:
@@ -132,12 +136,12 @@ class Sandbox:
         """Run a program to its end.
 
         Args:
-            name: of the file, for messages.
+            name: name of the file, for messages.
 
         Raises:
-            Stopping: it was told to end.
-            InputError: it is no Lua, or it failed, with the line.
-            CobotError: one of ours that the program did not catch.
+            Stopping: the program was told to end.
+            InputError: the text is not valid Lua, or the program failed; the message has the line.
+            CobotError: an error that the program did not catch.
         """
         try:
             ended = self._run(source, b"@" + name.encode())
@@ -156,7 +160,8 @@ class Sandbox:
         return self._lua.table_from(items)
 
     def _protect(self, function: Function) -> Function:
-        """What the prelude calls: no exception, which is an object of Python's, gets through."""
+        """Wrap a function for the prelude, so that no exception, which is a Python object, reaches the
+        program."""
 
         def call(*arguments: Any) -> tuple[Any, ...]:
             try:
@@ -174,12 +179,14 @@ class Sandbox:
 
 
 def _bytes(error: Exception) -> bytes:
-    """What the program gets of an error; a service's text may have what UTF-8 cannot."""
+    """The text of an error for the program. A text from the service may have characters that UTF-8 cannot
+    encode."""
     return str(error).encode("utf-8", "backslashreplace")
 
 
 def _message(text: bytes) -> str:
-    """Of an error that ends the program, which may have as many megabytes as its memory."""
+    """The text of an error that ends the program. It is cut, because it may be as large as the program's
+    memory."""
     shown = text[:MAX_ERROR_BYTES].decode("utf-8", "replace")
     return shown if len(text) <= MAX_ERROR_BYTES else f"{shown}... ({len(text)} bytes)"
 
@@ -189,10 +196,10 @@ def _nothing(_object: object, name: object, _setting: bool) -> object:
 
 
 def require_lua(source: bytes, name: str) -> None:
-    """See that a program is Lua, without running it.
+    """Check the syntax of a Lua program without running it.
 
     Raises:
-        InputError: it is not, with the line.
+        InputError: the syntax is invalid; the message has the line.
     """
     try:
         LuaRuntime(encoding=None).compile(source, name=b"@" + name.encode(), mode=b"t")
@@ -201,12 +208,12 @@ def require_lua(source: bytes, name: str) -> None:
 
 
 def run_apart(work: Callable[[], None], watch: ProgramWatch) -> None:
-    """Do it in a thread of its own, so that a signal gets through whatever a program does.
+    """Run a function in a separate thread, so that the main thread can always handle signals.
 
-    A handler's exception ends the program and is raised; one that does not listen is left behind.
+    An exception of a signal handler ends the program and is raised. A program that does not end is abandoned.
 
     Raises:
-        CobotError: what `work` raises.
+        CobotError: the error that `work` raises.
     """
     problems: list[Exception] = []
     done = threading.Event()

@@ -34,13 +34,13 @@ from cobot.strict import sentences
 
 
 class WatchedCall(Protocol):
-    """Calls something that waits for the service; see `Program`."""
+    """Calls a function that waits for the service; see `Program`."""
 
     def __call__(self, work: Callable[[], Any]) -> Any: ...
 
 
 class WatchedClock(SystemClock):
-    """The time of a program, whose waits end when the program has to."""
+    """The clock of a program. Its waits end when the program must end."""
 
     def __init__(self, watch: ProgramWatch) -> None:
         self._watch = watch
@@ -56,10 +56,10 @@ class LuaSteps:
     """The functions of one program.
 
     Args:
-        unless_ended: calls something that waits for the service.
+        unless_ended: calls a function that waits for the service, unless the program must end.
         report: gets the start and the end of each step. It may wait until a step is permitted.
-        table: makes a value of Lua from JSON.
-        failure: the newest error that the program got.
+        table: converts JSON to a Lua value.
+        failure: returns the latest error that the program got.
         call: runs a sequence file.
         paused_s: total time for which the program has been paused.
     """
@@ -120,7 +120,7 @@ class LuaSteps:
         )
 
     def _force(self, name: str, how: object = None) -> Any:
-        """A motion with force; its answer as a table."""
+        """Execute a motion with force, and return its answer as a table."""
         fields = _fields(how, "the motion", f"{name} takes a table such as {{force = 10}}")
         try:
             step = FORCE_STEPS[name].model_validate({name: fields})
@@ -191,17 +191,17 @@ class LuaSteps:
         return retry
 
     def _is_recoverable(self, reason: object = None) -> bool:
-        """Whether an error that the program has caught is one of ours that `on_error` handles."""
+        """Whether an error that the program has caught is a `CobotError` that `on_error` handles."""
         failure = self._failure()
         same = failure is not None and isinstance(reason, bytes) and reason.endswith(str(failure).encode())
         return same and failure is not None and is_recoverable(failure)
 
 
 def _fields(value: object, what: str, otherwise: str) -> dict[str, Any]:
-    """A table with names.
+    """Check that a value is a table with names.
 
     Raises:
-        InputError: it is something else; the message is `otherwise`.
+        InputError: the value is something else; the message is `otherwise`.
     """
     fields = {} if value is None else plain(value, what)
     if fields == []:  # an empty table is both

@@ -1,4 +1,4 @@
-"""What crosses between Lua and Python: atoms, strings as UTF-8, tables as lists and dictionaries."""
+"""Converts values between Lua and Python: atoms, strings as UTF-8, tables as lists and dictionaries."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ MAX_ITEMS = 1_000_000
 
 
 def text(value: object, name: str) -> str:
-    """A Lua string that is text.
+    """Convert a Lua string to text.
 
     Raises:
-        InputError: something else, or no UTF-8.
+        InputError: the value is something else, or not UTF-8.
     """
     if not isinstance(value, bytes):
         raise InputError(f"{name} must be a string, got {kind(value)}")
@@ -30,7 +30,7 @@ def text(value: object, name: str) -> str:
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite Lua number within [low, high].
+    """Check that a value is a finite Lua number within [low, high].
 
     Raises:
         InputError: something else.
@@ -43,10 +43,10 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
 
 
 def numbers(value: object, name: str, count: int | None = None) -> list[float]:
-    """A Lua table that is a list of finite numbers.
+    """Convert a Lua table to a list of finite numbers.
 
     Raises:
-        InputError: something else, or another count of them.
+        InputError: the value is something else, or has another number of items.
     """
     items = plain(value, name)
     if not isinstance(items, list) or (count is not None and len(items) != count):
@@ -56,10 +56,11 @@ def numbers(value: object, name: str, count: int | None = None) -> list[float]:
 
 
 def plain(value: Any, name: str) -> Any:
-    """A value as JSON knows it. A table with keys 1 to n is a list, one with texts as keys a dictionary.
+    """Convert a Lua value to JSON. A table with keys 1 to n becomes a list, one with texts as keys a
+    dictionary.
 
     Raises:
-        InputError: a function, a table with other keys, or one without end.
+        InputError: the value is a function, a table with other keys, or a table that contains itself.
     """
     return _plain(value, name, DEEPEST, [MAX_ITEMS])
 
@@ -85,7 +86,7 @@ def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
 
 
 def lua(value: Any, table: Callable[[Any], Any]) -> Any:
-    """JSON for Lua; `table` makes a table of a list or a dictionary."""
+    """Convert JSON to a Lua value. `table` converts a list or a dictionary to a table."""
     if isinstance(value, str):
         return value.encode("utf-8", "surrogatepass")
     if isinstance(value, dict):
@@ -96,7 +97,7 @@ def lua(value: Any, table: Callable[[Any], Any]) -> Any:
 
 
 def kind(value: object) -> str:
-    """What Lua calls it."""
+    """Lua's name for the type of a value."""
     if value is None:
         return "nil"
     if isinstance(value, bytes | str):

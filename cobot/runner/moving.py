@@ -1,4 +1,4 @@
-"""Targets as requests: one alone, or several that are gone through without a stop."""
+"""Sends targets as requests: a single one, or several without a stop between them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, Target
 def go(
     client: Client, chain: Sequence[Target], frames: Mapping[str, PalletPlace] | None = None
 ) -> dict[str, Any]:
-    """Go to the last target of a chain, through the others without a stop; returns on arrival.
+    """Move to the last target of a chain, through the others without a stop. Returns on arrival.
 
     Args:
-        frames: places of pallets, by the `frame_id` with which targets are relative to them.
+        frames: places of pallets by `frame_id`. Targets may be relative to them.
 
     Raises:
         CobotError: the service's, see `Client`.
@@ -38,6 +38,6 @@ def go(
 
 
 def resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
-    """The body of a motion; in the frame of a place it is relative to that."""
+    """The body of a motion. If its `frame_id` is a place, its poses are converted from that place's frame."""
     place = frames.get(body.get("frame_id", ""))
     return body if place is None else place.resolve(body)

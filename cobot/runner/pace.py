@@ -8,7 +8,7 @@ from cobot.clock import SYSTEM, Clock
 
 MAX_STEPS_PER_S = 20.0
 BURST = 20
-"""Number of steps that may follow each other at once, after as long a rest."""
+"""Number of steps that may follow each other without delay, after a pause of the same number of intervals."""
 
 
 class StepPace:
@@ -20,7 +20,7 @@ class StepPace:
         self._used_s = clock.now_s() - BURST / MAX_STEPS_PER_S
 
     def keep(self) -> None:
-        """Wait until the next step may begin."""
+        """Wait until the next step may start."""
         now_s = self._clock.now_s()
         self._used_s = max(self._used_s, now_s - BURST / MAX_STEPS_PER_S) + 1.0 / MAX_STEPS_PER_S
         if self._used_s > now_s:

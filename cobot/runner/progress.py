@@ -32,7 +32,7 @@ class Progress:
 
         Args:
             place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`; `step` and `share` of a sequence.
-            within: this is the question of `ask_paused_s`, during a step.
+            within: whether this is the question of `ask_paused_s` during a step.
         """
         self._place = place
         if self._told is None:
@@ -44,13 +44,15 @@ class Progress:
             print("the service no longer reads the progress", file=sys.stderr)
 
     def ask(self, place: Report) -> int | None:
-        """Report a step and wait until it is permitted. Returns the step to go on with instead, if any."""
+        """Report a step and wait until it is permitted. Returns the step with which to continue instead, if
+        any."""
         self.tell(place, asking=self._answers is not None)
         waypoint: int | None = self._answer().get("waypoint")
         return waypoint
 
     def ask_paused_s(self) -> float:
-        """How long the program has been paused in all, in seconds; if it is paused now, once it goes on."""
+        """The total time for which the program has been paused, in seconds. If it is paused now, waits until
+        it continues."""
         self.tell(self._place, asking=self._answers is not None, within=True)
         return float(self._answer().get("paused_s", 0.0))
 

@@ -1,4 +1,4 @@
-"""Runs a sequence file or a Lua program, as often as asked, with a log and a recording."""
+"""Runs a sequence file or a Lua program for a number of iterations, with a log and a recording."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ Waypoints = Annotated[list[AnyTarget], Field(min_length=1, max_length=MAX_STEPS)
 
 
 class Sequence(RequestModel):
-    """Steps that run in order, in each iteration after the way home. `waypoints` are steps that only move."""
+    """Steps that run in order, in each iteration after the motion to home. `waypoints` are steps that only
+    move."""
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["waypoints"]}, {"required": ["steps"]}]}
@@ -42,13 +43,13 @@ class Sequence(RequestModel):
 
     @property
     def word(self) -> str:
-        """What the log calls one of them."""
+        """The name of an entry in the log: step or waypoint."""
         return "step" if self.steps else "waypoint"
 
     @model_validator(mode="after")
     def _require_one_list(self) -> Self:
         if bool(self.steps) == bool(self.waypoints):
-            given = "both are given" if self.steps else "waypoints: is missing, and so is steps"
+            given = "both are given" if self.steps else "waypoints and steps are both missing"
             raise ValueError(f"{given}; a sequence has either waypoints or steps")
         return self
 
@@ -67,7 +68,7 @@ class Sequence(RequestModel):
         return self
 
     def groups(self) -> list[list[Numbered]]:
-        """The steps by what runs without a stop, with their numbers from 1 (0 for home)."""
+        """The steps in groups without a stop inside, with their numbers from 1 (0 for home)."""
         if self.home is None:
             return groups(self.items)
         return groups([self.home, *self.items], first=0)
@@ -116,19 +117,17 @@ def read_sequence(path: Path) -> Sequence:
 
 
 def _require_flat(content: Any) -> None:
-    """See that a document can be validated: what recurses over it has a stack of its own.
+    """Check the nesting of a document, because pydantic recurses over it with a limited stack.
 
     Raises:
-        InputError: it is nested too deeply.
+        InputError: the document is nested too deeply.
     """
     level = [content]
     for _ in range(MAX_JSON_DEPTH):
         level = [item for each in level for item in _items(each)]
         if not level:
             return
-    raise InputError(
-        f"steps are nested too deeply, allowed are {MAX_DEPTH} lists in each other; flatten them"
-    )
+    raise InputError(f"steps are nested too deeply, allowed are {MAX_DEPTH} levels of lists; flatten them")
 
 
 def _items(value: Any) -> Iterator[Any]:

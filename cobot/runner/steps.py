@@ -1,7 +1,7 @@
-"""Steps of sequences: waypoints, and what happens between them.
+"""Steps of sequences: waypoints, and the steps between them.
 
-The key of a step says what it does: `{"set": {...}}`, `{"repeat": {...}, "do": [...]}`. A step without such a
-key is a waypoint, see `cobot.runner.targets`.
+The key of a step is its kind: `{"set": {...}}`, `{"repeat": {...}, "do": [...]}`. A step without such a key
+is a waypoint, see `cobot.runner.targets`.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from cobot.runner.targets import ArcTarget, Comment, JointTarget, Label, NamedTa
 MAX_STEPS = 100_000
 """Maximum number of steps in one list."""
 MAX_DEPTH = 20
-"""Maximum number of lists of steps in each other; a called sequence counts as one."""
+"""Maximum nesting depth of lists of steps. A called sequence counts as one level."""
 MAX_ROUNDS = 1_000_000_000
 FIXED_FRAMES = ("", "base", "world", TOOL_FRAME)
-"""Names that no pallet can give to its places."""
+"""Names that a pallet cannot give to its places."""
 
 Seconds = Annotated[Finite, Field(ge=0.0, le=MAX_TIME_S)]
 
 
 class Step(RequestModel):
-    """What every step can have."""
+    """Fields that every step can have."""
 
     label: Label = ""
     comment: Comment = ""
@@ -56,20 +56,20 @@ class Step(RequestModel):
 class OutputValue(RequestModel):
     """An output and its value."""
 
-    output: PointName = Field(description="One of the outputs of GET /robot/io.")
+    output: PointName = Field(description="Name of an output in GET /robot/io.")
     value: bool | int | Finite = Field(
         description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
     )
 
 
 class SetStep(Step):
-    """Set an output of the device, as PUT /robot/io/NAME."""
+    """Set an output of the device, like PUT /robot/io/NAME."""
 
     set: OutputValue
 
 
 class GripperStep(Step):
-    """Command the gripper, and wait until its fingers have ended the command."""
+    """Command the gripper, and wait until its fingers have finished."""
 
     gripper: GripperCommand
 
@@ -85,13 +85,13 @@ class PressStep(ForceStep):
 
 
 class FollowStep(ForceStep):
-    """Approach until contact, then go along a path with the force held."""
+    """Approach until contact, then move along a path while the force is held."""
 
     follow: FollowMotion
 
 
 class SearchStep(ForceStep):
-    """Approach until contact, then look for a hole or an edge with the contact kept."""
+    """Approach until contact, then search for a hole or an edge while contact is kept."""
 
     search: SearchMotion
 
@@ -126,14 +126,16 @@ class WaitStep(Step):
 
 
 class Rounds(RequestModel):
-    """How often steps are repeated. Without a field: until the sequence is stopped."""
+    """Number of repetitions of steps. Without a field they are repeated until the sequence is stopped."""
 
     count: int | None = Field(None, ge=1, le=MAX_ROUNDS, description="Maximum number of rounds.")
     while_: StepCondition | None = Field(
-        None, alias="while", description="Checked before each round: the next round begins while it holds."
+        None,
+        alias="while",
+        description="Checked before each round: the next round starts only while this condition holds.",
     )
     until: StepCondition | None = Field(
-        None, description="Checked after each round: no further round begins once it holds."
+        None, description="Checked after each round: no further round starts once this condition holds."
     )
 
 
@@ -148,7 +150,7 @@ class RepeatStep(Step):
 
 
 class IfStep(Step):
-    """Do steps if a condition holds, or others if it does not."""
+    """Run steps if a condition holds, or other steps if it does not."""
 
     if_: StepCondition = Field(alias="if")
     then: Block
@@ -165,7 +167,7 @@ class CallStep(Step):
 
 
 class Offset(RequestModel):
-    """From one place to the next, in the frame in which the origin is given, m."""
+    """The offset from one place to the next, in the frame in which the origin is given, m."""
 
     x: Coordinate = Field(0.0, description="m")
     y: Coordinate = Field(0.0, description="m")
@@ -179,24 +181,27 @@ class Origin(PathPose):
 
 
 class Grid(RequestModel):
-    """A grid of places. The first direction is counted fastest."""
+    """A grid of places. The first direction changes fastest."""
 
     frame: str = Field(
         "place",
         min_length=1,
         max_length=200,
-        description="Name of the place in the steps: with this `frame_id` poses are relative to the place.",
+        description="Name of the places for use as `frame_id` in the steps: poses with it are relative to "
+        "the present place.",
     )
     origin: Origin
     counts: list[int] = Field(min_length=1, max_length=3, description="Number of places in each direction.")
     offsets: list[Offset] = Field(
-        min_length=1, max_length=3, description="For each direction, from one place to the next."
+        min_length=1, max_length=3, description="For each direction, the offset from one place to the next."
     )
 
     @model_validator(mode="after")
     def _require_places(self) -> Self:
         if self.frame in FIXED_FRAMES:
-            raise ValueError(f"frame: {self.frame!r} is another frame; choose a name such as 'place'")
+            raise ValueError(
+                f"frame: {self.frame!r} is the name of an existing frame; choose a name such as 'place'"
+            )
         if self.origin.frame_id == TOOL_FRAME:
             raise ValueError("origin.frame_id: 'tool' moves with the arm; a pallet needs a fixed frame")
         try:
@@ -207,7 +212,7 @@ class Grid(RequestModel):
 
 
 class PalletStep(Step):
-    """Do steps at each place of a grid."""
+    """Run steps at each place of a grid."""
 
     pallet: Grid
     do: Block
@@ -217,17 +222,18 @@ class PalletStep(Step):
 
 
 class Recovery(RequestModel):
-    """What happens when a motion, a wait or a device fails in steps."""
+    """Reaction to a failed motion, wait or device in steps."""
 
     retry: int = Field(0, ge=0, le=MAX_RETRIES, description="Number of further attempts.")
     run: Block = Field(default_factory=list, description="Steps that run after each failed attempt.")
     go_on: bool = Field(
-        False, description="true: after the last attempt the sequence goes on. false: it ends with the error."
+        False,
+        description="true: after the last attempt the sequence continues. false: it ends with the error.",
     )
 
 
 class OnErrorStep(Step):
-    """Do steps, again if they fail."""
+    """Run steps, and run them again if they fail."""
 
     on_error: Recovery
     do: Block
@@ -255,7 +261,7 @@ A_STEP = f"must be a step with one of {', '.join(TAGS)}, or a waypoint with join
 
 
 def _kind(value: Any) -> str | None:
-    """The tag of a step; None for what is neither a step nor a waypoint."""
+    """The tag of a step; None for an object that is neither a step nor a waypoint."""
     if isinstance(value, BaseModel):
         return next((TAGS[key] for key, kind in _KINDS.items() if isinstance(value, kind)), kind_of(value))
     if not isinstance(value, dict):

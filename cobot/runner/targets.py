@@ -20,8 +20,8 @@ from cobot.motions.bodies import (
 )
 from cobot.motions.signal_bodies import SignalFields
 
-Label = Annotated[str, Field(max_length=200, description="For the log.")]
-Comment = Annotated[str, Field(max_length=1000, description="For people; the program does not use it.")]
+Label = Annotated[str, Field(max_length=200, description="Name of the waypoint for the log.")]
+Comment = Annotated[str, Field(max_length=1000, description="Comment for people; the program ignores it.")]
 
 
 class Target(SignalFields):
@@ -31,7 +31,8 @@ class Target(SignalFields):
     comment: Comment = ""
     radius: Radius = Field(
         0.0,
-        description="How far from here, m, the TCP may leave its path to go on without a stop; 0: it stops.",
+        description="Blend radius: distance from this target, m, within which the TCP may leave its path "
+        "to continue without a stop. 0: the arm stops.",
     )
 
     def body(self) -> dict[str, Any]:
@@ -46,7 +47,9 @@ class JointTarget(Target, MoveJoints):
 class NamedTarget(Target, JointMotion):
     """A named position."""
 
-    named: str = Field(min_length=1, max_length=200, description="One of GET /robot/positions.")
+    named: str = Field(
+        min_length=1, max_length=200, description="Name of a position in GET /robot/positions."
+    )
 
     def body(self) -> dict[str, Any]:
         body = super().body()
@@ -54,14 +57,16 @@ class NamedTarget(Target, JointMotion):
 
 
 class ArcTarget(Target, MoveArc):
-    """Wherever an angle about an axis leads the TCP: arcs, full circles, helices."""
+    """The end of an arc that is given by an angle about an axis; also full circles and helices."""
 
 
 class PoseTarget(Target, MovePose):
     """A pose of the TCP."""
 
     through_radius: Radius = Field(
-        0.0, description="What `radius` is of a motion alone: that of the poses of `through`, of polyline."
+        0.0,
+        description="For polyline: blend radius at the poses of `through`, m. In POST /robot/move/pose "
+        "this field is `radius`.",
     )
 
     def body(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Where a sequence is, for the log, the status and errors."""
+"""The place of a sequence, for the log, the status and errors."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from cobot.client.pallets import PalletPlace
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """A list of steps, or one of them.
+    """The place of a list of steps, or of one step.
 
     Attributes:
-        word: for one of the outermost list: step or waypoint.
+        word: name of an entry of the outermost list: step or waypoint.
         total: number of steps of the outermost list of the file.
-        numbers: of the steps that lead here, as `3`, `2` for the second step in the third one.
+        numbers: numbers of the nested steps, such as `3`, `2` for the second step in the third one.
         notes: rounds and places, from the outermost one on.
-        caller: where the file was called, with a comma; empty for the file that was started.
+        caller: place of the call of the file, with a comma; empty for the file that was started.
         frames: places of pallets, by the names that the steps give them.
-        begin: share of an iteration that is behind when this begins, 0 to 1.
-        width: share of an iteration that this takes.
+        begin: share of an iteration before this place, 0 to 1.
+        width: share of an iteration for this place.
     """
 
     word: str
@@ -33,7 +33,7 @@ class Where:
     width: float = 1.0
 
     def at(self, number: int, of: int) -> Where:
-        """A step of this list.
+        """The place of a step of this list.
 
         Args:
             of: number of steps in the list.
@@ -43,22 +43,22 @@ class Where:
         return replace(self, numbers=(*self.numbers, str(number)), begin=begin, width=width)
 
     def in_part(self, name: str) -> Where:
-        """A list of steps that is not the main one of this step."""
+        """The place of a list of steps that is not the main list of this step."""
         return replace(self, numbers=(*self.numbers, name))
 
     def in_round(self, name: str, number: int, of: int | None) -> Where:
-        """One round of this step; without `of` the number of rounds is unknown."""
+        """The place of one round of this step. Without `of` the number of rounds is unknown."""
         note = f"{name} {number}" if of is None else f"{name} {number} of {of}"
         width = 0.0 if of is None else self.width / of
         begin = self.begin + (number - 1) * width
         return replace(self, notes=(*self.notes, note), begin=begin, width=width)
 
     def with_place(self, name: str, place: PalletPlace) -> Where:
-        """Poses in the frame of this name are relative to the place."""
+        """This place, with a pallet's place for poses with this frame name."""
         return replace(self, frames={**self.frames, name: place})
 
     def in_file(self, name: str, word: str, total: int) -> Where:
-        """The place of the first level of steps in a file that this step calls."""
+        """The place of the outermost list of steps in a file that this step calls."""
         caller = f"{self}, {name} "
         return replace(self, word=word, total=total, numbers=(), notes=(), caller=caller)
 

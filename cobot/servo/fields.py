@@ -1,4 +1,4 @@
-"""Reads the fields of a servo message from JSON. A refused field has a reason and a sentence."""
+"""Reads the fields of a servo message from JSON. For a rejected field there is a reason and a sentence."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Refusal(StrEnum):
 
 
 class BrokenRule(Exception):
-    """The error for a refused message, with the reason and a sentence."""
+    """The error for a rejected message, with the reason and a sentence."""
 
     def __init__(self, kind: Refusal, sentence: str) -> None:
         super().__init__(sentence)
@@ -82,7 +82,7 @@ def as_number(value: object, name: str) -> float:
 
 
 def within(value: float, longest: float, name: str) -> float:
-    """A duration in seconds, refused if it exceeds the limit."""
+    """A duration in seconds, which is rejected if it exceeds the limit."""
     if value > longest:
         raise BrokenRule(Refusal.VALUE, f"{name} must be at most {longest:g} s, got {value:g}")
     return value

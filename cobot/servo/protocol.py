@@ -35,7 +35,7 @@ log = logging.getLogger("cobot.servo")
 
 @dataclass(frozen=True, slots=True)
 class SetMode:
-    """Begin a session; mode 0 ends it. Times in s."""
+    """Begin a session. Mode 0 ends it. Times are in s."""
 
     mode: ServoMode
     watchdog_s: float
@@ -67,7 +67,7 @@ class Point:
 
     Attributes:
         cartesian: whether the position is x, y, z, rx, ry, rz (m, rad, fixed axes) instead of joints (rad).
-        lookahead_s, gain: of the servo law; both 0 for none.
+        lookahead_s, gain: parameters of the servo law; both are 0 without one.
     """
 
     session_id: int | None
@@ -87,13 +87,13 @@ class ServoRules:
 
     Attributes:
         active: whether points are accepted.
-        mode, send_period_s, watchdog_s: of the present or last session.
+        mode, send_period_s, watchdog_s: settings of the present or last session.
         owner: the only sender whose points are accepted; "" for any.
         session_id: the id that the session is locked to; None until a point gives one.
         point_id: id of the last accepted point.
-        received, accepted: points since the session began.
-        refused: rejected messages since the session began, by reason.
-        last_refusal: sentence of the newest rejection.
+        received, accepted: number of points since the session began.
+        refused: number of rejected messages since the session began, by reason.
+        last_refusal: sentence of the latest rejection.
         fjt: the latest settings from `fjt_control`.
     """
 
@@ -161,7 +161,7 @@ class ServoRules:
             self.point_id = point.point_id
 
     def request(self, mode: int, watchdog_s: float, send_period_s: float) -> SetMode:
-        """A checked session request; a watchdog of 0 is the default, a period of 0 the control period.
+        """A checked session request. A watchdog of 0 means the default, a period of 0 the control period.
 
         Raises:
             BrokenRule: the mode does not exist, or a value is out of range.
@@ -188,7 +188,7 @@ class ServoRules:
         gain: float,
         owner: str = "",
     ) -> Point:
-        """A checked point from numbers, without session and id: 0 is the default everywhere.
+        """A checked point from numbers, without session and id. 0 means the default for each parameter.
 
         Args:
             owner: the sender, if the session accepts only its points.

@@ -1,6 +1,7 @@
 """Files that users read, and that ship with cobot: the settings and robots of `config/`, and `sequences/`.
 
-In a clone they are folders at its top, to which links lead from here. An installed cobot has them here.
+In a clone they are folders at its top, and this folder has links to them. An installed cobot has the files
+here.
 """
 
 from __future__ import annotations

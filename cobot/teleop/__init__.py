@@ -1,1 +1,2 @@
-"""Moving an arm by hand from afar: a gamepad or a keyboard, for as long as something is held."""
+"""Remote control of an arm with a gamepad or a keyboard. The arm moves only while a key or a button is
+held."""

@@ -18,11 +18,13 @@ from cobot.teleop.keyboard import HELP, Keyboard
 from cobot.teleop.teleop import Teleoperation
 
 ANSWER_S = 5.0
-PAD_HELP = "hold a shoulder button to move, the left one for half speed; A: base or tool; start: end"
+PAD_HELP = (
+    "hold a shoulder button to move, the left one for half speed; A: switch between base and tool; start: end"
+)
 
 
 class _Answering:
-    """A connection that does not wait for ever."""
+    """A connection with a timeout."""
 
     def __init__(self, url: str, chosen: argparse.Namespace) -> None:
         self._url = url
@@ -48,10 +50,10 @@ class _Answering:
 
 
 def teleop(chosen: argparse.Namespace) -> None:
-    """Move an arm by hand, until the hand asks to end.
+    """Control an arm with a device until the user ends it.
 
     Raises:
-        InputError: there is no such device, or the speed is none.
+        InputError: the device does not exist, or the speed is invalid.
         UnavailableError: the service does not answer, or the device is gone.
     """
     url = url_of(chosen)

@@ -19,9 +19,9 @@ from cobot.errors import InputError, UnavailableError
 from cobot.teleop.hand import JogVelocity
 
 EVENT = struct.Struct("<IhBB")
-"""Time in ms, value, kind, number."""
+"""An event: time in ms, value, kind, number."""
 GET_VERSION = 0x80046A01
-"""JSIOCGVERSION of linux/joystick.h, which only joysticks answer."""
+"""The request JSIOCGVERSION of linux/joystick.h, which only joysticks answer."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767
 DEAD_ZONE = 0.15
@@ -34,13 +34,12 @@ FOLDER = Path("/dev/input")
 
 
 class Gamepad:
-    """Open a gamepad.
+    """A gamepad.
 
     Args:
-        path: of its device; without it the first one found.
+        path: path of its device; by default the first gamepad that is found.
 
-    Raises (constructor):
-        InputError: there is none, or it cannot be read.
+    Raises (constructor): InputError: there is no gamepad, or it cannot be read.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -51,7 +50,7 @@ class Gamepad:
             raise InputError(f"gamepad {self._path}: {exc.strerror}") from exc
         if not _has_events(self._file):
             self.close()
-            raise InputError(f"gamepad {self._path}: is not a gamepad; those are {FOLDER}/js*")
+            raise InputError(f"gamepad {self._path}: is not a gamepad; use one of {FOLDER}/js*")
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
         self._part = b""
@@ -113,7 +112,7 @@ class Gamepad:
 
 
 def _has_events(descriptor: int) -> bool:
-    """Whether it is a joystick of the kernel, or a pipe from another program."""
+    """Whether the file gives joystick events: a joystick of the kernel, or a pipe from another program."""
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
         return True
     try:

@@ -1,4 +1,4 @@
-"""What a hand asks for at this moment."""
+"""The velocity that a device requests."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Protocol
 from cobot.errors import InputError
 
 MAX_LINEAR, MAX_ANGULAR, MAX_JOINT = 0.25, 0.5, 0.5
-"""At full deflection, m/s, rad/s, rad/s; the service makes less of it where less is permitted."""
+"""Velocities at full deflection, m/s, rad/s, rad/s. The service reduces them to the permitted ones."""
 JOINTS = 16
 
 
 @dataclass(frozen=True, slots=True)
 class JogVelocity:
-    """A velocity, until it is replaced.
+    """A requested velocity, valid until it is replaced.
 
     Attributes:
-        twist: of the TCP as shares of the largest, −1 to 1: along x, y, z, about x, y, z.
-        joint: to be moved instead, from 0 on; None: the TCP.
-        share: of the joint's largest velocity, −1 to 1.
-        frame: of the twist, base or tool.
+        twist: velocity of the TCP along x, y, z and about x, y, z, as shares of the maximum, −1 to 1.
+        joint: number of the joint to move instead, from 0 on; None: the TCP moves.
+        share: velocity of the joint as a share of its maximum, −1 to 1.
+        frame: frame of the twist, base or tool.
     """
 
     twist: tuple[float, ...] = (0.0,) * 6
@@ -29,7 +29,7 @@ class JogVelocity:
     frame: str = "base"
 
     def frame_of(self, dof: int, speed: float) -> dict[str, object]:
-        """As a `jog` frame (docs/stream-protocol.md).
+        """The velocity as a `jog` frame (docs/stream-protocol.md).
 
         Raises:
             InputError: there is no such joint.
@@ -46,19 +46,19 @@ class JogVelocity:
 
 
 class HandDevice(Protocol):
-    """Something that a hand holds."""
+    """Interface of an input device."""
 
     def read_velocity(self, now_s: float) -> JogVelocity | None:
-        """What it asks for; None: nothing is held. It never waits.
+        """The requested velocity; None if nothing is held. Never waits.
 
         Raises:
-            UnavailableError: it is gone: nothing is held any more.
+            UnavailableError: the device is gone, so nothing is held any more.
         """
         ...
 
     @property
     def ended(self) -> bool:
-        """Whether the hand has asked to end."""
+        """Whether the user has requested the end."""
         ...
 
     def close(self) -> None: ...

@@ -1,4 +1,5 @@
-"""The keyboard of a terminal. A key is held for as long as it repeats; a terminal tells no more of it."""
+"""The keyboard of a terminal. A key counts as held while it repeats, because a terminal does not report its
+release."""
 
 from __future__ import annotations
 
@@ -24,16 +25,16 @@ HELP = """\
 w s  forward, back    a d  left, right    r f  up, down
 u o  about x          i k  about y        j l  about z
 1 to 9  a joint, which + and - move       0  the TCP again
-t  base or tool       q  end              let go: the arm comes to rest"""
+t  base or tool       q  end              release all keys: the arm stops"""
 
 
 class Keyboard:
     """
     Args:
-        descriptor: of the terminal, which passes on keys at once until `close`.
+        descriptor: descriptor of the terminal. Until `close` it passes on each key at once.
 
     Raises (constructor):
-        InputError: that is no terminal.
+        InputError: the descriptor is not a terminal.
     """
 
     def __init__(self, descriptor: int = 0) -> None:

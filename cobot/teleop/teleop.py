@@ -1,7 +1,8 @@
-"""The loop between a hand and the arm: while something is held, a `jog` frame twenty times a second.
+"""The loop between a device and the arm. While something is held, it sends a `jog` frame twenty times per
+second.
 
-The service keeps the arm moving for 0.2 s after a frame and no longer. So a hand that lets go, a device that
-is pulled out, a program that dies or hangs, a network that is lost bring it to rest.
+After each frame the service moves the arm for at most 0.2 s. So the arm stops if everything is released, the
+device is unplugged, the program ends or hangs, or the network is lost.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ class FrameSocket(Protocol):
 class Teleoperation:
     """
     Args:
-        socket: on which `hello` has not been read yet.
-        device: that is held.
-        speed: share of the largest velocities, above 0 to 1.
-        say: shows a line to the person: why the arm goes slower, or not at all.
+        socket: connection from which `hello` has not been read yet.
+                device: the input device.
+                speed: share of the maximum velocities, above 0 to 1.
+                say: shows a line to the user, with the reason why the arm moves slower or not at all.
     """
 
     def __init__(
@@ -45,17 +46,17 @@ class Teleoperation:
         clock: Clock = SYSTEM,
     ) -> None:
         if not 0.0 < speed <= 1.0:
-            raise InputError(f"speed must be above 0, 1 at most, got {speed}")
+            raise InputError(f"speed must be above 0 and at most 1, got {speed}")
         self._socket, self._device, self._speed, self._say, self._clock = socket, device, speed, say, clock
         self._dof = int(json.loads(self._socket.recv())["dof"])
         self._moving = False
         self._said = ""
 
     def run(self) -> None:
-        """Until the hand asks to end.
+        """Run until the user ends it.
 
         Raises:
-            UnavailableError: the device or the service is gone; the arm comes to rest.
+            UnavailableError: the device or the service is gone. The arm stops.
         """
         due_s = self._clock.now_s()
         try:
@@ -68,7 +69,7 @@ class Teleoperation:
             self._let_go()
 
     def once(self) -> None:
-        """Pass on what is held now."""
+        """Send the presently requested velocity."""
         velocity = self._device.read_velocity(self._clock.now_s())
         if velocity is None:
             self._let_go()

@@ -132,7 +132,7 @@ def test_a_reload_refuses_the_endpoints_that_a_start_would_refuse(
     edit(service.config, "web: {", "web: {endpoints: endpoints.yaml, ")
     answer = service.post("/admin/reload")
     assert answer.status_code == 422
-    assert "below /robots/NAME have no entries of their own" in answer.json()["detail"]
+    assert "below /robots/NAME have no separate entries" in answer.json()["detail"]
 
 
 @pytest.mark.parametrize(

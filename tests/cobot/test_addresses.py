@@ -36,7 +36,7 @@ def test_any_name_is_one_part_of_the_path(name: str) -> None:
     "url", ["", "foo", "host:8007", "ws://host", "http:", "http://", "http://h:x", "http://[h"]
 )
 def test_what_is_no_url_is_told_what_one_looks_like(url: str) -> None:
-    with pytest.raises(InputError, match="one looks like http://localhost:8007"):
+    with pytest.raises(InputError, match="a valid one is http://localhost:8007"):
         check_url(url)
     for good in ("http://host", "https://[::1]:8007/robots/left"):
         check_url(good)

@@ -104,7 +104,7 @@ def test_what_the_service_refuses_is_said_in_its_words_with_status_1(shell: Shel
         (["move", "0", "0"], "joints must have 7 angles, got 2"),
         (["send", "/nonexistent.csv"], "/nonexistent.csv: No such file"),
         (["run", "/nonexistent.json"], "/nonexistent.json: No such file"),
-        (["watch", "--types", "moed"], "there is no 'moed'"),
+        (["watch", "--types", "moed"], "'moed' is not an event type"),
         (["watch", "--state-hz", "nan"], "state_hz: "),
         (["state", "--robot", "nobody"], "there is no robot 'nobody'"),
     ):
@@ -177,10 +177,10 @@ def test_jobs_without_an_id_cannot_be_changed(shell: Shell) -> None:
     [
         (["run", "--url", "http://localhost:1"], "run: --url is for a SEQUENCE"),
         (["run", "--json"], "run: --json is for a SEQUENCE"),
-        (["run", "a.json", "--port", "1"], "run: --port does not go with a SEQUENCE"),
+        (["run", "a.json", "--port", "1"], "run: --port cannot be used with a SEQUENCE"),
         (["run", "a.json", "--iterations", "0"], "'0' is not a number from 1 to 1000000"),
-        (["stop", "--json"], "stop: --token, --certificate and --json go with --url"),
-        (["stop", "--estop", "--url", "http://localhost:1"], "do not go with --url"),
+        (["stop", "--json"], "stop: --token, --certificate and --json need --url"),
+        (["stop", "--estop", "--url", "http://localhost:1"], "cannot be used with --url"),
         (["move"], "GOAL"),
     ],
 )

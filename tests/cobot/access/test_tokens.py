@@ -152,7 +152,7 @@ def test_what_is_no_file_keeps_nobody_waiting(file: TokenFile) -> None:
 def test_a_file_that_others_may_change_gives_nobody_rights(file: TokenFile) -> None:
     file.create("alice", Role.OPERATOR)
     file.path.chmod(0o620)
-    with pytest.raises(ConfigError, match="others may change it, and with it who moves the robot"):
+    with pytest.raises(ConfigError, match="other users may change this file, and so control the robot"):
         file.read()
 
 

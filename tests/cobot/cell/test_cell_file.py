@@ -58,8 +58,8 @@ def part(**changes: object) -> dict[str, Any]:
         ({"parts": {"": BOX}}, "parts"),
         ({"parts": {"a/b": BOX}}, "string should match pattern"),
         ({"parts": {f"p{i}": BOX for i in range(MAX_PARTS + 1)}}, "parts: must have at most 32 items"),
-        ({"parts": {"hand": BOX}}, "the name 'hand' is reserved for what is at the flange"),
-        ({"parts": {"cup": BOX}}, "the name 'cup' is reserved for what is at the flange"),
+        ({"parts": {"hand": BOX}}, "the name 'hand' is reserved for the tool at the flange"),
+        ({"parts": {"cup": BOX}}, "the name 'cup' is reserved for the tool at the flange"),
         (
             {
                 "parts": {"a": BOX},

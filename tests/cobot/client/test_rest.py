@@ -318,7 +318,7 @@ def test_what_json_cannot_say_is_refused_before_it_is_sent(joints: list[Any]) ->
 def test_a_url_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match="url"):
         Client("http://a\x00b")
-    with pytest.raises(InputError, match=r"url 'localhost:8007': .*; one looks like http://localhost:8007"):
+    with pytest.raises(InputError, match=r"url 'localhost:8007': .*; a valid one is http://localhost:8007"):
         Client("localhost:8007")
 
 

@@ -51,7 +51,7 @@ def test_the_service_takes_the_names_that_it_has(tmp_path: Path) -> None:
 
 def test_an_entry_of_an_endpoint_below_a_robots_name_is_told_where_it_belongs(tmp_path: Path) -> None:
     path = write(tmp_path, "  POST /robots/{robot}/execute: {enabled: false}\n")
-    with pytest.raises(ConfigError, match="below /robots/NAME have no entries of their own"):
+    with pytest.raises(ConfigError, match="below /robots/NAME have no separate entries"):
         load_endpoints(path, ["POST /robot/execute"])
 
 

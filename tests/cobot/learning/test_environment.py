@@ -225,7 +225,7 @@ def test_a_stop_truncates_the_episode_and_says_why(arm: ArmEnv) -> None:
 
 
 def test_wrong_input_is_named(arm: ArmEnv) -> None:
-    with pytest.raises(ExecutionError, match="has not begun"):
+    with pytest.raises(ExecutionError, match="there is no running episode"):
         arm.step(np.zeros(7))
     arm.reset(seed=1)
     for action, said in (
@@ -246,7 +246,7 @@ def test_wrong_input_is_named(arm: ArmEnv) -> None:
         ({"spread_rad": -1.0}, "spread_rad must be from 0 to 3"),
         ({"max_velocity_rad_s": 0.0}, "max_velocity_rad_s must be above 0"),
         ({"render_mode": "human"}, "render_mode must be None or rgb_array, got 'human'"),
-        ({"cameras": (TINY, TINY)}, "names of their own"),
+        ({"cameras": (TINY, TINY)}, "each camera needs a different name"),
         ({"cameras": [1]}, r"cameras must be a list of learning\.cameras\.Camera, got \[1\]"),
         ({"cameras": TINY}, "cameras must be a list"),
         ({"rate_hz": "30"}, "rate_hz must be a number, got '30'"),

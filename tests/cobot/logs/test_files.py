@@ -53,7 +53,7 @@ def test_a_private_file_is_its_owners_alone_and_no_link(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="symbolic"):
         RotatingFile(link, 10, 1, strict=True).append(b"x")
     assert not (tmp_path / "target").exists()
-    with pytest.raises(OSError, match="no regular file"):
+    with pytest.raises(OSError, match="not a regular file"):
         RotatingFile(Path("/dev/null"), 10, 1, strict=True).append(b"x")
     assert stat.S_IMODE(os.stat("/dev/null").st_mode) == 0o666
 

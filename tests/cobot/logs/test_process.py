@@ -118,7 +118,7 @@ def test_a_process_ends_though_nobody_takes_its_last_lines(children: list[Child]
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("raise RuntimeError('it ends')", ["this process ends by an error", "RuntimeError: it ends"]),
+        ("raise RuntimeError('it ends')", ["this process ends because of an error", "RuntimeError: it ends"]),
         ("import ctypes\nctypes.string_at(0)", ["Fatal Python error: Segmentation fault"]),
         ("import os\nos.write(2, b'a C library says so\\n')", ["a C library says so"]),
         ("print('half a line', end='')", []),

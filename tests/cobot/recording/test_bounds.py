@@ -87,7 +87,7 @@ def test_a_compression_that_is_not_cobots_is_named() -> None:
     content = recording()
     name = content.index(b"zstd", chunk_at(content))
     content[name : name + 4] = b"lz4\x1b"
-    assert r"is compressed with 'lz4\x1b', only zstd is known" in refusal(content)
+    assert r"is compressed with 'lz4\x1b'; only zstd is supported" in refusal(content)
 
 
 def test_the_reader_of_recordings_says_so_in_its_own_error(tmp_path: Path) -> None:

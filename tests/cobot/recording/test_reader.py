@@ -87,7 +87,7 @@ def test_some_cycles_are_where_the_arm_was(
     assert [each.time_s for each in found.events] == pytest.approx([each.time_s for each in every.events])
     assert len(reader.read_path(recorded[0], 1000).times_s) == 900
     monkeypatch.setattr(reader, "MAX_SHOWN_BYTES", 1000)
-    with pytest.raises(InputError, match="cobot plot draws it"):
+    with pytest.raises(InputError, match="use cobot plot for this file"):
         reader.read_path(recorded[0], 10)
 
 
@@ -98,7 +98,7 @@ def test_a_damaged_file_is_refused_with_its_name(
     content = recorded[0].read_bytes()
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(content[: int(cut * len(content)) if isinstance(cut, float) else cut])
-    with pytest.raises(InputError, match=r"damaged\.mcap: is not a whole recording"):
+    with pytest.raises(InputError, match=r"damaged\.mcap: is not a complete recording"):
         read_recording(damaged)
     with pytest.raises(InputError, match="No such file"):
         read_recording(tmp_path / "none.mcap")

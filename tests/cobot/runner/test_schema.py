@@ -111,7 +111,7 @@ def test_every_kind_of_target_is_valid_for_both(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({}, "waypoints: is missing"),
+        ({}, "waypoints and steps are both missing"),
         ({"waypoints": []}, "waypoints"),
         ({"waypoints": [{**JOINTS, "sped": 1}]}, "waypoints[0]: unknown key 'sped' (did you mean 'speed'?)"),
         ({"waypoints": [{"joints": ["0"]}]}, "waypoints[0].joints[0]"),
@@ -336,7 +336,10 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
             "steps[0].pallet: counts: 1000 x 1000 are 1000000 places, allowed are 1 to 10000",
         ),
         ([{"pallet": {**GRID, "counts": [2]}, "do": [WAIT]}], "counts has 1 directions and offsets has 2"),
-        ([{"pallet": {**GRID, "frame": "tool"}, "do": [WAIT]}], "frame: 'tool' is another frame"),
+        (
+            [{"pallet": {**GRID, "frame": "tool"}, "do": [WAIT]}],
+            "frame: 'tool' is the name of an existing frame",
+        ),
         (
             [{"pallet": {**GRID, "origin": {**POSE, "frame_id": "tool"}}, "do": [WAIT]}],
             "origin.frame_id: 'tool' moves with the arm; a pallet needs a fixed frame",
@@ -354,7 +357,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
             "steps[1].pause_while: only one motion of a sequence may have it",
         ),
         ([nested(20)], "steps are nested more than 20 deep; flatten them"),
-        ([nested(200)], "steps are nested too deeply, allowed are 20 lists in each other"),
+        ([nested(200)], "steps are nested too deeply, allowed are 20 levels of lists"),
     ],
 )
 def test_what_a_schema_cannot_say_is_refused_with_its_place(

@@ -118,7 +118,7 @@ def test_what_is_no_gamepad_is_said_to_be_none(tmp_path: Path, monkeypatch: pyte
     file = tmp_path / "file"
     file.write_bytes(bytes(80))
     for path in (file, tmp_path, Path("/dev/null")):
-        with pytest.raises(InputError, match=f"gamepad {path}: is not a gamepad; those are /dev/input/js"):
+        with pytest.raises(InputError, match=f"gamepad {path}: is not a gamepad; use one of /dev/input/js"):
             Gamepad(path)
     monkeypatch.setattr("cobot.teleop.gamepad.FOLDER", tmp_path)
     with pytest.raises(InputError, match=r"no js.*; without --gamepad the keyboard is used"):
@@ -242,8 +242,8 @@ def test_the_command_names_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> 
     assert main(["teleop", "--url", "http://127.0.0.1:9"]) == 3
     assert "http://127.0.0.1:9" in capsys.readouterr().err
     assert main(["teleop", "--url", "robot"]) == 1
-    assert "one looks like http://localhost:8007" in capsys.readouterr().err
-    with pytest.raises(InputError, match="speed must be above 0, 1 at most"):
+    assert "a valid one is http://localhost:8007" in capsys.readouterr().err
+    with pytest.raises(InputError, match="speed must be above 0 and at most 1"):
         Teleoperation(None, Hand(), 0.0, print)  # type: ignore[arg-type]
 
 

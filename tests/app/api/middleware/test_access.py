@@ -653,13 +653,13 @@ def test_tokens_are_needed_beyond_this_computer(
 @pytest.mark.parametrize(
     ("access", "localhost_only", "authentication", "role", "told"),
     [
-        ("auto", True, "auto", Role.OPERATOR, "on this computer moves the robot without a token"),
-        ("auto", True, "none", Role.OPERATOR, "on this computer moves the robot without a token"),
+        ("auto", True, "auto", Role.OPERATOR, "on this computer may move the robot without a token"),
+        ("auto", True, "none", Role.OPERATOR, "on this computer may move the robot without a token"),
         ("auto", True, "required", Role.OBSERVER, "on this computer observes only"),
         ("auto", False, "auto", Role.OBSERVER, "on these networks observes only"),
         ("observe", True, "auto", Role.OBSERVER, "on this computer observes only"),
-        ("move", False, "auto", Role.OPERATOR, "on these networks moves the robot without a token"),
-        ("move", True, "required", Role.OPERATOR, "on this computer moves the robot without a token"),
+        ("move", False, "auto", Role.OPERATOR, "on these networks may move the robot without a token"),
+        ("move", True, "required", Role.OPERATOR, "on this computer may move the robot without a token"),
         ("all", False, "auto", Role.ADMIN, "on these networks may do everything without a token"),
     ],
 )
@@ -757,10 +757,10 @@ def test_settings_are_read_strictly(tmp_path: Path) -> None:
         ("web: {allowed_hosts: ['*']}", "is not a host name or address"),
         ("web: {allowed_hosts: ['http://robot.example']}", "is not a host name or address"),
         ("web: {allowed_hosts: ['robot.example:80']}", "is not a host name or address"),
-        ("web: {allowed_origins: ['*']}", "is not an origin of pages"),
-        ("web: {allowed_origins: ['null']}", "is not an origin of pages"),
-        ("web: {allowed_origins: ['https://app.example/']}", "is not an origin of pages"),
-        ("web: {allowed_origins: ['https://App.example']}", "is not an origin of pages"),
+        ("web: {allowed_origins: ['*']}", "is not the origin of a web page"),
+        ("web: {allowed_origins: ['null']}", "is not the origin of a web page"),
+        ("web: {allowed_origins: ['https://app.example/']}", "is not the origin of a web page"),
+        ("web: {allowed_origins: ['https://App.example']}", "is not the origin of a web page"),
         ("web: {authentication: maybe}", "web.authentication"),
         ("ros: {access: some}", "ros.access"),
     ):

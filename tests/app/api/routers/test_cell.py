@@ -145,7 +145,7 @@ def test_the_hand_is_the_tool_until_another_one_is_set(tmp_path_factory: pytest.
         gripper = first.get("/robot/gripper").json()
         assert (gripper["type"], gripper["connected"]) == ("simulated", True)
         assert gripper["capabilities"]["force_n"][1] == 100.0
-        assert not any("carried another tool" in line for line in first.lines)
+        assert not any("had another tool" in line for line in first.lines)
         first.post("/robot/tool", {"clear": True}).raise_for_status()
     with ServiceOfPlant(folder, of_robot=THE_CELL, name=first.name).serving() as second:
         assert second.get("/robot/tool").json()["mass"] == 0.0

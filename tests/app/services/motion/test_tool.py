@@ -262,7 +262,7 @@ def test_after_a_restart_it_is_still_so(tmp_path: Path) -> None:
         assert service.get("/robot/tool").json()["version"] == LOAD.version
         service.sleep(1.0)  # this rtloop has begun without the file: the service sees to it
         assert efforts(service) == pytest.approx(loaded(LOAD).gravity(joints), abs=0.5)
-        assert any("rtloop carried another tool" in line for line in service.lines)
+        assert any("rtloop had another tool" in line for line in service.lines)
         assert have(service, mass=5.0).json()["version"] == LOAD.version + 1
         moved = service.post("/robot/move/joints", away(service)).json()
         assert moved["success"], moved
