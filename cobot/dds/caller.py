@@ -57,6 +57,12 @@ class ServiceCaller:
         finally:
             del self._waiting[number]
 
+    def close(self) -> None:
+        """Stop; calls in progress get no answer."""
+        self._node.graph.remove(self._reader.guid, self._writer.guid)
+        self._reader.close()
+        self._writer.close()
+
     def _take(self, sample: Sample) -> None:
         """Take an answer; those to other clients come here too."""
         asked = sample.related
@@ -66,9 +72,13 @@ class ServiceCaller:
         if answer is None or answer.done():
             return
         try:
-            answer.set_result(self._node.messages.from_cdr(f"{self._type}_Response", sample.payload))
+            answer.set_result(self._read(sample.payload))
         except CobotError as exc:
             answer.set_exception(exc)
+
+    def _read(self, payload: bytes) -> Message:
+        """The answer in CDR."""
+        return self._node.messages.from_cdr(f"{self._type}_Response", payload)
 
 
 class ActionCaller:
@@ -76,7 +86,9 @@ class ActionCaller:
 
     Args:
         on_feedback: called with each feedback of the newest goal.
-        on_last: called with the result of the goal that had ended last when this client came.
+        on_last: called with the result of the goal that had ended last when this client came; None: it is
+            not asked for.
+        on_status: called with the status list of the server's goals.
     """
 
     def __init__(
@@ -85,13 +97,14 @@ class ActionCaller:
         name: str,
         type_: str,
         on_feedback: Callable[[Message], None],
-        on_last: Callable[[Message], None],
+        on_last: Callable[[Message], None] | None,
+        on_status: Callable[[list[Message]], None] | None = None,
     ) -> None:
         below = f"{name}/_action"
         self._send = ServiceCaller(node, f"{below}/send_goal", f"{type_}_SendGoal")
         self._result = ServiceCaller(node, f"{below}/get_result", f"{type_}_GetResult")
         self._cancel = ServiceCaller(node, f"{below}/cancel_goal", "action_msgs/srv/CancelGoal")
-        self._on_feedback, self._on_last = on_feedback, on_last
+        self._on_feedback, self._on_last, self._on_status = on_feedback, on_last, on_status
         self._goal: Message | None = None
         self._asked: asyncio.Task[None] | None = None
         self._loop = node.loop
@@ -107,10 +120,13 @@ class ActionCaller:
         """Whether a server is there."""
         return all(each.is_ready for each in (self._send, self._result, self._cancel))
 
-    async def send(self, goal: Message) -> Message | None:
-        """Send a goal; its id if it is accepted, else None."""
-        goal_id = {"uuid": base64.b64encode(uuid.uuid4().bytes).decode()}
-        self._goal = goal_id
+    async def send(self, goal: Message, goal_id: Message | None = None) -> Message | None:
+        """Send a goal; its id if it is accepted, else None.
+
+        Args:
+            goal_id: the id that it gets; None: a new one.
+        """
+        self._goal = goal_id = goal_id or {"uuid": base64.b64encode(uuid.uuid4().bytes).decode()}
         answer = await self._send.call({"goal_id": goal_id, "goal": goal})
         return goal_id if answer["accepted"] else None
 
@@ -118,15 +134,24 @@ class ActionCaller:
         """The status and the result of a goal, when it has ended."""
         return await self._result.call({"goal_id": goal_id})
 
-    async def cancel(self, goal_id: Message) -> None:
-        """Cancel a goal; it ends when the server ends it."""
-        await self._cancel.call({"goal_info": {"goal_id": goal_id}})
+    async def cancel(self, goal_id: Message) -> Message:
+        """Cancel a goal; it ends when the server ends it. Returns the answer, with its `return_code`."""
+        return await self._cancel.call({"goal_info": {"goal_id": goal_id}})
+
+    def close(self) -> None:
+        """Stop; the server's goals go on."""
+        for end in (*self._ends, self._send, self._result, self._cancel):
+            end.close()
 
     def _take_feedback(self, message: Message) -> None:
         if message["goal_id"] == self._goal:
             self._on_feedback(message["feedback"])
 
     def _take_status(self, message: Message) -> None:
+        if self._on_status is not None:
+            self._on_status(message["status_list"])
+        if self._on_last is None:
+            return
         ended = [each for each in message["status_list"] if each["status"] in ENDED]
         if self._goal is not None or self._asked is not None or len(ended) != len(message["status_list"]):
             return
@@ -136,7 +161,7 @@ class ActionCaller:
 
     async def _ask_last(self, goal_id: Message) -> None:
         answer = await self.result(goal_id)
-        if self._goal is None and answer["status"] in ENDED:
+        if self._goal is None and self._on_last is not None and answer["status"] in ENDED:
             self._on_last(answer)
 
 

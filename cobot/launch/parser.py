@@ -21,6 +21,7 @@ A robot arm behind a REST service.
   cobot acknowledge   let a real robot move faster, once you have inspected it, see docs/safety.md
   cobot check    validate the whole configuration, without starting anything
   cobot simulate fanuc   a simulated controller for any client of Stream Motion, see docs/fanuc.md
+  cobot simulate ros2_control   the controllers of an arm, for any client with ROS 2, see docs/ros2-control.md
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
   cobot simulate rsi   a simulated controller of a KUKA KR for any client of RSI, see docs/kuka-rsi.md
   cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
@@ -45,6 +46,7 @@ The first run needs no configuration: open http://localhost:8007 and move the ar
 
 SIMULATORS = {
     "fanuc": "rtloop.backends.fanuc.simulator",
+    "ros2_control": "cobot.dds.controller_simulator",
     "fri": "rtloop.backends.fri.simulator",
     "rsi": "rtloop.backends.rsi.simulator",
     "robotiq": "cobot.grippers.robotiq.simulator",
@@ -139,7 +141,8 @@ def _add_simulate_and_backend(commands: Any) -> None:
     simulate.add_argument(
         "device",
         choices=list(SIMULATORS),
-        help="fanuc: its arms; fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a gripper",
+        help="fanuc: its arms; fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a gripper; "
+        "ros2_control: the controllers of an arm with ROS 2",
     )
     simulate.add_argument(
         "options",

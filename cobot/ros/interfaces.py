@@ -24,6 +24,13 @@ _MULTI_DOF = "".join(
     f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{part}\n"
     for part in ("desired", "actual", "error")
 )
+_CONTROLLER = "string name\nstring state\nstring type\n"
+_CLAIMS = (
+    "string[] claimed_interfaces\nstring[] required_command_interfaces\nstring[] required_state_interfaces\n"
+    "bool is_chainable\nbool is_chained\n"
+)
+_EXPORTED = "string[] exported_state_interfaces\n"
+_CHAIN = "string[] reference_interfaces\nChainConnection[] chain_connections\n"
 STANDARD = {
     "action_msgs/srv/CancelGoal": (
         "action_msgs/GoalInfo goal_info\n---\n"
@@ -58,6 +65,20 @@ STANDARD = {
         "sensor_msgs/JointState command\n---\n"
         "sensor_msgs/JointState state\nbool stalled\nbool reached_goal\n---\n"
         "sensor_msgs/JointState state\n"
+    ),
+    "controller_manager_msgs/msg/ChainConnection": "string name\nstring[] reference_interfaces\n",
+    "controller_manager_msgs/msg/ControllerState": (
+        f"{_CONTROLLER}bool is_async\nuint16 update_rate\n{_CLAIMS}{_EXPORTED}{_CHAIN}"
+    ),
+    "controller_manager_msgs/msg/HumbleControllerState": f"{_CONTROLLER}{_CLAIMS}{_CHAIN}",
+    "controller_manager_msgs/msg/ExportingControllerState": f"{_CONTROLLER}{_CLAIMS}{_EXPORTED}{_CHAIN}",
+    "controller_manager_msgs/srv/ListControllers": "---\nControllerState[] controller\n",
+    "controller_manager_msgs/srv/HumbleListControllers": "---\nHumbleControllerState[] controller\n",
+    "controller_manager_msgs/srv/ExportingListControllers": "---\nExportingControllerState[] controller\n",
+    "controller_manager_msgs/srv/SwitchController": (
+        "string[] activate_controllers\nstring[] deactivate_controllers\n"
+        "int32 BEST_EFFORT=1\nint32 STRICT=2\nint32 strictness\n"
+        "bool activate_asap\nbuiltin_interfaces/Duration timeout\n---\nbool ok\nstring message\n"
     ),
     "lifecycle_msgs/srv/ChangeState": "lifecycle_msgs/Transition transition\n---\nbool success\n",
     "lifecycle_msgs/srv/GetState": "---\nlifecycle_msgs/State current_state\n",

@@ -21,6 +21,7 @@ REGISTRY = Registry(
         "mujoco": "rtloop.backends.mujoco:MujocoBackend",
         "fri": "rtloop.backends.fri:FriBackend",
         "rsi": "rtloop.backends.rsi:RsiBackend",
+        "ros2_control": "rtloop.backends.ros2_control:Ros2ControlArm",
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}

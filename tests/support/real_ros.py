@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -99,6 +100,17 @@ def standard_packages() -> dict[str, dict[str, str]]:
         ),
         "tf2_msgs": interface_package("tf2_msgs", transforms, "geometry_msgs"),
     }
+
+
+def controller_packages() -> dict[str, dict[str, str]]:
+    """The interfaces of ros2_control of which a robot's driver has servers, as Jazzy has them."""
+    manager = {
+        name: text
+        for name, text in STANDARD.items()
+        if name.startswith("controller_manager_msgs/") and not re.search("Humble|Exporting", name)
+    }
+    made = interface_package("controller_manager_msgs", manager, "builtin_interfaces")
+    return {"control_msgs": standard_packages()["control_msgs"], "controller_manager_msgs": made}
 
 
 def interface_package(name: str, definitions: Mapping[str, str], *needs: str) -> dict[str, str]:

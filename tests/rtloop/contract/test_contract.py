@@ -132,6 +132,16 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     assert set(results.values()) == {"passed", "not tested"}
 
 
+def test_ros2_control_keeps_it_beside_a_controller(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "ros2_control", "--json"]) == 0
+    results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
+    untold = {check for check, result in results.items() if result == "not tested"}
+    streams = {"disconnect in a stream", "nan in a stream"}
+    of_cycles = {"limits", "staleness", "loss", "reorder", "pile_up", *streams}
+    assert untold == {*ON_REQUEST, "io", "operation_mode", *of_cycles}
+    assert set(results.values()) == {"passed", "not tested"}
+
+
 @pytest.mark.parametrize(
     ("arm", "check", "found"),
     [

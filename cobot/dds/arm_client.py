@@ -1,0 +1,413 @@
+"""`python -m cobot.dds.arm_client SETTINGS`: a client of an arm's joint trajectory controller.
+
+A process of its own, so that the traffic of a network never delays rtloop. It ends with its standard input,
+and cancels its goal then. SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`,
+`robot`, `joints` (names in the arm's order), `namespace`, `controller`, `action`, `controller_manager`,
+`joint_states`, `speed_scaling`, `answer_timeout_s`, `tolerances`.
+
+A line of its input is a JSON object with `ask`; each is answered with one line, a JSON object. `error` in it
+says why something was not done.
+
+    facts    what it has seen: the fields of `rtloop.backends.ros2_control.link.Facts`
+    load     take a motion of `points`; `bytes` doubles follow: times, positions, velocities, accelerations
+    start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
+    cancel   cancel all goals of the action; the answer's `failed` says why that failed
+    forget   forget the last goal, and choose the controller again
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import gc
+import json
+import math
+import os
+import signal
+import sys
+import time
+import uuid
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from cobot.dds.caller import ENDED, ActionCaller
+from cobot.dds.controllers import ControllerLister, takes_trajectories
+from cobot.dds.names import ENCLAVE, NodeName
+from cobot.dds.node import DdsNode, Message
+from cobot.dds.rtps import Participant
+from cobot.errors import CobotError
+from cobot.ros.messages import Messages
+from cobot.ros.robot_messages import JOINT_STATES
+
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+FLOAT = "std_msgs/msg/Float64"
+SEND_GOAL = "control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"
+BEGIN, END = "rq", "/_action/send_goalRequest"
+OWN = "/cobot"
+"""Beginning of the names of cobot's own participants, whose actions are never meant."""
+LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
+RATE_S = 1.0
+REJECTED = 1
+ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
+"""With the time stamp 0, a cancel of this id means all goals."""
+LINE_BYTES = 1 << 16
+
+
+class Goal:
+    """The newest goal.
+
+    Attributes:
+        id: its id.
+        facts: see `rtloop.backends.ros2_control.link.GoalFacts`; without the times.
+        sent_s, ended_s, feedback_s: moments.
+    """
+
+    def __init__(self) -> None:
+        self.id: Message = {"uuid": base64.b64encode(uuid.uuid4().bytes).decode()}
+        self.facts: dict[str, Any] = {"accepted": None, "status": None, "lost": False, "stopping": False}
+        self.sent_s = time.monotonic()
+        self.ended_s: float | None = None
+        self.feedback_s = -math.inf
+        self.late = False  # given up before the answer came
+
+    @property
+    def is_active(self) -> bool:
+        return bool(self.facts["accepted"]) and self.facts["status"] is None and not self.facts["lost"]
+
+    def told(self, now_s: float) -> dict[str, Any]:
+        """All facts."""
+        running_s = (self.ended_s or now_s) - self.sent_s
+        age_s = min(now_s - self.feedback_s, 1e9)
+        return {**self.facts, "running_s": running_s, "feedback_age_s": age_s}
+
+
+class ArmClient:
+    """See the module."""
+
+    def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
+        self._settings, self._node = settings, node
+        self._joints: list[str] = settings["joints"]
+        self._action: ActionCaller | None = None
+        self._name, self._controller = settings["action"] or "", settings["controller"] or ""
+        if self._controller and not self._name:
+            self._name = f"{settings['namespace']}/{self._controller}/follow_joint_trajectory"
+        self._fixed = bool(self._name)
+        self._choices: list[str] = []
+        self._controllers: list[dict[str, Any]] | None = None
+        self._listed_s = -math.inf
+        self._lister = ControllerLister(node, settings["controller_manager"])
+        self._look = asyncio.Event()
+        self._goal: Goal | None = None
+        self._own: set[str] = set()
+        self._statuses: list[Message] = []
+        self._scaling: float | None = None
+        self._joint_s: deque[float] = deque(maxlen=2000)
+        self._names: list[str] = []
+        self._missing: list[str] = []
+        self._rows: dict[str, list[float] | None] = dict.fromkeys(("position", "velocity", "effort"))
+        self._motion: tuple[np.ndarray, np.ndarray] | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+        node.subscription(settings["joint_states"], JOINT_STATES, self._take_joints, reliable=False)
+        node.subscription(settings["speed_scaling"], FLOAT, self._take_scaling, reliable=False)
+        if self._fixed:
+            self._connect(self._name)
+        for type_ in (f"{FOLLOW}_SendGoal_Request", "action_msgs/srv/CancelGoal_Request"):
+            node.messages.to_cdr(type_, {})  # else the first goal and the first stop take 0.05 s longer
+
+    async def serve(self) -> None:
+        """Answer the lines of standard input, until it ends."""
+        reader = asyncio.StreamReader(limit=LINE_BYTES)
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        listing = asyncio.create_task(self._keep_listing())
+        try:
+            while line := await reader.readline():
+                question = json.loads(line)
+                content = await reader.readexactly(question.get("bytes", 0))
+                try:
+                    answer = await self._answer(question, content)
+                except CobotError as exc:
+                    answer = {"error": str(exc)}
+                sys.stdout.write(json.dumps(answer) + "\n")
+                sys.stdout.flush()
+        except (asyncio.IncompleteReadError, BrokenPipeError):
+            pass  # rtloop has ended
+        finally:
+            listing.cancel()
+            if self._goal is not None and self._goal.is_active:
+                await self._cancel()
+
+    async def _answer(self, question: dict[str, Any], content: bytes) -> dict[str, Any]:
+        ask = question["ask"]
+        if ask == "facts":
+            return self._facts()
+        if ask == "load":
+            values = np.frombuffer(content, "<f8")
+            count = question["points"]
+            self._motion = values[:count], values[count:].reshape(3, count, len(self._joints))
+        elif ask == "start":
+            await self._start()
+        elif ask == "cancel":
+            return {"failed": await self._cancel()}
+        elif ask == "forget":
+            self._goal = None
+            if not self._fixed and not self._is_active(self._controller):
+                self._controller = ""
+            self._look.set()
+        return {}
+
+    def _facts(self) -> dict[str, Any]:
+        now_s, ready = time.monotonic(), self._is_ready
+        goal = self._goal
+        if goal is not None and goal.is_active and not ready:
+            goal.facts["lost"] = True
+        while self._joint_s and now_s - self._joint_s[0] > RATE_S and len(self._joint_s) > 2:
+            self._joint_s.popleft()
+        moments = self._joint_s
+        span_s = moments[-1] - moments[0] if len(moments) > 1 else 0.0
+        listed = now_s - self._listed_s < LIST_OLD_S
+        return {
+            "action": self._name,
+            "ready": ready,
+            "choices": self._choices,
+            "controllers": self._controllers if listed else None,
+            "controller": self._controller,
+            "age_s": now_s - moments[-1] if moments else None,
+            "rate_hz": (len(moments) - 1) / span_s if span_s > 0.0 else 0.0,
+            "names": self._names if self._missing else [],
+            "missing": self._missing,
+            **self._rows,
+            "goal": None if goal is None else goal.told(now_s),
+            "others": self._others() if ready else 0,
+            "scaling": self._scaling,
+        }
+
+    # Controllers
+
+    @property
+    def _is_ready(self) -> bool:
+        return self._action is not None and self._action.is_ready
+
+    def _is_active(self, name: str) -> bool:
+        return any(each["name"] == name and each["state"] == "active" for each in self._controllers or ())
+
+    async def _keep_listing(self) -> None:
+        """Ask for the controllers again and again, and choose one."""
+        while True:
+            self._look.clear()
+            if self._lister.is_ready:
+                with contextlib.suppress(TimeoutError, CobotError):
+                    self._controllers = await asyncio.wait_for(self._lister.controllers(), LIST_WAIT_S)
+                    self._listed_s = time.monotonic()
+            if not self._fixed and (self._goal is None or not self._goal.is_active):
+                self._choose()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._look.wait(), LIST_S)
+
+    def _choose(self) -> None:
+        """Choose the controller of the arm's joints, and its action."""
+        namespace = self._settings["namespace"]
+        if self._lister.is_ready or self._controllers is not None:
+            able = [each for each in self._controllers or () if takes_trajectories(each)]
+            mine = [each for each in able if set(self._joints) <= set(each["joints"])] or able
+            found = [each for each in mine if each["state"] == "active"] or mine
+            if self._controller and any(each["name"] == self._controller for each in found):
+                return
+            names = [each["name"] for each in found]
+            actions = {f"{namespace}/{name}/follow_joint_trajectory": name for name in names}
+        else:
+            actions = dict.fromkeys(self._actions(f"{namespace}/"), "")
+        self._choices = sorted(actions) if len(actions) > 1 else []
+        if len(actions) == 1:
+            ((name, self._controller),) = actions.items()
+            if name != self._name:
+                self._connect(name)
+
+    def _actions(self, below: str) -> list[str]:
+        """The actions of this type in the graph."""
+        return [
+            end.topic.removeprefix(BEGIN).removesuffix(END)
+            for end in self._node.participant.discovered()
+            if end.kind == "reader"
+            and end.type_name == SEND_GOAL
+            and end.topic.startswith(f"{BEGIN}{below}")
+            and end.topic.endswith(END)
+            and not end.participant.name.startswith(OWN)
+        ]
+
+    def _connect(self, name: str) -> None:
+        if self._action is not None:
+            self._action.close()
+        self._name, self._statuses = name, []
+        self._action = ActionCaller(
+            self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses
+        )
+
+    # Goals
+
+    async def _start(self) -> None:
+        if self._action is None or self._motion is None or not self._is_ready:
+            raise CobotError(f"there is no server of the action {self._name or 'of the arm'}")
+        self._goal = goal = Goal()
+        self._own.add(goal.id["uuid"])
+        task = asyncio.create_task(self._run(self._action, goal, self._message(*self._motion)))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        deadline_s = time.monotonic() + self._settings["answer_timeout_s"]
+        while goal.facts["accepted"] is None and time.monotonic() < deadline_s:
+            if task.done() and (exc := task.exception()) is not None:
+                raise CobotError(f"the goal cannot be sent: {exc}")
+            await asyncio.sleep(0.001)
+        goal.late = goal.facts["accepted"] is None
+
+    async def _run(self, action: ActionCaller, goal: Goal, message: Message) -> None:
+        goal.sent_s = time.monotonic()
+        goal.facts["accepted"] = await action.send(message, goal.id) is not None
+        if not goal.facts["accepted"]:
+            return
+        if goal.late:
+            await action.cancel(goal.id)
+        answer = await action.result(goal.id)
+        goal.ended_s = time.monotonic()
+        result = answer["result"]
+        goal.facts |= {"status": answer["status"], "error_code": result["error_code"]}
+        goal.facts["error_string"] = result["error_string"]
+
+    async def _cancel(self) -> str:
+        action, goal = self._action, self._goal
+        if action is None or not self._is_ready:
+            return f"there is no server of the action {self._name or 'of the arm'}, so nothing can be cancelled"
+        if goal is not None:
+            goal.facts["stopping"] = True
+        active = [goal.id] if goal is not None and goal.is_active else []
+        others = [each["goal_info"]["goal_id"] for each in self._running()]
+        ids = [*active, *(each for each in others if each not in active), ALL]
+        timeout_s = self._settings["answer_timeout_s"]
+        try:
+            answers = await asyncio.wait_for(
+                asyncio.gather(*(action.cancel(each) for each in ids)), timeout_s
+            )
+        except TimeoutError:
+            return f"{self._name} has not answered a cancel within {timeout_s:g} s"
+        if active and goal is not None and answers[0]["return_code"] == REJECTED and goal.is_active:
+            return f"{self._name} has rejected the cancel of the motion"
+        deadline_s = time.monotonic() + timeout_s
+        while self._running() and time.monotonic() < deadline_s:
+            await asyncio.sleep(0.002)
+        return ""
+
+    def _running(self) -> list[Message]:
+        return [each for each in self._statuses if each["status"] not in ENDED and each["status"] > 0]
+
+    def _others(self) -> int:
+        return sum(each["goal_info"]["goal_id"]["uuid"] not in self._own for each in self._running())
+
+    def _message(self, times_s: np.ndarray, rows: np.ndarray) -> Message:
+        points = []
+        nanoseconds = np.rint(times_s * 1e9).astype(np.int64)
+        for place, total in enumerate(nanoseconds.tolist()):
+            sec, nanosec = divmod(total, 1_000_000_000)
+            points.append(
+                {
+                    "positions": rows[0, place].tolist(),
+                    "velocities": rows[1, place].tolist(),
+                    "accelerations": rows[2, place].tolist(),
+                    "time_from_start": {"sec": sec, "nanosec": nanosec},
+                }
+            )
+        goal: Message = {"trajectory": {"joint_names": self._joints, "points": points}}
+        tolerances = self._settings["tolerances"]
+        for name in ("path", "goal"):
+            if tolerances[name] is not None:
+                goal[f"{name}_tolerance"] = [
+                    {"name": joint, "position": tolerances[name]} for joint in self._joints
+                ]
+        sec, rest = divmod(tolerances["time_s"], 1.0)
+        goal["goal_time_tolerance"] = {"sec": int(sec), "nanosec": int(rest * 1e9)}
+        return goal
+
+    def _take_feedback(self, feedback: Message) -> None:
+        goal = self._goal
+        if goal is None:
+            return
+        names = feedback["joint_names"] or self._joints
+        with contextlib.suppress(ValueError, IndexError):
+            order = [names.index(name) for name in self._joints]
+            desired = [feedback["desired"]["positions"][place] for place in order]
+            actual = [feedback["actual"]["positions"][place] for place in order]
+            goal.facts |= {"desired": desired, "actual": actual}
+            goal.feedback_s = time.monotonic()
+
+    def _take_statuses(self, statuses: list[Message]) -> None:
+        self._statuses = statuses
+
+    # Topics
+
+    def _take_joints(self, message: Message) -> None:
+        """Take the joints by their names. Other devices may publish theirs on the same topic."""
+        places = {name: place for place, name in enumerate(message["name"])}
+        missing = [
+            name
+            for name in self._joints
+            if name not in places or places[name] >= len(message["position"])
+        ]
+        if missing:
+            if len(missing) < len(self._joints) or not self._joint_s:
+                self._missing, self._names = missing, message["name"]
+            return
+        self._missing = []
+        self._joint_s.append(time.monotonic())
+        order = [places[name] for name in self._joints]
+        for row in self._rows:
+            values = message[row]
+            complete = len(values) > max(order)
+            self._rows[row] = [values[place] for place in order] if complete else None
+
+    def _take_scaling(self, message: Message) -> None:
+        self._scaling = message["data"]
+
+
+def be_ordinary() -> None:
+    """Give up the real-time priority and the core that a process inherits from rtloop."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+
+
+def make_participant(settings: dict[str, Any], name: NodeName) -> Participant:
+    """The participant on the networks of the settings."""
+    return Participant(
+        settings["domain_id"],
+        settings["interfaces"] or None,
+        localhost_only=settings["localhost_only"],
+        peers=settings["peers"],
+        name=name.full,
+        user_data=ENCLAVE,
+    )
+
+
+async def _serve(settings: dict[str, Any]) -> None:
+    name = NodeName(f"cobot_arm_{''.join(c if c.isalnum() else '_' for c in settings['robot'])}")
+    participant = make_participant(settings, name)
+    node = DdsNode(participant, name, Messages(), None, asyncio.get_running_loop())
+    try:
+        client = ArmClient(settings, node)
+        gc.freeze()
+        await client.serve()
+    finally:
+        node.close()
+        participant.close()
+
+
+if __name__ == "__main__":
+    be_ordinary()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)  # it ends with rtloop, after it has cancelled its goal
+    try:
+        asyncio.run(_serve(json.loads(sys.argv[1])))
+    except CobotError as exc:
+        print(json.dumps({"error": f"ROS 2: {exc}"}), flush=True)
+        sys.exit(1)

@@ -1,0 +1,222 @@
+"""An arm behind ros2_control that takes whole motions: goals of FollowJointTrajectory, positions from
+joint_states.
+
+Nothing is compared with the clock of the driver's computer: goals have the time stamp 0, which means now, and
+ages are those of this computer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.types import Array, JointLimits
+from rtloop.backends.compiled import Measured
+from rtloop.backends.protocols import BackendError
+from rtloop.backends.ros2_control import words
+from rtloop.backends.ros2_control.link import ClientProcess, ControllerLink, Facts
+from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_settings, ros_names
+from rtloop.backends.ros2_control.path import Progress, resampled
+from rtloop.backends.ros2_control.rig import Ros2ControlRig
+
+LOOK_S = 0.05
+START_RAD = 0.02
+"""Largest distance of the arm from the first point of a motion."""
+FEEDBACK_S = 0.25
+"""Older feedback does not count; then the measured position does."""
+
+
+class Ros2ControlArm:
+    """See the module; a `TrajectoryDevice` with `status`."""
+
+    Options = Ros2ControlOptions
+    capabilities = Capabilities(
+        measured=frozenset({"position"}), stops=MappingProxyType({2: False}), hardware=True
+    )
+    state_period_s = LOOK_S
+
+    def __init__(
+        self, settings: Settings, limits: JointLimits, link: ControllerLink | None = None
+    ) -> None:
+        """link: for tests.
+
+        Raises:
+            ConfigError: the joints or the namespace are wrong.
+        """
+        options = settings.backend_options(Ros2ControlOptions)
+        assert isinstance(options, Ros2ControlOptions)
+        self._options, self._names = options, ros_names(options, limits)
+        self._link = link or ClientProcess(client_settings(options, settings, self._names))
+        self._expected = words.Expectation(
+            options.below(options.joint_states),
+            self._names,
+            limits.min_position,
+            limits.max_position,
+            tuple(options.measured),
+            options.state_timeout_s,
+            options.min_rate_hz,
+        )
+        self.capabilities = replace(
+            type(self).capabilities, measured=frozenset({"position", *options.measured})
+        )
+        self._facts = Facts()
+        self._progress: Progress | None = None
+        self._loaded: tuple[Array, Array] | None = None
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> Ros2ControlRig:
+        """A controller in the same process."""
+        return Ros2ControlRig(Ros2ControlArm, settings, limits)
+
+    def open(self, initial_position: Array) -> None:
+        self._link.open()
+        self._await()
+
+    def enable(self) -> None:
+        """Cancel what is left of a motion, and look for the reason of the fault again. No drive is switched
+        on: that is the driver's."""
+        self._link.open()
+        self._link.forget()
+        self._progress = None
+        self._await()
+        if failed := self._link.cancel():
+            raise BackendError(failed)
+
+    def state(self, measured: Measured) -> None:
+        facts = self._facts = self._link.facts()
+        if problem := self._problem(facts):
+            raise BackendError(problem)
+        measured.position[:] = facts.position
+        for row in self._options.measured:
+            getattr(measured, row)[:] = getattr(facts, row)
+
+    def load(self, times_s: Array, rows: Array) -> None:
+        facts, options = self._facts, self._options
+        if facts.position is not None:
+            off = np.abs(np.array(facts.position) - rows[0][0])
+            joint = int(off.argmax())
+            if not off[joint] <= START_RAD:
+                raise BackendError(
+                    f"{self._names[joint]} is {off[joint]:.3f} rad from the start of the motion, allowed are "
+                    f"{START_RAD} rad"
+                )
+        self._loaded = None
+        self._link.load(*resampled(times_s, rows, options.max_points, options.resampling_rad))
+        self._loaded = times_s, rows[0]
+
+    def start(self) -> None:
+        if self._loaded is None:
+            raise BackendError("there is no motion to be started")
+        times_s, positions = self._loaded
+        self._progress = Progress(times_s, positions)
+        self._link.start()
+        goal = self._link.facts().goal
+        if goal is None or goal.accepted is None:
+            raise BackendError(
+                f"{self._facts.action} has not answered the goal within {self._options.answer_timeout_s:g} s; "
+                "cobot cancels it if it is accepted later"
+            )
+        if failed := words.of_goal(goal, self._facts.action):
+            raise BackendError(failed)
+
+    def progress(self) -> float:
+        goal, progress = self._facts.goal, self._progress
+        if goal is None or progress is None:
+            return 0.0
+        if goal.status == words.SUCCEEDED:
+            return progress.duration_s
+        if goal.desired is not None and goal.feedback_age_s < FEEDBACK_S:
+            since_s = self.status().speed_scaling * goal.feedback_age_s
+            return progress.look(goal.running_s, np.array(goal.desired), since_s)
+        place = self._facts.position
+        return progress.look(goal.running_s, None if place is None else np.array(place), 0.0)
+
+    def stop(self) -> None:
+        if failed := self._link.cancel():
+            raise BackendError(f"{failed}: the arm may still move; press the emergency stop of the robot")
+
+    def disable(self) -> None:
+        """Nothing to switch off here: the drives are the driver's."""
+        with contextlib.suppress(BackendError):
+            self._link.cancel()
+
+    def close(self) -> None:
+        self._link.close()
+
+    def status(self) -> DeviceStatus:
+        facts = self._facts
+        state = next(
+            (each["state"] for each in facts.controllers or () if each["name"] == facts.controller), ""
+        )
+        scaling = facts.scaling
+        share = 1.0 if scaling is None else scaling / self._options.speed_scaling_full
+        return DeviceStatus(
+            connection="connected" if facts.ready else "not connected",
+            quality=f"joint states {facts.rate_hz:.0f} Hz" if facts.rate_hz else "",
+            drives=f"{facts.controller} {state}".strip() if facts.controller else "",
+            speed_scaling=min(max(share, 0.0), 1.0) if np.isfinite(share) else 0.0,
+        )
+
+    def _await(self) -> None:
+        """Wait until the driver is there and nothing is wrong.
+
+        Raises:
+            BackendError: it is not, with the reason.
+        """
+        problem = ""
+        for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
+            facts = self._facts = self._link.facts()
+            problem = (
+                words.of_connection(facts, self._options.namespace)
+                or words.of_joints_of_controller(facts, self._names)
+                or words.of_joint_states(facts, self._expected)
+            )
+            if not problem:
+                return
+            self._link.pause(LOOK_S)
+        raise BackendError(problem)
+
+    def _problem(self, facts: Facts) -> str:
+        """Why the arm cannot be driven now; "" if it can."""
+        goal = facts.goal
+        failed = "" if goal is None else words.of_goal(goal, facts.action)
+        problem = (
+            failed
+            or words.of_connection(facts, self._options.namespace)
+            or words.of_joints_of_controller(facts, self._names)
+            or words.of_joint_states(facts, self._expected)
+        )
+        if problem or goal is None:
+            return problem or self._of_others(facts)
+        if goal.accepted and goal.status is None and not goal.stopping:
+            return self._of_lateness(facts) or words.of_agreement(
+                facts, goal, self._names, self._expected.topic
+            )
+        return self._of_others(facts)
+
+    def _of_others(self, facts: Facts) -> str:
+        if not facts.others:
+            return ""
+        return (
+            f"another client moves the arm with a goal of {facts.action}: stop that client, then reset; only "
+            "one may command the controller"
+        )
+
+    def _of_lateness(self, facts: Facts) -> str:
+        """Whether the result of the goal should have come; a speed slider below full makes it later."""
+        goal, progress = facts.goal, self._progress
+        if goal is None or progress is None or self.status().speed_scaling < 1.0:
+            return ""
+        allowed_s = progress.duration_s + self._options.goal_time_s + self._options.result_timeout_s
+        if goal.running_s <= allowed_s:
+            return ""
+        return (
+            f"{facts.action} has not reported a result {goal.running_s:.1f} s after the start of a motion of "
+            f"{progress.duration_s:.1f} s: the controller waits for the arm to arrive within its tolerances, or "
+            "it slows the motion down without a topic for it (robot.backend.speed_scaling)"
+        )

@@ -1,0 +1,229 @@
+"""The link to the controllers: a process of its own speaks DDS (`cobot.dds.arm_client`).
+
+It is asked for what it has seen some times a second, so that neither the traffic of a network nor the reading
+of messages takes the interpreter from the cycle. Motions go to it as they are in memory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.protocols import BackendError
+
+CLOSE_S = 2.0
+MARGIN_S = 1.0
+"""Time for the process itself to answer, in addition to that of the driver."""
+MAX_LINE = 1 << 20
+ENDED = "the process that speaks ROS 2 has ended; a reset starts it again"
+
+
+@dataclass(frozen=True, slots=True)
+class GoalFacts:
+    """The newest goal of this link.
+
+    Attributes:
+        accepted: None before the answer.
+        status: of action_msgs/msg/GoalStatus; None before the result.
+        error_code, error_string: of the result.
+        lost: the server of the action went away before the result.
+        stopping: cobot has cancelled it.
+        running_s: time since it was sent, until its result.
+        desired: positions of the last feedback in the arm's order, shape (dof,), rad; None before it.
+        actual: the same, measured by the controller.
+        feedback_age_s: age of both.
+    """
+
+    accepted: bool | None = None
+    status: int | None = None
+    error_code: int = 0
+    error_string: str = ""
+    lost: bool = False
+    stopping: bool = False
+    running_s: float = 0.0
+    desired: list[float] | None = None
+    actual: list[float] | None = None
+    feedback_age_s: float = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the link has seen.
+
+    Attributes:
+        problem: why it cannot work.
+        action: name of the action that takes the goals; "" if it is unknown.
+        ready: whether its server is there.
+        choices: actions that could be meant, if there are several.
+        controllers: name, type, state, joints of each controller; None without a controller manager.
+        controller: the one that takes the goals; "" if it is unknown.
+        age_s: age of the last joint state; None before the first one.
+        rate_hz: their rate.
+        names: the joints in it.
+        missing: joints of the arm that are not in it.
+        position, velocity, effort: in the arm's order; None if it does not contain them.
+        goal: None before the first goal and after `forget`.
+        others: number of goals of other clients that are executed.
+        scaling: value of the speed slider; None without one.
+    """
+
+    problem: str = ""
+    action: str = ""
+    ready: bool = False
+    choices: list[str] = field(default_factory=list)
+    controllers: list[dict[str, Any]] | None = None
+    controller: str = ""
+    age_s: float | None = None
+    rate_hz: float = 0.0
+    names: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    position: list[float] | None = None
+    velocity: list[float] | None = None
+    effort: list[float] | None = None
+    goal: GoalFacts | None = None
+    others: int = 0
+    scaling: float | None = None
+
+
+def facts_of(content: dict[str, Any]) -> Facts:
+    """The facts in an answer of the process."""
+    goal = content.pop("goal")
+    return Facts(**content, goal=None if goal is None else GoalFacts(**goal))
+
+
+class ControllerLink(Protocol):
+    """What the device needs of the link. Each method may raise BackendError."""
+
+    def open(self) -> None:
+        """Begin to listen, unless it does already."""
+        ...
+
+    def close(self) -> None:
+        """Let go; also twice."""
+        ...
+
+    def facts(self) -> Facts:
+        """What it has seen."""
+        ...
+
+    def load(self, times_s: Array, rows: Array) -> None:
+        """Take a motion; shapes as in `TrajectoryDevice.load`."""
+        ...
+
+    def start(self) -> None:
+        """Send the motion as a goal and wait for the answer; `facts` tells it."""
+        ...
+
+    def cancel(self) -> str:
+        """Cancel all goals of the action and wait for the answer; why that failed, "" if it did not."""
+        ...
+
+    def forget(self) -> None:
+        """Forget the last goal."""
+        ...
+
+    def pause(self, duration_s: float) -> None:
+        """Wait, while something is expected."""
+        ...
+
+
+class ClientProcess:
+    """A `ControllerLink` over the process.
+
+    Args:
+        settings: see `cobot.dds.arm_client`.
+    """
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        self._settings = settings
+        self._answer_s = settings["answer_timeout_s"] + MARGIN_S
+        self._process: subprocess.Popen[bytes] | None = None
+        self._rest = b""
+
+    def open(self) -> None:
+        if self._process is not None and self._process.poll() is None:
+            return
+        self.close()
+        command = [sys.executable, "-P", "-m", "cobot.dds.arm_client", json.dumps(self._settings)]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is the service's
+        )
+        self._rest = b""
+
+    def close(self) -> None:
+        process, self._process = self._process, None
+        if process is None or process.stdin is None:
+            return
+        try:
+            process.stdin.close()
+            process.wait(CLOSE_S)
+        except (OSError, subprocess.TimeoutExpired):
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+    def facts(self) -> Facts:
+        return facts_of(self._ask({"ask": "facts"}))
+
+    def load(self, times_s: Array, rows: Array) -> None:
+        content = np.ascontiguousarray(np.concatenate([times_s, rows.reshape(-1)]), "<f8").tobytes()
+        self._ask({"ask": "load", "points": len(times_s), "bytes": len(content)}, content)
+
+    def start(self) -> None:
+        self._ask({"ask": "start"})
+
+    def cancel(self) -> str:
+        return str(self._ask({"ask": "cancel"})["failed"])
+
+    def forget(self) -> None:
+        self._ask({"ask": "forget"})
+
+    def pause(self, duration_s: float) -> None:
+        time.sleep(duration_s)
+
+    def _ask(self, question: dict[str, Any], content: bytes = b"") -> dict[str, Any]:
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise BackendError(ENDED)
+        try:
+            process.stdin.write(json.dumps(question).encode() + b"\n" + content)
+            process.stdin.flush()
+            answer: dict[str, Any] = json.loads(self._line(process.stdout.fileno()))
+        except (OSError, ValueError) as exc:
+            self.close()
+            raise BackendError(ENDED) from exc
+        if answer.get("error"):
+            raise BackendError(answer["error"])
+        return answer
+
+    def _line(self, descriptor: int) -> bytes:
+        """The next line.
+
+        Raises:
+            OSError: it does not come.
+        """
+        deadline_s = time.monotonic() + self._answer_s
+        with selectors.DefaultSelector() as selector:
+            selector.register(descriptor, selectors.EVENT_READ)
+            while b"\n" not in self._rest:
+                if len(self._rest) > MAX_LINE or not selector.select(deadline_s - time.monotonic()):
+                    raise OSError("no answer")
+                piece = os.read(descriptor, 1 << 16)
+                if not piece:
+                    raise OSError("the end")
+                self._rest += piece
+        line, self._rest = self._rest.split(b"\n", 1)
+        return line

@@ -1,0 +1,122 @@
+"""Options of `type: ros2_control` in `robot.backend`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from cobot.config import RosSection, Settings
+from cobot.errors import ConfigError
+from cobot.types import JointLimits
+from rtloop.backends.protocols import BackendOptions
+
+NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+Namespace = Annotated[str, Field(pattern=rf"^(/{NAME})*$", max_length=200)]
+Absolute = Annotated[str, Field(pattern=rf"^(/{NAME})+$", max_length=200)]
+Relative = Annotated[str, Field(pattern=rf"^/?{NAME}(/{NAME})*$", max_length=200)]
+JointName = Annotated[str, Field(min_length=1, max_length=200)]
+Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
+Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class Ros2ControlOptions(BackendOptions):
+    """Options of an arm behind ros2_control. The DDS domain and the networks are those of the section `ros`.
+
+    Attributes:
+        namespace: of the controllers, such as /left; "" for none.
+        controller: name of the joint trajectory controller; None: the active one that moves these joints.
+        action: name of its action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
+        controller_manager: its name below the namespace.
+        joint_states: topic, below the namespace if it does not begin with a slash.
+        joints: the names that ROS has for the arm's joints, in the arm's order; None: those of the model.
+        prefix: what ROS has before each name.
+        measured: what joint_states contains besides positions.
+        path_tolerance_rad, goal_tolerance_rad, goal_time_s: sent with each goal; None, 0: the controller's.
+        max_points: greatest number of points of a goal; longer motions are resampled.
+        resampling_rad: largest deviation that this may cause.
+        min_rate_hz: lowest accepted rate of joint_states.
+        state_timeout_s: largest accepted age of a joint state.
+        answer_timeout_s: for the answer to a goal or a cancel.
+        result_timeout_s: for the result after the end of a motion.
+        connect_s: for the driver, when the backend is opened or reset.
+        speed_scaling: topic of the speed slider, std_msgs/Float64.
+        speed_scaling_full: its value at full speed.
+    """
+
+    namespace: Namespace = ""
+    controller: JointName | None = None
+    action: Absolute | None = None
+    controller_manager: Relative = "controller_manager"
+    joint_states: Relative = "joint_states"
+    joints: list[JointName] | None = None
+    prefix: Annotated[str, Field(max_length=200)] = ""
+    measured: list[Literal["velocity", "effort"]] = ["velocity"]
+    path_tolerance_rad: Tolerance | None = None
+    goal_tolerance_rad: Tolerance | None = None
+    goal_time_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    max_points: Annotated[int, Field(ge=10, le=100_000)] | None = None
+    resampling_rad: Annotated[float, Field(gt=0.0, le=0.01)] = 1e-3
+    min_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 10.0
+    state_timeout_s: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
+    answer_timeout_s: Seconds = 2.0
+    result_timeout_s: Seconds = 5.0
+    connect_s: Seconds = 5.0
+    speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
+    speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] = 100.0
+
+    def below(self, name: str) -> str:
+        """A name below the namespace, unless it begins with a slash."""
+        return name if name.startswith("/") else f"{self.namespace}/{name}"
+
+
+def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
+    """The names that ROS has for the arm's joints, in the arm's order.
+
+    Raises:
+        ConfigError: there are too many or too few, or one occurs twice.
+    """
+    names = [options.prefix + name for name in options.joints or limits.names]
+    if len(names) != limits.dof:
+        raise ConfigError(
+            f"robot.backend.joints has {len(names)} names, the arm has {limits.dof} joints: "
+            f"{', '.join(limits.names)}"
+        )
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(f"robot.backend.joints: {twice[0]!r} occurs twice")
+    return names
+
+
+def client_settings(
+    options: Ros2ControlOptions, settings: Settings, names: list[str]
+) -> dict[str, Any]:
+    """What the process that speaks DDS is started with.
+
+    Raises:
+        ConfigError: the namespace is that of cobot's own topics.
+    """
+    own = f"/{settings.robot.name}"
+    if options.namespace == own or (options.action or "").startswith(f"{own}/"):
+        raise ConfigError(
+            f"robot.backend: {own} is the namespace of cobot's own topics and actions: the robot would "
+            "follow itself; choose another robot.name"
+        )
+    ros: RosSection = settings.ros
+    network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
+    return {
+        **network,
+        "robot": settings.robot.name,
+        "joints": names,
+        "namespace": options.namespace,
+        "controller": options.controller,
+        "action": options.action,
+        "controller_manager": options.below(options.controller_manager),
+        "joint_states": options.below(options.joint_states),
+        "speed_scaling": options.below(options.speed_scaling),
+        "answer_timeout_s": options.answer_timeout_s,
+        "tolerances": {
+            "path": options.path_tolerance_rad,
+            "goal": options.goal_tolerance_rad,
+            "time_s": options.goal_time_s,
+        },
+    }

@@ -1,0 +1,179 @@
+"""Reasons why an arm behind ros2_control cannot be moved, in words, with what to do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.foreign import joined_text
+from cobot.types import Array
+from rtloop.backends.ros2_control.link import Facts, GoalFacts
+
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+ERRORS = {
+    -1: "INVALID_GOAL: the controller finds the goal invalid",
+    -2: "INVALID_JOINTS: the controller has other joints",
+    -3: "OLD_HEADER_TIMESTAMP: the controller finds the goal too old",
+    -4: "PATH_TOLERANCE_VIOLATED: the arm has left its path further than the controller permits",
+    -5: "GOAL_TOLERANCE_VIOLATED: the arm has not arrived within the controller's tolerances",
+    -6: "TRAJECTORY_ABORTED: the controller has given up",
+}
+"""By `error_code` of control_msgs/action/FollowJointTrajectory."""
+MOTOROS2 = 100_000
+"""MotoROS2 reports its own code in the lower five digits."""
+BEYOND_RAD = 0.2
+"""A joint that is further beyond its limit than this is not believed."""
+DISAGREE_RAD = 0.1
+"""Largest difference between the joint states and what the controller itself measures."""
+FRESH_S = 0.1
+AS_IF = "are they in degrees, or in another order? robot.backend.joints has the order"
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What is expected of joint states.
+
+    Attributes:
+        topic: their name.
+        names: of the joints in ROS, in the arm's order.
+        low, high: their limits, shape (dof,), rad.
+        measured: what they contain besides positions.
+        timeout_s, min_rate_hz: see the options.
+    """
+
+    topic: str
+    names: list[str]
+    low: Array
+    high: Array
+    measured: tuple[str, ...]
+    timeout_s: float
+    min_rate_hz: float
+
+
+def of_connection(facts: Facts, namespace: str) -> str:
+    """Why no goal can be sent; "" if one can."""
+    if facts.problem:
+        return facts.problem
+    where = f"in the namespace {namespace}" if namespace else "in the root namespace"
+    if facts.choices:
+        return (
+            f"there are several actions that could be meant: {', '.join(facts.choices)}; name one in "
+            "robot.backend.controller or robot.backend.action"
+        )
+    state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
+    if state is not None and state["state"] != "active":
+        return (
+            f"the controller {facts.controller} is {state['state']}: activate it with "
+            f"`ros2 control switch_controllers --activate {facts.controller}`, then reset"
+        )
+    if facts.ready:
+        return ""
+    if facts.action:
+        return (
+            f"there is no server of the action {facts.action}: start the driver, and compare ROS_DOMAIN_ID "
+            "with ros.domain_id and ROS_LOCALHOST_ONLY with ros.localhost_only"
+        )
+    known = ", ".join(f"{each['name']} ({each['state']})" for each in facts.controllers or ())
+    if known:
+        return f"no joint trajectory controller {where} moves the arm's joints; controllers: {known}"
+    return (
+        f"there is no joint trajectory controller {where}: start the driver, and compare ROS_DOMAIN_ID with "
+        "ros.domain_id and robot.backend.namespace with `ros2 action list`"
+    )
+
+
+def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
+    """Why the controller does not fit the arm; "" if it does, or if its joints are unknown."""
+    state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
+    joints = set(state["joints"]) if state else set()
+    if not joints or joints == set(names):
+        return ""
+    more, less = sorted(joints - set(names)), sorted(set(names) - joints)
+    parts = [f"moves {', '.join(more)}, which the arm's model does not have"] if more else []
+    parts += [f"does not move {', '.join(less)}"] if less else []
+    return (
+        f"the controller {facts.controller} {' and '.join(parts)}; a goal must have exactly its joints: "
+        "correct the model, or robot.backend.joints and robot.backend.prefix"
+    )
+
+
+def of_joint_states(facts: Facts, expected: Expectation) -> str:
+    """Why the joint states cannot be believed; "" if they can."""
+    topic, names = expected.topic, expected.names
+    if facts.missing:
+        return (
+            f"{topic} has no joint {facts.missing[0]}: it has {', '.join(facts.names) or 'none'}; correct "
+            "robot.backend.joints or robot.backend.prefix"
+        )
+    if facts.age_s is None:
+        return (
+            f"nothing comes on {topic}: is the joint_state_broadcaster active? See `ros2 topic hz {topic}`"
+        )
+    if facts.age_s > expected.timeout_s:
+        return (
+            f"{topic} has been silent for {facts.age_s:.1f} s, allowed are {expected.timeout_s:g} s: does the "
+            "driver still run?"
+        )
+    if 0.0 < facts.rate_hz < expected.min_rate_hz:
+        return (
+            f"{topic} comes with {facts.rate_hz:.1f} Hz, needed are {expected.min_rate_hz:g} Hz "
+            "(robot.backend.min_rate_hz)"
+        )
+    for row in ("position", *expected.measured):
+        values = getattr(facts, row)
+        if values is None:
+            return f"{topic} has no {row}: remove it from robot.backend.measured"
+        for name, value in zip(names, values, strict=True):
+            if not math.isfinite(value):
+                return f"{topic}: the {row} of {name} is {value}, not a number"
+    position = np.array(facts.position)
+    beyond = np.maximum(expected.low - position, position - expected.high)
+    joint = int(np.nanargmax(beyond))
+    if beyond[joint] > BEYOND_RAD:
+        return (
+            f"{topic}: {names[joint]} is at {position[joint]:.3f} rad, its limits are {expected.low[joint]:.3f} "
+            f"to {expected.high[joint]:.3f} rad: {AS_IF}"
+        )
+    return ""
+
+
+def of_goal(goal: GoalFacts, action: str) -> str:
+    """Why the goal has failed; "" if it is executed, has succeeded or was stopped."""
+    if goal.accepted is False:
+        return f"{action} has rejected the goal; the log of its driver says why"
+    if goal.lost:
+        return f"the driver of {action} has gone away or was restarted during the motion"
+    if goal.status is None or goal.status == SUCCEEDED or goal.stopping:
+        return ""
+    text = joined_text(goal.error_string, 300)
+    said = _error(goal.error_code) + (f" ({text})" if text else "")
+    if goal.status == CANCELED:
+        return f"another client has replaced or cancelled the goal of {action}: {said}"
+    if goal.status == ABORTED:
+        return f"{action} has aborted the motion: {said}"
+    return f"{action} does not know the goal (status {goal.status}): the driver was restarted"
+
+
+def of_agreement(facts: Facts, goal: GoalFacts, names: list[str], topic: str) -> str:
+    """Whether the joint states and the controller mean the same arm; "" if they do."""
+    if goal.actual is None or facts.position is None or goal.feedback_age_s > FRESH_S:
+        return ""
+    velocity = np.abs(facts.velocity) if facts.velocity is not None else np.zeros(len(names))
+    allowed = DISAGREE_RAD + np.nan_to_num(velocity) * 2.0 * FRESH_S
+    off = np.abs(np.array(goal.actual) - np.array(facts.position))
+    joint = int(np.argmax(off - allowed))
+    if not off[joint] > allowed[joint]:
+        return ""
+    return (
+        f"{topic} has {names[joint]} at {facts.position[joint]:.3f} rad, its controller at "
+        f"{goal.actual[joint]:.3f} rad: {AS_IF}"
+    )
+
+
+def _error(code: int) -> str:
+    if code <= -MOTOROS2:
+        kind, own = divmod(-code, MOTOROS2)
+        return f"{ERRORS.get(-kind, f'error {-kind}')}, code {own} of MotoROS2's MotionReadyEnum"
+    return ERRORS.get(code, f"error_code {code}" if code else "without an error code")

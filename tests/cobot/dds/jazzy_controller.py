@@ -1,0 +1,281 @@
+"""The controllers of an arm with real ROS 2 (rclpy), as ros2_control's documentation describes them: an action
+server of FollowJointTrajectory, joint states with 250 Hz, list_controllers, a forward command controller, a
+speed slider. It does as standard input says.
+
+Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
+
+    good            as it should be
+    reject abort never late silent degrees swapped nan frozen missing slow
+    inactive        the controller is deactivated, which ends its goal
+    replace         another goal replaces the present one
+    speed SHARE     of the speed slider
+    forward         the forward command controller is active instead
+    seen            tells the number of points, the first and last time, the rows of the newest goal, as JSON
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import threading
+import time
+from typing import Any
+
+import rclpy
+from control_msgs.action import FollowJointTrajectory
+from controller_manager_msgs.msg import ControllerState
+from controller_manager_msgs.srv import ListControllers
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
+JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
+
+
+def at(point: Any, order: list[int], rows: int) -> list[list[float]]:
+    """Positions, velocities, accelerations of a point in the joints' order, as many as it has."""
+    stated = [point.positions, point.velocities, point.accelerations][:rows]
+    return [[row[place] for place in order] for row in stated if len(row)]
+
+
+def quintic(s: float, d: float, p: list[list[float]], q: list[list[float]], j: int) -> tuple[float, float]:
+    """Position and velocity of joint j at the share s of a segment of d seconds (linear without velocities)."""
+    if len(p) < 3 or len(q) < 3:
+        return p[0][j] + s * (q[0][j] - p[0][j]), (q[0][j] - p[0][j]) / d
+    v0, v1, a0, a1 = p[1][j] * d, q[1][j] * d, p[2][j] * d * d, q[2][j] * d * d
+    c0, c1, c2 = p[0][j], v0, a0 / 2
+    h = q[0][j] - c0 - c1 - c2
+    g, k = v1 - c1 - 2 * c2, a1 - 2 * c2
+    c3, c4, c5 = 10 * h - 4 * g + k / 2, -15 * h + 7 * g - k, 6 * h - 3 * g + k / 2
+    position = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+    velocity = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
+    return position, velocity / d
+
+
+class Controllers(Node):
+    """The node."""
+
+    def __init__(self, joints: list[str], namespace: str) -> None:
+        super().__init__("controller_manager", namespace=namespace)
+        self.joints, self.mode, self.speed = joints, "good", 1.0
+        self.position = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0][: len(joints)]
+        self.velocity = [0.0] * len(joints)
+        self.active, self.goal, self.newest = JTC, None, None
+        self.begun: Any = None
+        self.told_s, self.frozen, self.commands = 0.0, list(self.position), 0
+        group, alone = ReentrantCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        self.states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
+        self.slider = self.create_publisher(Float64, "speed_scaling_state_broadcaster/speed_scaling", 10)
+        self.create_subscription(Float64MultiArray, f"{FORWARD}/commands", self.command, 10)
+        self.create_service(
+            ListControllers, "controller_manager/list_controllers", self.list, callback_group=group
+        )
+        self.server = ActionServer(
+            self,
+            FollowJointTrajectory,
+            f"{JTC}/follow_joint_trajectory",
+            self.execute,
+            callback_group=group,
+            goal_callback=self.judge,
+            handle_accepted_callback=self.accept,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self.clock_s = time.monotonic()
+        self.create_timer(PERIOD_S, self.step, callback_group=alone)
+        self.create_timer(SLIDER_S, self.slide, callback_group=group)
+
+    # The controller
+
+    def judge(self, request: Any) -> GoalResponse:
+        self.newest = request.trajectory
+        return GoalResponse.ACCEPT if self.reason(request.trajectory) == "" else GoalResponse.REJECT
+
+    def reason(self, trajectory: Any) -> str:
+        if self.mode == "reject" or self.active != JTC:
+            return "not active"
+        if not trajectory.points:
+            return "empty"
+        if sorted(trajectory.joint_names) != sorted(self.joints):
+            return "joints"
+        if (trajectory.header.stamp.sec, trajectory.header.stamp.nanosec) != (0, 0):
+            return "the double takes goals for now only"
+        before = -1.0
+        for point in trajectory.points:
+            now = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            if now <= before or len(point.positions) != len(self.joints):
+                return "times"
+            before = now
+        return "velocity" if any(abs(v) > 1e-6 for v in trajectory.points[-1].velocities) else ""
+
+    def accept(self, handle: Any) -> None:
+        trajectory = handle.request.trajectory
+        order = [trajectory.joint_names.index(name) for name in self.joints]
+        times, points = [0.0], [[list(self.position), list(self.velocity), [0.0] * len(self.joints)]]
+        for point in trajectory.points:
+            now = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            if now <= 0.0:
+                times, points = [], []
+            times.append(now)
+            points.append(at(point, order, 3))
+        self.goal, self.begun = handle, [0.0, times, points]
+        handle.execute()
+
+    def execute(self, handle: Any) -> Any:
+        result = FollowJointTrajectory.Result()
+        while True:
+            time.sleep(PERIOD_S)
+            if self.mode == "abort" and self.goal is handle and self.begun[0] > 0.3:
+                self.hold()
+                result.error_code, result.error_string = -4, "Aborted due to path tolerance violation"
+                handle.abort()
+                return result
+            if self.goal is not handle:
+                result.error_code = -1
+                result.error_string = "Current goal cancelled due to new incoming action."
+                handle.abort()
+                return result
+            if handle.is_cancel_requested:
+                self.hold()
+                handle.canceled()
+                return result
+            if self.begun[0] >= self.begun[1][-1] and self.mode != "never":
+                if self.mode == "late":
+                    time.sleep(LATE_S)
+                self.hold()
+                result.error_string = "Goal successfully reached!"
+                handle.succeed()
+                return result
+            if time.monotonic() - self.told_s > FEEDBACK_S:
+                self.told_s = time.monotonic()
+                feedback = FollowJointTrajectory.Feedback(joint_names=self.joints)
+                for each in (feedback.desired, feedback.actual):
+                    each.positions, each.velocities = list(self.position), list(self.velocity)
+                handle.publish_feedback(feedback)
+
+    def hold(self) -> None:
+        self.goal, self.velocity = None, [0.0] * len(self.joints)
+
+    def step(self) -> None:
+        now = time.monotonic()
+        passed, self.clock_s = now - self.clock_s, now
+        if self.goal is not None and not self.goal.is_cancel_requested:
+            run, times, points = self.begun
+            run = self.begun[0] = min(run + self.speed * passed, times[-1])
+            place = max(1, next((n for n, each in enumerate(times) if each >= run), len(times) - 1))
+            if len(times) > 1:
+                start, span = times[place - 1], times[place] - times[place - 1]
+                moved = [
+                    quintic((run - start) / span, span, points[place - 1], points[place], j)
+                    for j in range(len(self.joints))
+                ]
+                self.position = [each[0] for each in moved]
+                self.velocity = [self.speed * each[1] for each in moved]
+            else:
+                self.position = list(points[0][0])
+        self.tell(now)
+
+    # Topics and services
+
+    def tell(self, now: float) -> None:
+        mode = self.mode
+        if mode == "silent" or (mode == "slow" and int(now * 250) % 125):
+            return
+        names, position, velocity = list(self.joints), list(self.position), list(self.velocity)
+        if mode == "frozen":
+            position, velocity = list(self.frozen), [0.0] * len(names)
+        else:
+            self.frozen = list(position)
+        if mode == "degrees":
+            position = [math.degrees(each) for each in position]
+        elif mode == "swapped":
+            names[1], names[3] = names[3], names[1]
+        elif mode == "nan":
+            position[2] = math.nan
+        elif mode == "missing":
+            names, position, velocity = names[:-1], position[:-1], velocity[:-1]
+        order = list(reversed(range(len(names))))
+        message = JointState(
+            name=["finger", *(names[n] for n in order)],
+            position=[0.04, *(position[n] for n in order)],
+            velocity=[0.0, *(velocity[n] for n in order)],
+        )
+        message.header.stamp.sec = 12  # a clock that differs: nobody may compare it
+        self.states.publish(message)
+
+    def slide(self) -> None:
+        self.slider.publish(Float64(data=100.0 * self.speed))
+
+    def command(self, message: Any) -> None:
+        self.commands += 1
+        if self.active == FORWARD and len(message.data) == len(self.joints):
+            self.position = list(message.data)
+
+    def list(self, request: Any, response: Any) -> Any:
+        kinds = {
+            JTC: "joint_trajectory_controller/JointTrajectoryController",
+            FORWARD: "forward_command_controller/ForwardCommandController",
+        }
+        for name, kind in kinds.items():
+            interfaces = [f"{joint}/position" for joint in self.joints]
+            response.controller.append(
+                ControllerState(
+                    name=name,
+                    type=kind,
+                    state="active" if self.active == name else "inactive",
+                    update_rate=250,
+                    claimed_interfaces=interfaces if self.active == name else [],
+                    required_command_interfaces=interfaces,
+                )
+            )
+        return response
+
+    def obey(self) -> None:
+        for line in sys.stdin:
+            word, *rest = line.split()
+            answer = "done"
+            if word == "speed":
+                self.speed = float(rest[0])
+            elif word == "seen":
+                answer = json.dumps(self.seen())
+            elif word in ("inactive", "forward"):
+                self.active = "" if word == "inactive" else FORWARD
+                self.goal = None
+            elif word == "replace":
+                self.goal = None
+            else:
+                self.mode = word
+                if word == "good":
+                    self.active = JTC
+            print(answer, flush=True)
+
+    def seen(self) -> dict[str, Any]:
+        points = [] if self.newest is None else self.newest.points
+        times = [each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in points]
+        return {
+            "points": len(points),
+            "times": [times[0], times[-1]] if times else [],
+            "joints": [] if self.newest is None else list(self.newest.joint_names),
+            "position": self.position,
+            "commands": self.commands,
+        }
+
+
+def main() -> None:
+    rclpy.init()
+    namespace, *joints = sys.argv[1:]
+    controllers = Controllers(joints, namespace)
+    threading.Thread(target=controllers.obey, daemon=True).start()
+    executor = MultiThreadedExecutor(6)
+    executor.add_node(controllers)
+    print("ready", flush=True)
+    executor.spin()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,499 @@
+"""Arms behind ros2_control, with real ROS 2.
+
+Oracles: controllers made with rclpy (Jazzy, rmw_fastrtps) in a process of their own, which do what the
+documentation of the joint trajectory controller says; rclpy's action client for our simulated controllers.
+The real controller has not run here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import rest_tour
+import yaml
+from arm_activities import robot_health
+from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, answering, until
+from dds_peers import own_domain
+from real_ros import PYTHON, built_packages, controller_packages, environment
+
+from cobot.config import Settings, load_settings
+from cobot.robot.description import load_robot
+from cobot.trajectory import Trajectory, from_hermite
+from cobot.types import Array
+from rtloop.backends import BackendError, Measured
+from rtloop.backends.ros2_control import Ros2ControlArm
+
+pytestmark = pytest.mark.timeout(600)
+PEERS = Path(__file__).parents[2] / "cobot" / "dds"
+JOINTS = [f"ur_joint{number}" for number in range(1, 8)]
+NAMESPACE = "/left"
+ACTION = f"{NAMESPACE}/joint_trajectory_controller/follow_joint_trajectory"
+OPTIONS: dict[str, Any] = {"namespace": NAMESPACE, "prefix": "ur_", "state_timeout_s": 1.0}
+REACHED_RAD = 2e-3
+
+
+class Double:
+    """The controllers' process."""
+
+    def __init__(self, domain: int, prefix: Path) -> None:
+        self.domain, self.prefix = domain, prefix
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(
+            [str(PYTHON), str(PEERS / "jazzy_controller.py"), NAMESPACE, *JOINTS],
+            env=environment(self.prefix, domain=self.domain),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._line() == "ready"
+
+    def be(self, mode: str) -> str:
+        assert self.process.stdin is not None
+        print(mode, file=self.process.stdin, flush=True)
+        return self._line()
+
+    def seen(self) -> dict[str, Any]:
+        """What it has seen of the newest goal."""
+        found: dict[str, Any] = json.loads(self.be("seen"))
+        return found
+
+    def _line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def kill(self) -> None:
+        with self.process:
+            self.process.kill()
+
+    def settings(self, **options: Any) -> Settings:
+        """Settings of a robot behind it."""
+        settings = load_settings()
+        ros = settings.ros.model_copy(update={"domain_id": self.domain, "localhost_only": True})
+        chosen = {"type": "ros2_control", "options": {**OPTIONS, **options}}
+        backend = settings.robot.backend.model_copy(update=chosen)
+        robot = settings.robot.model_copy(update={"backend": backend})
+        return settings.model_copy(update={"ros": ros, "robot": robot})
+
+    def arm(self, **options: Any) -> Ros2ControlArm:
+        """A backend at it, not open yet."""
+        settings = self.settings(**options)
+        return Ros2ControlArm(settings, load_robot(settings).limits)
+
+
+@pytest.fixture(scope="module")
+def double() -> Iterator[Double]:
+    prefix = built_packages(controller_packages())
+    with own_domain() as domain:
+        made = Double(domain, prefix)
+        try:
+            yield made
+        finally:
+            made.kill()
+
+
+@pytest.fixture
+def arm(double: Double) -> Iterator[Ros2ControlArm]:
+    """Open and enabled, at controllers that are good."""
+    double.be("good")
+    double.be("speed 1")
+    made = double.arm(result_timeout_s=2.0, connect_s=20.0)
+    made.open(np.zeros(7))
+    made.stop()
+    made.enable()
+    yield made
+    made.close()
+
+
+def measured(arm: Ros2ControlArm) -> Array:
+    found = Measured(7)
+    arm.state(found)
+    return found.position.copy()
+
+
+def motion(start: Array, change: float, duration_s: float) -> tuple[Trajectory, Array, Array]:
+    """A motion of all joints with its points."""
+    still = np.zeros((2, 7))
+    made = from_hermite(np.array([0.0, duration_s]), np.array([start, start + change]), still, still)
+    times_s = np.linspace(0.0, duration_s, 2 + int(duration_s / 0.02))
+    return made, times_s, np.array([made.sample(times_s, order) for order in range(3)])
+
+
+def begin(arm: Ros2ControlArm, change: float = 0.1, duration_s: float = 1.5) -> Trajectory:
+    path, times_s, rows = motion(measured(arm), change, duration_s)
+    arm.load(times_s, rows)
+    arm.start()
+    return path
+
+
+def follow(arm: Ros2ControlArm, path: Trajectory) -> list[float]:
+    """Until it has arrived; the progress of each look. The arm is where the progress says that it is."""
+    seen = [0.0]
+    while seen[-1] < path.duration_s:
+        time.sleep(0.05)
+        position = measured(arm)
+        seen.append(arm.progress())
+        np.testing.assert_allclose(position, path.sample([seen[-1]])[0], atol=0.05)
+    return seen
+
+
+def fails(arm: Ros2ControlArm) -> str:
+    """The reason for which it soon cannot be driven."""
+
+    def looked() -> str:
+        try:
+            measured(arm)
+        except BackendError as exc:
+            return str(exc)
+        time.sleep(0.02)
+        return ""
+
+    return str(until(looked))
+
+
+def recover(arm: Ros2ControlArm, double: Double) -> float:
+    """Reset, and a motion that arrives; how long the reset took."""
+    begun_s = time.monotonic()
+    double.be("good")
+
+    def enabled() -> bool:
+        try:
+            arm.enable()
+        except BackendError:
+            return False
+        return True
+
+    until(enabled)
+    took_s = time.monotonic() - begun_s
+    measured(arm)
+    follow(arm, begin(arm, -0.05, 1.0))
+    return took_s
+
+
+def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(arm: Ros2ControlArm, double: Double) -> None:
+    """Joint states have another order, another joint, and stamps of 1970."""
+    path = begin(arm, 0.2, 2.5)
+    begun_s = time.monotonic()
+    progress = follow(arm, path)
+    assert time.monotonic() - begun_s < 2.5 + 1.0
+    assert progress == sorted(progress)
+    assert sum(0.0 < each < 2.5 for each in progress) > 10
+    seen = double.seen()
+    assert seen["joints"] == JOINTS
+    assert seen["times"] == pytest.approx([0.0, 2.5])
+    np.testing.assert_allclose(seen["position"], path.end, atol=1e-6)
+    np.testing.assert_allclose(measured(arm), path.end, atol=REACHED_RAD)
+    recover_to_start = begin(arm, -0.2, 2.5)
+    follow(arm, recover_to_start)
+
+
+def test_a_stop_cancels_and_the_next_motion_begins_there(arm: Ros2ControlArm) -> None:
+    begin(arm, 0.2, 3.0)
+    time.sleep(1.0)
+    arm.stop()
+    stopped = measured(arm)
+    time.sleep(0.3)
+    np.testing.assert_allclose(measured(arm), stopped, atol=0.03)
+    follow(arm, begin(arm, -0.1, 1.0))
+
+
+def test_the_speed_slider_slows_the_progress_down(arm: Ros2ControlArm, double: Double) -> None:
+    double.be("speed 0.5")
+    until(lambda: measured(arm) is not None and arm.status().speed_scaling == pytest.approx(0.5))
+    path = begin(arm, 0.1, 1.5)
+    begun_s = time.monotonic()
+    follow(arm, path)
+    assert time.monotonic() - begun_s > 2.5
+
+
+def test_long_motions_are_resampled_or_refused(double: Double) -> None:
+    double.be("good")
+    made = double.arm(max_points=20, connect_s=20.0)
+    made.open(np.zeros(7))
+    try:
+        made.enable()
+        measured(made)
+        path = begin(made, 0.1, 1.5)
+        follow(made, path)
+        assert double.seen()["points"] == 20
+        w, times_s = 12.0, np.linspace(0.0, 10.0, 501)
+        start = measured(made)
+        waves = [np.cos(w * times_s) - 1.0, -w * np.sin(w * times_s), -w * w * np.cos(w * times_s)]
+        rows = 0.05 * np.array(waves)[:, :, None] * np.ones(7)
+        rows[0] += start
+        with pytest.raises(BackendError, match="the motion has 501 points, the controller takes 20"):
+            made.load(times_s, rows)
+    finally:
+        made.close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [
+        ("abort", "has aborted the motion: PATH_TOLERANCE_VIOLATED"),
+        ("replace", "has aborted the motion: INVALID_GOAL.*new incoming action"),
+        ("never", "has not reported a result"),
+        ("inactive", "inactive|aborted"),
+        ("silent", "/left/joint_states has been silent for"),
+        ("nan", "the position of ur_joint3 is nan, not a number"),
+        ("missing", "/left/joint_states has no joint ur_joint7: it has finger, ur_joint6"),
+    ],
+)
+def test_a_fault_in_a_motion_is_named_and_a_reset_ends_it(
+    arm: Ros2ControlArm, double: Double, mode: str, words: str
+) -> None:
+    begin(arm)
+    time.sleep(0.3)
+    double.be(mode)
+    with pytest.raises(BackendError, match=words):
+        raise BackendError(fails(arm))
+    recover(arm, double)
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [
+        ("degrees", "is at -?[0-9]+.* rad, its limits are .*are they in degrees"),
+        ("slow", "/left/joint_states comes with .* Hz, needed are 10 Hz"),
+        ("inactive", "the controller joint_trajectory_controller is inactive: activate it with"),
+        ("forward", "the controller joint_trajectory_controller is inactive"),
+        ("missing", "has no joint ur_joint7"),
+        ("nan", "not a number"),
+    ],
+)
+def test_a_fault_at_rest_is_named_and_nothing_can_be_enabled(
+    arm: Ros2ControlArm, double: Double, mode: str, words: str
+) -> None:
+    double.be(mode)
+    with pytest.raises(BackendError, match=words):
+        raise BackendError(fails(arm))
+    seen = double.seen()
+    quick = double.arm(connect_s=0.5)
+    try:
+        with pytest.raises(BackendError):
+            quick.open(np.zeros(7))
+    finally:
+        quick.close()
+    assert double.seen() == seen
+    recover(arm, double)
+
+
+def test_swapped_joints_are_found_when_the_arm_begins_to_move(arm: Ros2ControlArm, double: Double) -> None:
+    """Joint 4 stands at -1.57 rad and joint 2 at about 0: the controller's own positions differ at once."""
+    double.be("swapped")
+    time.sleep(0.2)
+    path, times_s, rows = motion(measured(arm), 0.05, 2.0)
+    arm.load(times_s, rows)
+    arm.start()
+    with pytest.raises(BackendError, match=r"ur_joint[24] at .* its controller at .*another order"):
+        raise BackendError(fails(arm))
+    arm.stop()
+    recover(arm, double)
+
+
+def test_a_rejected_goal_is_refused(arm: Ros2ControlArm, double: Double) -> None:
+    double.be("reject")
+    with pytest.raises(BackendError, match=f"{ACTION} has rejected the goal"):
+        begin(arm)
+    recover(arm, double)
+
+
+def test_a_late_result_belongs_to_its_own_goal(arm: Ros2ControlArm, double: Double) -> None:
+    """The result of the first goal comes while the second one is executed."""
+    double.be("late")
+    begin(arm, 0.02, 0.5)
+    assert "has not reported a result" in fails(arm)
+    arm.enable()
+    double.be("good")
+    measured(arm)
+    progress = follow(arm, begin(arm, -0.05, 3.0))
+    assert max(np.diff(progress)) < 1.0
+
+
+def test_a_driver_that_is_killed_and_started_again(arm: Ros2ControlArm, double: Double) -> None:
+    begin(arm, 0.1, 3.0)
+    time.sleep(0.3)
+    double.kill()
+    said = fails(arm)
+    assert "has been silent" in said or "gone away" in said, said
+    double.start()
+    recover(arm, double)
+
+
+def test_another_client_s_goal_is_named(arm: Ros2ControlArm, double: Double) -> None:
+    place = measured(arm)
+    goals = [{"joints": JOINTS, "points": [[20.0, (place + 0.01).tolist()]]}]
+    command = [str(PYTHON), str(PEERS / "jazzy_follower.py"), ACTION, json.dumps(goals)]
+    client = subprocess.Popen(
+        command, env=environment(double.prefix, domain=double.domain), stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert "another client moves the arm with a goal of" in fails(arm)
+        arm.stop()  # cancels it
+        assert client.stdout is not None
+        assert json.loads(client.stdout.readlines()[-1])["status"] == 5
+    finally:
+        with client:
+            client.kill()
+    recover(arm, double)
+
+
+def test_a_killed_rtloop_leaves_no_motion(double: Double) -> None:
+    """The process that speaks DDS cancels the goal when rtloop is gone."""
+    double.be("good")
+    code = (
+        "import sys, time, numpy as np; sys.path.insert(0, sys.argv[1]); import test_ros2_control as t\n"
+        "arm = t.Double.arm(type('D', (), {'settings': t.Double.settings, 'domain': int(sys.argv[2])})(), "
+        "connect_s=20.0)\n"
+        "arm.open(np.zeros(7)); arm.enable(); t.begin(arm, 0.2, 10.0); print('moves', flush=True)\n"
+        "time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(Path(__file__).parent), str(double.domain)],
+        env=HELPER_ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline().strip() == "moves"
+        os.kill(process.pid, signal.SIGKILL)
+
+    def rests() -> bool:
+        before = double.seen()["position"]
+        time.sleep(0.1)
+        return bool(before == double.seen()["position"])
+
+    begun_s = time.monotonic()
+    until(rests)
+    assert time.monotonic() - begun_s < 5.0
+
+
+class RunAtDouble(Run):
+    """The shipped iiwa with one other line."""
+
+    def __init__(self, folder: Path, double: Double) -> None:
+        self._options = {"type": "ros2_control", **OPTIONS, "connect_s": 20.0}
+        super().__init__(folder, clock="realtime", ros_domain=double.domain)
+
+    def start(self) -> subprocess.Popen[str]:
+        settings = yaml.safe_load(self.config.read_text(encoding="utf-8"))
+        settings["robot"]["backend"] = self._options
+        self.config.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        return super().start()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory, double: Double) -> Iterator[Run]:
+    double.be("good")
+    double.be("speed 1")
+    with answering(RunAtDouble(tmp_path_factory.mktemp("ros2_control"), double)) as started:
+        (robot,) = httpx.get(f"{started.url}/robots", timeout=WAIT_S).json()
+        checked = {"payload_checked": True}
+        if robot["device"]["unacknowledged"]:
+            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        yield started
+
+
+def test_the_rest_tour_with_a_sequence_and_a_recording(service: Run, double: Double) -> None:
+    rest_tour.tour(service, "motions", "plans", "trajectories", "programs", "everything_else")
+    np.testing.assert_allclose(double.seen()["position"], service.joints(), atol=REACHED_RAD)
+
+
+def test_follow_joint_trajectory_through_cobot_s_own_node(service: Run, double: Double) -> None:
+    """rclpy's client, cobot's node, the planner, the backend, rclpy's server."""
+    joints = [f"joint{number}" for number in range(1, 8)]
+    place = np.array(service.joints())
+    goals = [{"joints": joints, "points": [[2.0, (place - 0.05).tolist()], [4.0, place.tolist()]]}]
+    (told,) = rclpy_follows(double, f"/{service.name}/follow_joint_trajectory", goals)
+    assert (told["status"], told["error_code"]) == (4, 0), told
+    np.testing.assert_allclose(double.seen()["position"], place, atol=REACHED_RAD)
+
+
+def test_the_service_tells_of_an_abort_and_moves_again_after_a_reset(service: Run, double: Double) -> None:
+    home = {"name": "home", "speed": 0.3}
+    here = list(service.joints())
+    double.be("abort")
+    away = {"joints": (np.array(here) + 0.2).tolist(), "speed": 0.2}
+    answer = httpx.post(f"{service.url}/robot/move/joints", json=away, timeout=WAIT_S)
+    assert "PATH_TOLERANCE_VIOLATED" in answer.text, answer.text
+    assert robot_health(service)["mode"] == "FAULT"
+    double.be("good")
+    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
+    until(
+        lambda: httpx.post(f"{service.url}/robot/move/named", json=home, timeout=WAIT_S).is_success,
+        lambda: service.output[-1000:],
+    )
+
+
+def rclpy_follows(double: Double, action: str, goals: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What rclpy's action client tells of each goal."""
+    command = [str(PYTHON), str(PEERS / "jazzy_follower.py"), action, json.dumps(goals)]
+    ended = subprocess.run(
+        command,
+        env=environment(double.prefix, domain=double.domain),
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    told = [json.loads(line) for line in ended.stdout.splitlines()]
+    return [each for each in told if "took_s" in each]
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Iterator[Double]:
+    """Our simulated controllers, in a domain of their own."""
+    prefix = built_packages(controller_packages())
+    with own_domain() as domain:
+        made = SimulatedDouble(domain, prefix)
+        try:
+            yield made
+        finally:
+            made.kill()
+
+
+class SimulatedDouble(Double):
+    """`cobot simulate ros2_control`."""
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "cobot", "simulate", "ros2_control", "--domain", str(self.domain)]
+        self.process = subprocess.Popen(
+            [*command, "--namespace", NAMESPACE, "--prefix", "ur_"], stdout=subprocess.PIPE, text=True
+        )
+        assert f"domain {self.domain}" in self._line()
+
+
+def test_rclpy_s_client_at_our_simulated_controllers(simulator: Double) -> None:
+    """Goals of 2.5 s, cancelled, of an unknown joint, with times that decrease, empty, and for a part of the
+    joints."""
+    home = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0])
+    there = (home + 0.1).tolist()
+    goals: list[dict[str, Any]] = [
+        {"joints": JOINTS, "points": [[2.5, there]]},
+        {"joints": JOINTS[::-1], "points": [[2.5, home.tolist()[::-1]]], "cancel_s": 0.5},
+        {"joints": [*JOINTS[:6], "other"], "points": [[1.0, there]]},
+        {"joints": JOINTS, "points": [[2.0, there], [1.0, there]]},
+        {"joints": JOINTS, "points": []},
+        {"joints": JOINTS[:6], "points": [[1.0, there[:6]]]},
+    ]
+    first, cancelled, *rejected = rclpy_follows(simulator, ACTION, goals)
+    assert (first["status"], first["error_code"]) == (4, 0)
+    assert 2.5 <= first["took_s"] < 3.5
+    assert first["feedback"] > 20
+    assert cancelled["status"] == 5
+    assert cancelled["took_s"] < 2.0
+    assert [each["accepted"] for each in rejected] == [False] * 4
