@@ -72,8 +72,10 @@ class ActionServer:
 
     def close(self) -> None:
         """Stop; goals under way get no result."""
-        for end in (*self._services, self._feedback, self._status):
-            end.close()
+        for service in self._services:
+            service.close()
+        for topic in (self._feedback, self._status):
+            topic.close()
 
     async def _take_goal(self, request: Message) -> Message:
         name = request["goal_id"]["uuid"]

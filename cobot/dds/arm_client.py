@@ -242,9 +242,7 @@ class ArmClient:
         if self._action is not None:
             self._action.close()
         self._name, self._statuses = name, []
-        self._action = ActionCaller(
-            self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses
-        )
+        self._action = ActionCaller(self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses)
 
     # Goals
 
@@ -279,7 +277,9 @@ class ArmClient:
     async def _cancel(self) -> str:
         action, goal = self._action, self._goal
         if action is None or not self._is_ready:
-            return f"there is no server of the action {self._name or 'of the arm'}, so nothing can be cancelled"
+            return (
+                f"there is no server of the action {self._name or 'of the arm'}, so nothing can be cancelled"
+            )
         if goal is not None:
             goal.facts["stopping"] = True
         active = [goal.id] if goal is not None and goal.is_active else []
@@ -350,9 +350,7 @@ class ArmClient:
         """Take the joints by their names. Other devices may publish theirs on the same topic."""
         places = {name: place for place, name in enumerate(message["name"])}
         missing = [
-            name
-            for name in self._joints
-            if name not in places or places[name] >= len(message["position"])
+            name for name in self._joints if name not in places or places[name] >= len(message["position"])
         ]
         if missing:
             if len(missing) < len(self._joints) or not self._joint_s:

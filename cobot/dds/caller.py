@@ -140,8 +140,10 @@ class ActionCaller:
 
     def close(self) -> None:
         """Stop; the server's goals go on."""
-        for end in (*self._ends, self._send, self._result, self._cancel):
-            end.close()
+        for topic in self._ends:
+            topic.close()
+        for service in (self._send, self._result, self._cancel):
+            service.close()
 
     def _take_feedback(self, message: Message) -> None:
         if message["goal_id"] == self._goal:

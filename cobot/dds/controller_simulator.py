@@ -72,9 +72,7 @@ class SimulatedControllers:
             self._cancel,
         )
         self._states = node.publisher(f"{namespace}/joint_states", JOINT_STATES)
-        self._scaling = node.publisher(
-            f"{namespace}/speed_scaling_state_broadcaster/speed_scaling", FLOAT
-        )
+        self._scaling = node.publisher(f"{namespace}/speed_scaling_state_broadcaster/speed_scaling", FLOAT)
         node.publisher(f"{namespace}/robot_description", STRING, latched=True).publish(description)
         node.subscription(f"{namespace}/{controller}/joint_trajectory", TRAJECTORY, self._follow)
         node.subscription(f"{namespace}/{forward}/commands", COMMANDS, self._command, reliable=False)
@@ -179,7 +177,7 @@ class SimulatedControllers:
         kind = f"{broadcaster}/JointStateBroadcaster"
         return {"controller": [*listed, self._listed(broadcaster, kind, active=True, command=False)]}
 
-    def _listed(self, name: str, kind: str, active: bool, *, command: bool) -> Message:  # noqa: FBT001
+    def _listed(self, name: str, kind: str, active: bool, *, command: bool) -> Message:
         needed = [f"{joint}/position" for joint in self._joints] if command else []
         return {
             "name": name,
@@ -194,9 +192,7 @@ class SimulatedControllers:
         }
 
     async def _switch(self, request: Message) -> Message:
-        activate, deactivate = (
-            set(request[f"{word}_controllers"]) for word in ("activate", "deactivate")
-        )
+        activate, deactivate = (set(request[f"{word}_controllers"]) for word in ("activate", "deactivate"))
         return {"ok": self.switch(activate=activate, deactivate=deactivate)}
 
     def _tell_states(self) -> None:
@@ -327,9 +323,7 @@ def _within(kind: type[float], least: float, most: float) -> Callable[[str], flo
         except ValueError:
             value = None
         if value is None or not least <= value <= most:
-            raise argparse.ArgumentTypeError(
-                f"{argument[:80]!r} is not a number from {least:g} to {most:g}"
-            )
+            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is not a number from {least:g} to {most:g}")
         return value
 
     return read

@@ -40,9 +40,7 @@ class Ros2ControlArm:
     )
     state_period_s = LOOK_S
 
-    def __init__(
-        self, settings: Settings, limits: JointLimits, link: ControllerLink | None = None
-    ) -> None:
+    def __init__(self, settings: Settings, limits: JointLimits, link: ControllerLink | None = None) -> None:
         """link: for tests.
 
         Raises:
@@ -102,8 +100,8 @@ class Ros2ControlArm:
             joint = int(off.argmax())
             if not off[joint] <= START_RAD:
                 raise BackendError(
-                    f"{self._names[joint]} is {off[joint]:.3f} rad from the start of the motion, allowed are "
-                    f"{START_RAD} rad"
+                    f"{self._names[joint]} is {off[joint]:.3f} rad from the start of the motion, allowed "
+                    f"are {START_RAD} rad"
                 )
         self._loaded = None
         self._link.load(*resampled(times_s, rows, options.max_points, options.resampling_rad))
@@ -118,8 +116,8 @@ class Ros2ControlArm:
         goal = self._link.facts().goal
         if goal is None or goal.accepted is None:
             raise BackendError(
-                f"{self._facts.action} has not answered the goal within {self._options.answer_timeout_s:g} s; "
-                "cobot cancels it if it is accepted later"
+                f"{self._facts.action} has not answered the goal within "
+                f"{self._options.answer_timeout_s:g} s; cobot cancels it if it is accepted later"
             )
         if failed := words.of_goal(goal, self._facts.action):
             raise BackendError(failed)
@@ -217,6 +215,6 @@ class Ros2ControlArm:
             return ""
         return (
             f"{facts.action} has not reported a result {goal.running_s:.1f} s after the start of a motion of "
-            f"{progress.duration_s:.1f} s: the controller waits for the arm to arrive within its tolerances, or "
-            "it slows the motion down without a topic for it (robot.backend.speed_scaling)"
+            f"{progress.duration_s:.1f} s: the controller waits for the arm to arrive within its tolerances, "
+            "or it slows the motion down without a topic for it (robot.backend.speed_scaling)"
         )

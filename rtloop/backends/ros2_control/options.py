@@ -51,7 +51,7 @@ class Ros2ControlOptions(BackendOptions):
     joint_states: Relative = "joint_states"
     joints: list[JointName] | None = None
     prefix: Annotated[str, Field(max_length=200)] = ""
-    measured: list[Literal["velocity", "effort"]] = ["velocity"]
+    measured: tuple[Literal["velocity", "effort"], ...] = Field(("velocity",), strict=False)
     path_tolerance_rad: Tolerance | None = None
     goal_tolerance_rad: Tolerance | None = None
     goal_time_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
@@ -87,9 +87,7 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
     return names
 
 
-def client_settings(
-    options: Ros2ControlOptions, settings: Settings, names: list[str]
-) -> dict[str, Any]:
+def client_settings(options: Ros2ControlOptions, settings: Settings, names: list[str]) -> dict[str, Any]:
     """What the process that speaks DDS is started with.
 
     Raises:

@@ -33,8 +33,8 @@ def resampled(
     if not off.max() <= deviation_rad:
         raise BackendError(
             f"the motion has {len(times_s)} points, the controller takes {max_points} "
-            f"(robot.backend.max_points); with so few it would leave its path by {off.max():.4f} rad, allowed "
-            f"are {deviation_rad:g} rad (robot.backend.resampling_rad): make the motion shorter"
+            f"(robot.backend.max_points); with so few it would leave its path by {off.max():.4f} rad, "
+            f"allowed are {deviation_rad:g} rad (robot.backend.resampling_rad): make the motion shorter"
         )
     return fewer_s, fewer
 

@@ -108,13 +108,11 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
             "robot.backend.joints or robot.backend.prefix"
         )
     if facts.age_s is None:
-        return (
-            f"nothing comes on {topic}: is the joint_state_broadcaster active? See `ros2 topic hz {topic}`"
-        )
+        return f"nothing comes on {topic}: is the joint_state_broadcaster active? See `ros2 topic hz {topic}`"
     if facts.age_s > expected.timeout_s:
         return (
-            f"{topic} has been silent for {facts.age_s:.1f} s, allowed are {expected.timeout_s:g} s: does the "
-            "driver still run?"
+            f"{topic} has been silent for {facts.age_s:.1f} s, allowed are {expected.timeout_s:g} s: does "
+            "the driver still run?"
         )
     if 0.0 < facts.rate_hz < expected.min_rate_hz:
         return (
@@ -133,8 +131,8 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
     joint = int(np.nanargmax(beyond))
     if beyond[joint] > BEYOND_RAD:
         return (
-            f"{topic}: {names[joint]} is at {position[joint]:.3f} rad, its limits are {expected.low[joint]:.3f} "
-            f"to {expected.high[joint]:.3f} rad: {AS_IF}"
+            f"{topic}: {names[joint]} is at {position[joint]:.3f} rad, its limits are "
+            f"{expected.low[joint]:.3f} to {expected.high[joint]:.3f} rad: {AS_IF}"
         )
     return ""
 

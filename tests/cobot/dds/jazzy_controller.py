@@ -1,6 +1,6 @@
-"""The controllers of an arm with real ROS 2 (rclpy), as ros2_control's documentation describes them: an action
-server of FollowJointTrajectory, joint states with 250 Hz, list_controllers, a forward command controller, a
-speed slider. It does as standard input says.
+"""The controllers of an arm with real ROS 2 (rclpy), as ros2_control's documentation describes them: an
+action server of FollowJointTrajectory, joint states with 250 Hz, list_controllers, a forward command
+controller, a speed slider. It does as standard input says.
 
 Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
 
@@ -45,7 +45,7 @@ def at(point: Any, order: list[int], rows: int) -> list[list[float]]:
 
 
 def quintic(s: float, d: float, p: list[list[float]], q: list[list[float]], j: int) -> tuple[float, float]:
-    """Position and velocity of joint j at the share s of a segment of d seconds (linear without velocities)."""
+    """Position and velocity of joint j at the share s of d seconds, linear without velocities."""
     if len(p) < 3 or len(q) < 3:
         return p[0][j] + s * (q[0][j] - p[0][j]), (q[0][j] - p[0][j]) / d
     v0, v1, a0, a1 = p[1][j] * d, q[1][j] * d, p[2][j] * d * d, q[2][j] * d * d

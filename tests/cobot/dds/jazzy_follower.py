@@ -49,7 +49,11 @@ def follow(node: Any, client: ActionClient, wish: dict[str, Any]) -> dict[str, A
     rclpy.spin_until_future_complete(node, result, timeout_sec=WAIT_S)
     answer = result.result()
     told |= {"status": answer.status, "error_code": answer.result.error_code}
-    told |= {"text": answer.result.error_string, "took_s": time.monotonic() - begun, "feedback": len(feedback)}
+    told |= {
+        "text": answer.result.error_string,
+        "took_s": time.monotonic() - begun,
+        "feedback": len(feedback),
+    }
     return told
 
 

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +182,9 @@ def recover(arm: Ros2ControlArm, double: Double) -> float:
     return took_s
 
 
-def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(arm: Ros2ControlArm, double: Double) -> None:
+def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(
+    arm: Ros2ControlArm, double: Double
+) -> None:
     """Joint states have another order, another joint, and stamps of 1970."""
     path = begin(arm, 0.2, 2.5)
     begun_s = time.monotonic()
@@ -294,7 +296,7 @@ def test_swapped_joints_are_found_when_the_arm_begins_to_move(arm: Ros2ControlAr
     """Joint 4 stands at -1.57 rad and joint 2 at about 0: the controller's own positions differ at once."""
     double.be("swapped")
     time.sleep(0.2)
-    path, times_s, rows = motion(measured(arm), 0.05, 2.0)
+    _, times_s, rows = motion(measured(arm), 0.05, 2.0)
     arm.load(times_s, rows)
     arm.start()
     with pytest.raises(BackendError, match=r"ur_joint[24] at .* its controller at .*another order"):

@@ -26,9 +26,7 @@ from rtloop.backends.ros2_control.rig import RigLink, Ros2ControlRig
 def settings_with(**options: Any) -> Settings:
     settings = load_settings()
     chosen = {"type": "ros2_control", "options": options}
-    robot = settings.robot.model_copy(
-        update={"backend": settings.robot.backend.model_copy(update=chosen)}
-    )
+    robot = settings.robot.model_copy(update={"backend": settings.robot.backend.model_copy(update=chosen)})
     return settings.model_copy(update={"robot": robot})
 
 
