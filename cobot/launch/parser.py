@@ -141,8 +141,8 @@ def _add_simulate_and_backend(commands: Any) -> None:
     simulate.add_argument(
         "device",
         choices=list(SIMULATORS),
-        help="fanuc: its arms; fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a gripper; "
-        "ros2_control: the controllers of an arm with ROS 2",
+        help="fanuc: its arms; fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a "
+        "gripper; ros2_control: the controllers of an arm with ROS 2",
     )
     simulate.add_argument(
         "options",
