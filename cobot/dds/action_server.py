@@ -24,7 +24,7 @@ class _Goal:
         self.result: asyncio.Future[Message] = loop.create_future()
 
 
-class ActionServer:
+class DdsActionServer:
     """Serves an action. Goals are named by the text of their id.
 
     Args:

@@ -17,7 +17,7 @@ import numpy as np
 
 from cobot.clock import SYSTEM
 from cobot.config import Settings, load_settings
-from cobot.dds.action_server import ActionServer
+from cobot.dds.action_server import DdsActionServer
 from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message
 from cobot.dds.rtps import NetworkError, Participant
@@ -63,7 +63,7 @@ class SimulatedControllers:
         self.forwarding = False
         self._refused = ""
         self._time_s = time.monotonic()
-        self._action = ActionServer(
+        self._action = DdsActionServer(
             node,
             f"{namespace}/{controller}/follow_joint_trajectory",
             FOLLOW,

@@ -21,7 +21,7 @@ from rtloop.backends.protocols import BackendError
 from rtloop.backends.ros2_control import words
 from rtloop.backends.ros2_control.link import ClientProcess, ControllerLink, Facts
 from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_settings, ros_names
-from rtloop.backends.ros2_control.path import Progress, resampled
+from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import Ros2ControlRig
 
 LOOK_S = 0.05
@@ -63,7 +63,7 @@ class Ros2ControlArm:
             type(self).capabilities, measured=frozenset({"position", *options.measured})
         )
         self._facts = Facts()
-        self._progress: Progress | None = None
+        self._progress: PathProgress | None = None
         self._loaded: tuple[Array, Array] | None = None
 
     @staticmethod
@@ -111,7 +111,7 @@ class Ros2ControlArm:
         if self._loaded is None:
             raise BackendError("there is no motion to be started")
         times_s, positions = self._loaded
-        self._progress = Progress(times_s, positions)
+        self._progress = PathProgress(times_s, positions)
         self._link.start()
         goal = self._link.facts().goal
         if goal is None or goal.accepted is None:

@@ -13,7 +13,7 @@ AHEAD_S, FASTER = 0.3, 1.2
 elapsed time."""
 SAME_RAD = 1e-5
 OPEN_S = 1e-3
-"""Progress stays so far below the duration until the result has come."""
+"""PathProgress stays so far below the duration until the result has come."""
 
 
 def resampled(
@@ -39,7 +39,7 @@ def resampled(
     return fewer_s, fewer
 
 
-class Progress:
+class PathProgress:
     """How much of a motion is done, by the controller's own desired positions. The speed slider slows the
     motion down, so a clock cannot tell.
 

@@ -19,7 +19,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ros2_control import Ros2ControlArm
 from rtloop.backends.ros2_control.link import Facts, GoalFacts, facts_of
-from rtloop.backends.ros2_control.path import Progress, resampled
+from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import RigLink, Ros2ControlRig
 
 
@@ -148,7 +148,7 @@ def path(duration_s: float, change: float = 0.4) -> tuple[Trajectory, Array, Arr
 @pytest.mark.parametrize("rate", [1.0, 0.5, 0.1])
 def test_progress_follows_the_feedback_at_any_speed(rate: float) -> None:
     made, times_s, rows = path(4.0)
-    progress = Progress(times_s, rows[0])
+    progress = PathProgress(times_s, rows[0])
     clock_s = 0.0
     while rate * clock_s < 3.9:
         clock_s += 0.05
@@ -162,12 +162,12 @@ def test_progress_follows_the_feedback_at_any_speed(rate: float) -> None:
 
 def test_progress_without_feedback_stays() -> None:
     _, times_s, rows = path(4.0)
-    assert Progress(times_s, rows[0]).look(1.0, None, 0.0) == 0.0
+    assert PathProgress(times_s, rows[0]).look(1.0, None, 0.0) == 0.0
 
 
 def test_the_end_is_told_by_the_result_alone() -> None:
     made, times_s, rows = path(4.0)
-    progress = Progress(times_s, rows[0])
+    progress = PathProgress(times_s, rows[0])
     for clock_s in np.arange(0.0, 6.0, 0.05):
         done_s = progress.look(clock_s, made.sample([min(clock_s, 4.0)])[0], 0.0)
     assert 3.9 < done_s < 4.0
