@@ -198,6 +198,7 @@ def test_no_page_scrolls_on_a_screen(panel: Panel) -> None:
         assert parts == 1, "of the page Setup"
         assert not panel.page.run(SCROLLS), name
         if PICTURES:
+            panel.page.run("cobotPanel.halt.clear()")
             panel.page.picture(Path(PICTURES) / f"panel-{name}.png")
     panel.page.run("document.querySelector('#tab-setup').focus()")
     panel.page.key("Home", "Home")
