@@ -152,8 +152,8 @@ class FriBackend:
         message = self._beat.newest
         if message is None or self._silence_s > self._options.silence_s:
             raise BackendError(
-                f"no usable packet from the robot controller for {self._silence_s:.2f} s: the last one was "
-                f"{self._refused}"
+                f"no usable packet from the robot controller for {self._silence_s:.2f} s; the last one was "
+                f"rejected: {self._refused}"
                 if self._refuses
                 else f"no packet from the robot controller for {self._silence_s:.2f} s: its session is "
                 "closed, its program has ended, or the network is down"
@@ -245,7 +245,7 @@ class FriBackend:
         silent = self._silence_s > self._options.silence_s
         text = f"no packet for {self._silence_s:.1f} s" if silent else self._explain_waiting(message)
         if silent and self._refuses:
-            text = f"no usable packet for {self._silence_s:.1f} s: the last one was {self._refused}"
+            text = f"no usable packet for {self._silence_s:.1f} s; the last one was rejected: {self._refused}"
         return DeviceStatus(
             connection="SILENT" if silent else message.state.name,
             quality=message.quality.name,
@@ -353,7 +353,7 @@ class FriBackend:
             f"no packet {whom}on UDP port {options.port}: is the controller's program running, and does "
         )
         sentence += "it send to this computer?"
-        return f"{sentence} The last packet was {self._refused}" if self._refused else sentence
+        return f"{sentence} The last packet was rejected: {self._refused}" if self._refused else sentence
 
     def _take(self, packet: bytes) -> None:
         message = decode_monitoring(packet)

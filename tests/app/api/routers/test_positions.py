@@ -131,7 +131,7 @@ def test_there_are_not_too_many(run: VirtualService, monkeypatch: pytest.MonkeyP
     client.teach_position("one")
     refused = run.post("/robot/positions", {"name": "two"})
     assert refused.status_code == 409
-    assert "1 positions are taught already" in refused.json()["detail"]
+    assert "there are already 1 taught positions" in refused.json()["detail"]
 
 
 def again(run: VirtualService, kept: Path) -> PositionService:

@@ -173,7 +173,7 @@ def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) 
     assert (interrupted.error.code, interrupted.motion_id) == ("interrupted", 7)
     assert interrupted.ended_at == datetime.fromtimestamp(BEGUN_S + 20.0, UTC)
     assert "during this job, after 2001-09-09 01:47:00 UTC; its next" in interrupted.error.detail
-    assert "found that at 2001-09-09 02:46:40 UTC" in interrupted.error.detail
+    assert "noticed this at 2001-09-09 02:46:40 UTC" in interrupted.error.detail
     (failed,) = (record for record in found.values() if record.state == "failed")
     assert failed.error is not None
     assert failed.error.findings == infinite.findings

@@ -217,7 +217,9 @@ def test_says_that_nobody_is_there_and_what_else_came(settings: Settings, robot:
         False,
         lambda: encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))),
     )
-    with pytest.raises(BackendError, match="The last packet was a message 0x34001 instead of 0x245142"):
+    with pytest.raises(
+        BackendError, match="The last packet was rejected: a message 0x34001 instead of 0x245142"
+    ):
         backend.open(np.zeros(7))
 
 
@@ -263,7 +265,7 @@ def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
 
 def test_another_overlay_is_named(make: Make) -> None:
     driven = make(CabinetOptions(command_mode=CommandMode.TORQUE))
-    with pytest.raises(BackendError, match=r"takes TORQUE, robot.backend.overlay is position"):
+    with pytest.raises(BackendError, match=r"accepts TORQUE, robot.backend.overlay is position"):
         driven.enable()
 
 
@@ -415,7 +417,7 @@ def test_a_change_of_the_operation_mode_in_a_motion_is_named(make: Make) -> None
     driven.swing(20)
     driven.cabinet.switch_mode(OperationMode.T1)
     driven.until(lambda: driven.problems)
-    assert "the operation mode is T1: a change of it ends the motion" in driven.problems[0]
+    assert "the operation mode is T1: a change of the mode ends the motion" in driven.problems[0]
 
 
 def test_says_in_which_state_it_waited_in_vain(make: Make) -> None:
@@ -523,7 +525,7 @@ def test_packets_that_are_refused_are_not_called_silence(make: Make) -> None:
     packet = driven.cabinet.packet
     driven.cabinet.packet = lambda: packet() and encode_monitoring(six)
     driven.until(lambda: len(driven.problems) > problems)
-    said = "what comes is a robot with 6 joints, the model has 7"
+    said = "the last one was rejected: a robot with 6 joints, the model has 7"
     assert said in driven.problems[-1]
     assert "network" not in driven.problems[-1]
     assert said in driven.backend.status().text
@@ -617,7 +619,7 @@ def test_starts_before_the_controllers_program_and_takes_over_by_a_reset(make: M
     driven.cabinet.stop_safely(1)
     driven.backend.enable()
     driven.cycle()
-    assert "takes no commands: safety stop 1" in driven.problems[-1]
+    assert "accepts no commands: safety stop 1" in driven.problems[-1]
     with pytest.raises(BackendError, match="safety stop 1"):
         driven.backend.enable()
     driven.cabinet.stop_safely(-1)
@@ -660,7 +662,7 @@ def test_a_motion_while_the_session_begins_anew_is_a_fault_that_names_it(make: M
     driven.cabinet.switch_mode(OperationMode.T1)
     driven.command[1, 0] = 0.1
     driven.swing(3)
-    assert "takes no commands: the controller's program has not begun its motion" in driven.problems[0]
+    assert "accepts no commands: the controller's program has not begun its motion" in driven.problems[0]
 
 
 def test_a_command_far_from_the_interpolator_is_never_sent(make: Make) -> None:

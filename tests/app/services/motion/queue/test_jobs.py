@@ -261,7 +261,7 @@ def test_a_sequence_counts_as_its_motions(run: VirtualService, monkeypatch: pyte
     full = asked(run, {"motions": motions}, "/robot/move/sequence")
     too_many = asked(run, {"plan_id": plans[0]["plan_id"]}, "/robot/execute")
     assert [full.status_code, too_many.status_code] == [409, 409]
-    assert "2 moves are waiting already, 3 may" in too_many.json()["detail"]
+    assert "2 moves are waiting, allowed are 3" in too_many.json()["detail"]
     last = execution(run, plans[1])
     released(run)
     until(run, last)
@@ -322,7 +322,7 @@ def test_an_arc_that_is_cut_off_is_not_begun_once_more(run: VirtualService) -> N
     assert cancelled(run, second)["state"] == "cancelled"
     until(run, third, "cancelled")
     assert seen(run, first)["state"] == "failed"
-    assert "begun once more" in seen(run, first)["error"]["detail"]
+    assert "cannot begin again" in seen(run, first)["error"]["detail"]
     assert "the move before it failed" in seen(run, third)["error"]["detail"]
     until(run, queued(run, {"joints": HOME}))
 
