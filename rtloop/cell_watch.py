@@ -8,11 +8,11 @@ from rtloop.backends import Backend, BackendError, HasCell
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 PERIOD_S = 0.02
-"""Shortest interval between two reports."""
+"""Minimum interval between two reports, s."""
 
 
 class CellWatch:
-    """Publishes where the parts are. Does nothing for a backend without a cell.
+    """Publishes the poses of the parts. Does nothing for a backend without a cell.
 
     Args:
         poll_s: interval at which `report` is called.
@@ -35,7 +35,7 @@ class CellWatch:
             self._publish(self._cell)
 
     def reset(self) -> Accepted | Rejected:
-        """Put the cell back to its state at the start, and report it at once."""
+        """Reset the cell to its state at the start, and report it at once."""
         if self._cell is None:
             return Rejected("there is no simulated cell")
         try:

@@ -1,4 +1,4 @@
-"""When the next cycle begins."""
+"""Clocks that start the cycles."""
 
 import os
 
@@ -17,11 +17,11 @@ cdef class CycleClock:
     """Paces the cycle. Real-time safe.
 
     Attributes:
-        overruns: periods that were missed because a cycle began too late.
+        overruns: number of periods that were missed because a cycle began too late.
     """
 
     def wait(self, *, bint moving):
-        """Wait for the next cycle; returns by how many nanoseconds it is late."""
+        """Wait for the next cycle. Returns its delay in nanoseconds."""
         cdef long long late_ns
         with nogil:
             late_ns = self.c_wait(moving)
@@ -64,8 +64,8 @@ cdef class RealtimeClock(CycleClock):
 
 
 cdef class FastClock(CycleClock):
-    """Robot time without waiting while the arm moves on a path; else, at rest and while a client streams, in
-    step with the real clock.
+    """A clock without waiting while the arm moves on a path. Otherwise, at rest and during streaming
+    sessions, it keeps step with the real clock.
     """
 
     def __init__(self, double period_s):
@@ -79,8 +79,8 @@ cdef class FastClock(CycleClock):
 
 
 cdef class Pace:
-    """Holds a device's beats against the computer's clock: each moves the path on by a period, so beats that
-    come too fast move the arm too fast. Real-time safe.
+    """Compares the beats of an externally clocked device with the computer's clock. Each beat advances the
+    path by one period, so beats that come too fast would move the arm too fast. Real-time safe.
     """
 
     def __init__(self, double period_s):
@@ -92,7 +92,9 @@ cdef class Pace:
         return self.c_early(now_ns, beaten)
 
     cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil:
-        """How long to hold the cycle that begins now, with a beat or without: 0 if the beats are in time."""
+        """The time for which the cycle that begins now must be delayed, with or without a beat; 0 if the
+        beats are on time.
+        """
         cdef long long passed_ns = now_ns - self._last_ns if self._last_ns else 0
         cdef long long drift_ns = passed_ns // DRIFT
         self._last_ns = now_ns

@@ -1,6 +1,6 @@
-"""Handles requests to the arm, and answers them: stops, sessions, commands.
+"""Handles and answers requests to the arm: stops, sessions, commands.
 
-Methods that run in every cycle begin with `c_` and are real-time safe; methods for requests are Python.
+Methods with the prefix `c_` run in every cycle and are real-time safe; methods for requests are Python.
 """
 
 from rtloop.backends.compiled cimport Measured
@@ -28,17 +28,17 @@ cdef int TRAJECTORY = LoopMode.TRAJECTORY
 
 
 cdef class Controller(ModeMachine):
-    """The `update` of the cycle. Real-time safe, except for a RESET, which waits for the drives.
+    """The `update` phase of the cycle. Real-time safe, except for a RESET, which waits for the drives.
 
     Attributes:
         tool_and_scene: the arm's load and its surroundings.
         slot: the slot of the present motion.
         stale: whether the measured values no longer change although the arm moves; the loop sets it.
-        start_position: where a simulated arm starts, shape (dof,), rad; the loop sets it.
+        start_position: start position of a simulated arm, shape (dof,), rad; the loop sets it.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: receives reports, a `rtloop.device.DeviceWatch`."""
+        """device: receives reports; a `rtloop.device.DeviceWatch`."""
         ModeMachine.__init__(self, settings, model, memory, backend, device)
         self._device, self._output, self._pull_block = device, memory.output, memory.pull
         self._backend_of_arm = backend
@@ -46,13 +46,13 @@ cdef class Controller(ModeMachine):
         self._service_timeout_s = settings.rt.service_timeout_s
 
     def update(self, Measured measured, long long now_ns, double robot_time_s, *, bint fresh):
-        """One cycle; the command is then in `safety`.
+        """Run one cycle. Afterwards the command is in `safety`.
 
         Args:
             measured: the last values read.
             now_ns: CLOCK_MONOTONIC.
             robot_time_s: time of the robot's clock.
-            fresh: whether they were read in this cycle.
+            fresh: whether the measured values were read in this cycle.
         """
         self.c_update(measured, now_ns, robot_time_s, fresh)
 
@@ -62,10 +62,10 @@ cdef class Controller(ModeMachine):
         self.follower.clock.c_scale(self._device.share)
 
     def heed_t1(self):
-        """End a session that was begun at full speed, or that is too fast now, in T1."""
+        """In T1, end a session that was begun at full speed, or that is now too fast."""
         share, begun = self._device.t1_share, self.streaming.t1_share
         if self.c_streams() and share is not None and (begun is None or share < begun):
-            self.stop("the robot has been switched to T1: sessions that are begun now go with reduced speed")
+            self.stop("the robot has been switched to T1: sessions that begin now have reduced speed")
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
         """Run `c_update` for Python."""
@@ -85,7 +85,7 @@ cdef class Controller(ModeMachine):
         self.c_guide(measured, now_ns, robot_time_s, fresh)
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
-        """Fill in the state block's fields about the controller and its parts."""
+        """Fill in the fields of the state block about the controller and its parts."""
         state.mode = self._mode
         state.settled = self.settling.settled
         state.motion_id = self.motion_id
@@ -167,13 +167,13 @@ cdef class Controller(ModeMachine):
         return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
     def _reset_cell(self, command, Measured measured, bint fresh):
-        """Put the simulated cell back to its state at the start, while nothing moves."""
+        """Reset the simulated cell to its state at the start, while nothing moves."""
         if self.mode in (LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT):
             return self._device.cell.reset()
         return Rejected(f"the arm is in mode {self.mode.name}")
 
     def _restart(self, command, Measured measured, bint fresh):
-        """Put the simulated arm back to the start, while it is ready and nothing moves."""
+        """Put the simulated arm back to its start position, while it is ready and nothing moves."""
         if self.mode is not LoopMode.HOLD or self.c_moving() or self.streaming.session:
             return Rejected(f"the arm is in mode {self.mode.name}")
         result = self._device.restart(self.start_position)
@@ -200,15 +200,15 @@ cdef class Controller(ModeMachine):
         return self.handover.begin_start(command, self.safety.position)
 
     def _replace(self, command, Measured measured, bint fresh):
-        """Begin to load the continuation of the present motion, which goes on meanwhile."""
+        """Begin to load the continuation of the present motion, which continues meanwhile."""
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         here_s = self.follower.clock.path_time_s
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
-            return Rejected(f"no motion is under way on its path, the arm is in mode {self.mode.name}")
+            return Rejected(f"no motion is following a path, the arm is in mode {self.mode.name}")
         if self.follower.by_itself:
             return Rejected(BY_ITSELF.format("led on to another motion"))
         if motion != self.motion_id:
-            return Rejected(f"motion {self.motion_id} is under way, not {motion}")
+            return Rejected(f"motion {self.motion_id} is running, not {motion}")
         if not 0.0 <= offset_s <= here_s:
             return Rejected(f"it would begin at {offset_s} s of a motion that is at {here_s:.3f} s")
         return self.handover.begin_replacement(command, self.safety.position, offset_s)
@@ -245,7 +245,7 @@ cdef class Controller(ModeMachine):
 
     def _swap(self):
         """Continue with the loaded trajectory, if the arm can."""
-        result = Rejected("the motion has come to its end meanwhile")
+        result = Rejected("the motion has ended meanwhile")
         if self._guide == PATH:
             result = self.follower.check_continuation(self.handover.path, self.handover.offset_s)
         if result is ACCEPTED:
@@ -286,8 +286,8 @@ cdef class Controller(ModeMachine):
         return ACCEPTED
 
     def _reset(self, command, Measured measured, bint fresh):
-        """Leave ESTOP or FAULT and hold the arm where it is now. This cycle may take long, because nothing
-        moves. With drives that are enabled in steps the result follows later.
+        """Leave ESTOP or FAULT and hold the arm at its present position. This cycle may take long, because
+        nothing moves. If the drives are enabled in steps, the result follows later.
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
             return ACCEPTED
@@ -329,6 +329,8 @@ HANDLERS = {
     Command.RESTART: Controller._restart,
     Command.PULL: Controller._pull,
 }
-"""Method for each kind of command. It gets the command, the measured values, and whether they are new."""
+"""The method for each kind of command. Its arguments are the command, the measured values, and whether they
+are new.
+"""
 OVERTAKEN_BY_STOPS = frozenset({Command.START, Command.REPLACE, Command.RESET, Command.RESTART, Command.PULL})
 """Commands that are rejected if a stop was requested after they were sent."""

@@ -24,7 +24,7 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 POLL_S = 0.2
 """Interval at which a device is polled, s, unless it has a `report_period_s`."""
 MIN_POLL_S = 0.001
-NO_SIMULATION = "the backend is not the simulation of cobot, which alone can do this"
+NO_SIMULATION = "only the simulation of cobot can do this, and the backend is another one"
 FIRST_SHARE = 0.1
 """Speed of planned motions on real hardware until its first contact is acknowledged, as a share."""
 
@@ -40,7 +40,7 @@ class DeviceWatch:
         capabilities: capabilities of the device.
         period_s: interval at which the device is polled.
         cell: reports the simulated cell.
-        drives_off: whether a stop of category 1 has switched them off.
+        drives_off: whether a stop of category 1 has switched the drives off.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
         unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
     """
@@ -146,7 +146,7 @@ class DeviceWatch:
         return ACCEPTED
 
     def restart(self, position: Array) -> Accepted | Rejected:
-        """Put the simulated arm, and its cell, back to the start."""
+        """Reset the simulated arm and its cell to their initial state."""
         if self._simulation is None:
             return Rejected(NO_SIMULATION)
         try:
@@ -156,10 +156,10 @@ class DeviceWatch:
         return ACCEPTED
 
     def pull(self, record: np.ndarray) -> Accepted | Rejected:
-        """Pull the simulated arm, or let it go.
+        """Pull the simulated arm, or release it.
 
         Args:
-            record: of `cobot.ipc.layout.PULL`.
+            record: record of the type `cobot.ipc.layout.PULL`.
         """
         if self._simulation is None:
             return Rejected(NO_SIMULATION)
@@ -173,7 +173,7 @@ class DeviceWatch:
         return ACCEPTED
 
     def read_input(self, name: str) -> float:
-        """The value of an input now. Real-time safe as the device is.
+        """The present value of an input. Real-time safe if the device is.
 
         Raises:
             BackendError: there is no such input, or the device cannot read it.
@@ -213,10 +213,10 @@ class DeviceWatch:
 
 
 def _report_period_s(backend: Backend) -> float:
-    """The interval at which this backend wants to be polled.
+    """The interval at which this backend must be polled, s.
 
     Raises:
-        BackendError: it is not a number from 0.001 s to `POLL_S`.
+        BackendError: the backend's interval is not a number from 0.001 s to `POLL_S`.
     """
     period_s = getattr(backend, "report_period_s", POLL_S)
     if not (isinstance(period_s, int | float) and MIN_POLL_S <= period_s <= POLL_S):

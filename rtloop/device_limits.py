@@ -1,4 +1,4 @@
-"""The limits of a device in addition to those of the model: the tighter ones count."""
+"""The limits of a device in addition to those of the model. For each value the tighter limit applies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
 
 
 def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
-    """The tighter of both limits, for each value."""
+    """For each value, the tighter of both limits."""
     least = {
         name: np.minimum(getattr(model, name), getattr(device, name))
         for name in ("max_position", "max_effort", *RATES)
@@ -27,8 +27,8 @@ def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
 
 
 def slowed(model: JointLimits, device: JointLimits) -> float:
-    """The share of the speed at which motions within the model's rates keep the device's: at a share s,
-    velocities are s, accelerations s² and jerks s³ of those planned.
+    """The share of the speed at which motions within the model's limits keep the device's limits. At a share
+    s, velocities are s times the planned ones, accelerations s² and jerks s³ times.
     """
     both = narrowed(model, device)
     shares = [
@@ -39,7 +39,7 @@ def slowed(model: JointLimits, device: JointLimits) -> float:
 
 
 def differences(model: JointLimits, device: JointLimits) -> list[str]:
-    """Where the device's limits are tighter than the model's, for people."""
+    """The limits of the device that are tighter than the model's, in words."""
     found = []
     for name in ("min_position", "max_position", *RATES, "max_effort"):
         ours, theirs = getattr(model, name), getattr(device, name)

@@ -1,4 +1,4 @@
-"""The drives: switched off by a stop of category 1, and on again by a reset, at once or in steps."""
+"""The drives. A stop of category 1 switches them off; a reset switches them on again, at once or in steps."""
 
 from rtloop.backends.compiled cimport Measured
 
@@ -9,15 +9,15 @@ from rtloop.results import ACCEPTED, LATER, Rejected
 
 
 cdef class Drives:
-    """Two states, changed only by these methods: whether the drives are on, and the progress of a reset in
-    steps. Methods with `c_` are real-time safe; the others may take long, because nothing moves.
+    """Two states: whether the drives are on, and the progress of a reset in steps. Only these methods change
+    them. Methods with the prefix `c_` are real-time safe; the others may take long, because nothing moves.
     """
 
     def __init__(self, backend, device, int dof, long long limit_cycles):
         """
         Args:
-            device: receives reports, a `rtloop.device.DeviceWatch`.
-            limit_cycles: maximum time that a stop of category 1 waits for the arm to settle.
+            device: receives reports; a `rtloop.device.DeviceWatch`.
+            limit_cycles: maximum number of cycles for which a stop of category 1 waits for the arm to settle.
         """
         self._backend, self._device, self._dof, self._limit_cycles = backend, device, dof, limit_cycles
         self._stepwise = isinstance(backend, Stepwise)
@@ -39,7 +39,9 @@ cdef class Drives:
         self._resting_cycles = 0
 
     def switch_off(self):
-        """Switch the drives off after a stop of category 1; `Rejected` if they stay on because of a fault."""
+        """Switch the drives off after a stop of category 1. Returns `Rejected` if they stay on because of a
+        fault.
+        """
         self._power = ON
         if 1 not in self._device.capabilities.stops:
             return ACCEPTED
@@ -51,15 +53,15 @@ cdef class Drives:
         return ACCEPTED
 
     def begin_reset(self, number, stops, Measured measured):
-        """Switch the drives on and read where the arm is, now or in steps.
+        """Switch the drives on and read the arm's position, at once or in steps.
 
         Args:
             number: number of the command.
-            stops: number of stops that had been requested when the command was taken.
+            stops: number of requested stops when the command was read.
             measured: receives the values that are read.
 
         Returns:
-            `Later` for a device that is enabled in steps: `step_reset` does them.
+            `Later` for a device that is enabled in steps, which `step_reset` executes.
         """
         if self._stepwise:
             self._number, self._stops, self._reset = number, stops, RECOVERING
@@ -71,12 +73,12 @@ cdef class Drives:
         return self._take_over(measured)
 
     def is_overtaken(self, unsigned long long stops):
-        """Whether a stop was requested since it began."""
+        """Whether a stop was requested since the reset began."""
         return stops != self._stops
 
     def step_reset(self, Measured measured):
-        """Do one step of a reset: the device recovers, then its drives are switched on. Meanwhile the cycle
-        goes on answering its packets. `Later` if more steps follow.
+        """Execute one step of a reset: the device recovers, then its drives are switched on. Meanwhile the
+        cycle continues to answer its packets. Returns `Later` if more steps follow.
         """
         try:
             if self._reset == RECOVERING:
@@ -90,7 +92,7 @@ cdef class Drives:
         return self._take_over(measured)
 
     def end_reset(self):
-        """End the reset, with any result; returns the number of its command."""
+        """End the reset, with any result. Returns the number of its command."""
         self._reset = NO_RESET
         return self._number
 
@@ -118,12 +120,12 @@ cdef class Drives:
         return self._reset != NO_RESET
 
     cdef bint c_loose(self) noexcept nogil:
-        """Whether the arm may be anywhere, so that its commanded position must follow it."""
+        """Whether the arm may be at any position, so that the commanded position must follow it."""
         return self._power == OFF or self._reset != NO_RESET
 
     cdef bint c_count_down(self, bint settled) noexcept nogil:
-        """Whether the drives are switched off in this cycle of a stop of category 1: the arm is at rest, or
-        has not settled in time. Call it once per cycle.
+        """Whether the drives are to be switched off in this cycle of a stop of category 1, because the arm is
+        at rest or has not settled in time. Call it once per cycle.
         """
         if self._power != COMING_OFF:
             return False

@@ -16,7 +16,7 @@ def first_contact(model: RobotModel, position: Array) -> str:
     """Describe the reported joints, the resulting TCP position, and what the user must do.
 
     Args:
-        model: the model with the tool that it carries.
+        model: the model, including the present tool.
         position: measured position, shape (dof,), rad or m.
     """
     reported = (
@@ -32,7 +32,7 @@ def first_contact(model: RobotModel, position: Array) -> str:
 
 
 def place(position: Array) -> str:
-    """A position in the base frame in the words of a person next to the arm, metres."""
+    """A position in the base frame, described for a person next to the arm, in metres."""
     names = (("in front", "behind"), ("left", "right"), ("above", "below"))
     words = [
         f"{fixed(abs(value), 2)} m {pair[int(value < 0.0)]}"
@@ -50,7 +50,7 @@ def _joints(model: RobotModel, position: Array) -> str:
 def _beyond(model: RobotModel, position: Array) -> list[str]:
     limits = model.limits
     return [
-        f"{name} is beyond the model's range of {_said(model, index, limits.min_position[index])} to "
+        f"{name} is outside the model's range of {_said(model, index, limits.min_position[index])} to "
         f"{_said(model, index, limits.max_position[index])}: are model and zero position those of this arm?"
         for index, name in enumerate(_names(model))
         if not limits.min_position[index] <= position[index] <= limits.max_position[index]

@@ -10,16 +10,16 @@ from cobot.ipc.shm import RobotMemory, encoded
 from cobot.types import LoopMode
 
 MAX_RAD = 1e3
-"""No joint gets farther, so a larger position is damaged."""
+"""Maximum plausible position of a joint, rad. A larger one is damaged."""
 
 
 def last_state(memory: RobotMemory) -> np.ndarray | None:
     """A copy of the last state that a crashed rtloop of the same supervisor published; None if there was
     none.
 
-    It may have crashed while publishing. Then the positions are a mixture of two cycles, which is good
-    enough. If the values make no sense, the state is damaged: what was latched is unknown, so an e-stop is
-    assumed.
+    It may have crashed while publishing. Then the positions are a mixture of two cycles, which is accurate
+    enough. If the values are invalid, the state is damaged. Then it is unknown whether an e-stop or a fault
+    was latched, so an e-stop is assumed.
     """
     block = memory.state
     if block.sequence == 0:

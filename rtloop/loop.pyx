@@ -1,6 +1,6 @@
 """The cycle: read, update, write, publish.
 
-A long module, because its phases share what was measured, and when.
+This module is long because the phases of the cycle share the measured values and their times.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
@@ -40,7 +40,7 @@ cdef class ControlLoop:
     """Runs one robot, cycle by cycle."""
 
     def __init__(self, settings, model, memory, backend, CycleClock clock, recording=None):
-        """recording: where a record of each cycle goes, a `cobot.ipc.recording_memory.RecordingMemory`."""
+        """recording: receives a record of each cycle; a `cobot.ipc.recording_memory.RecordingMemory`."""
         self._period_s = settings.rt.period_s
         self._period_ns = round(settings.rt.period_s * 1e9)
         self._overruns_to_stop = settings.rt.overruns_to_stop
@@ -81,11 +81,11 @@ cdef class ControlLoop:
         self._cycle = 0
 
     def open(self, start_position, tool=BARE, before=None):
-        """Connect to the robot, which carries a tool, and hold it where it is; a simulation begins where the
-        last one was left.
+        """Connect to the robot with its tool, and hold it at its position. A simulation begins at the last
+        position of the previous one.
 
         Args:
-            before: called when the tool is carried, before the robot is connected.
+            before: called after the tool is set, before the robot is connected.
 
         Raises:
             BackendError: the robot does not answer.
@@ -110,8 +110,8 @@ cdef class ControlLoop:
         self.controller.start_at(self._measured.position)
 
     def beat(self):
-        """Wait for the next cycle; returns by how many nanoseconds it is late. A device that gives the beat
-        is waited for in place of the clock.
+        """Wait for the next cycle. Returns its delay in nanoseconds. With an externally clocked device, wait
+        for its packet instead of the clock.
         """
         cdef long long late_ns
         if self._is_paced:
@@ -120,15 +120,15 @@ cdef class ControlLoop:
         return late_ns
 
     def _await_beat(self):
-        """The device's beat is the deadline: a cycle is late that begins more than a period after the one
-        before it, and a beat that does not come is a period that was missed.
+        """Wait for the device's packet, which is the deadline. A cycle that begins more than a period after
+        the previous one is late; a packet that does not arrive is a missed period.
         """
         cdef long long late_ns = 0, now_ns, early_ns
         patience = 1.0 if self._beatless else BEAT_PATIENCE
         try:
             beaten = self._backend.wait(patience * self._period_s)
         except BackendError as exc:
-            self.controller.fault(f"the robot gives no beat: {exc}")
+            self.controller.fault(f"no packets from the robot, which clocks the cycle: {exc}")
             beaten = False
             with nogil:
                 self._clock.c_wait(False)
@@ -150,24 +150,26 @@ cdef class ControlLoop:
         return late_ns
 
     def _race(self, long long early_ns):
-        """The device is faster than the clock: the arm comes to rest by the clock."""
+        """Handle a device that is faster than the clock: the arm stops with cycles of the computer's
+        clock.
+        """
         self.controller.fault(
-            f"the robot gives the beat too fast: {self._pace.beats} beats in "
-            f"{self._pace.beats_ns * 1e-9:.3f} s, and a period is {self._period_s:g} s"
+            f"the robot's packets arrive too fast: {self._pace.beats} packets in "
+            f"{self._pace.beats_ns * 1e-9:.3f} s, but a period is {self._period_s:g} s"
         )
         with nogil:
             self._pace.c_hold(early_ns)
 
     def step(self, long long late_ns=0):
-        """One cycle. Real-time safe; no exception leaves it but a broken program's.
+        """Run one cycle. Real-time safe. It raises exceptions only for programming errors.
 
         Args:
-            late_ns: by how much the cycle began too late.
+            late_ns: delay of the cycle's beginning.
         """
         self.c_step(late_ns)
 
     def run(self, ending):
-        """Cycle until `ending` holds a reason and the arm has come to rest."""
+        """Run cycles until `ending` holds a reason and the arm has come to rest."""
         cdef long long end_cycle = 0, late_ns
         cdef bint moving
         while True:
@@ -187,14 +189,14 @@ cdef class ControlLoop:
                     return
 
     def close(self):
-        """Switch the drives off and let go of the robot."""
+        """Switch the drives off and release the robot."""
         try:
             self._backend.disable()
         finally:
             self._backend.close()
 
     cdef void c_step(self, long long late_ns) except *:
-        """`step`."""
+        """Like `step`, for compiled code."""
         cdef long long begun_ns = monotonic_ns(), read_ns, updated_ns, written_ns
         cdef double robot_time_s = (self._cycle + 1) * self._period_s
         cdef bint fresh
@@ -238,7 +240,7 @@ cdef class ControlLoop:
         statistics.c_count(TOTAL, monotonic_ns() - begun_ns)
 
     cdef bint c_read(self) except *:
-        """Take over what is measured if it can be; False if the last good values stay."""
+        """Use the measured values if they are valid. Returns False if the last valid values stay in use."""
         cdef Measured fresh = self._fresh
         cdef double square = 0.0
         cdef int index
@@ -265,20 +267,23 @@ cdef class ControlLoop:
         return not self.controller.stale
 
     cdef bint _is_loose(self) noexcept:
-        """Whether the arm may be anywhere, so that it is commanded to be where it is."""
+        """Whether the arm may be at any position, so that the command must follow its measured position."""
         return self.controller.drives.c_loose()
 
     def _miss_beat(self):
-        """Keep the command for a while if the robot takes none: the motion goes on without a jump."""
+        """Keep the command for a while if the robot accepts none, so that the motion later continues without
+        a jump.
+        """
         self._unwritten += 1
         if self._beatless == self._overruns_to_stop:
-            self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
+            self.controller.fault(f"no packet from the robot, which clocks the cycle, for "
+                                  f"{self._beatless * self._period_s:.3f} s")
 
     def _heed_device(self):
         """Poll the device and apply its speed override.
 
         Raises:
-            ForeignError: a report is unusable; what the others say is applied.
+            ForeignError: a report is unusable; the other reports are applied.
         """
         try:
             self._device.ask()
@@ -288,14 +293,14 @@ cdef class ControlLoop:
             self.controller.heed_t1()
 
     def _freeze(self):
-        """Nothing that is measured has changed, as at rest, but the arm does not rest."""
+        """Handle measured values that have not changed, as at rest, although the arm is not at rest."""
         self.controller.stale = True
         self.controller.fault(
-            f"the robot has reported the same values in {self._frozen} cycles although it is moved"
+            f"the robot has reported the same values in {self._frozen} cycles although it should move"
         )
 
     cdef bint c_moves(self) noexcept nogil:
-        """Whether a joint is commanded to move."""
+        """Whether a motion of a joint is commanded."""
         cdef const double* velocity = self.controller.safety.c_command + self._measured.dof
         cdef int joint
         for joint in range(self._measured.dof):
@@ -304,7 +309,9 @@ cdef class ControlLoop:
         return False
 
     cdef void c_write(self) except *:
-        """Command the robot. With its drives off it gets one only if its packets need an answer."""
+        """Send the command to the robot. With its drives off, the robot gets one only if its packets need an
+        answer.
+        """
         if self.controller.drives.c_off() and not self._is_paced:
             return
         try:
@@ -322,7 +329,7 @@ cdef class ControlLoop:
             self.controller.fault(f"writing to the robot failed: {exc}")
 
     cdef void c_publish(self, double robot_time_s) noexcept nogil:
-        """Tell the world what was measured in this cycle, and what became of it."""
+        """Publish the measured values of this cycle, and the resulting command."""
         self._scalars.cycle = self._cycle
         self._scalars.robot_time_s = robot_time_s
         self.controller.c_describe(&self._scalars)
@@ -335,7 +342,7 @@ cdef class ControlLoop:
     cdef void c_record(
         self, long long late_ns, long long read_ns, long long update_ns, long long write_ns, bint fresh
     ) except *:
-        """Leave what was published to the recorder, with the times of the cycle's phases."""
+        """Copy the published values and the durations of the cycle's phases into the recording memory."""
         cdef long long phases_ns[PHASES]
         phases_ns[0], phases_ns[1], phases_ns[2], phases_ns[3] = late_ns, read_ns, update_ns, write_ns
         self._recorder.c_heed(

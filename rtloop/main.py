@@ -40,12 +40,14 @@ log = logging.getLogger("cobot.rtloop")
 def main() -> int:
     """Run until SIGTERM or SIGINT. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; default: the one that ships with cobot")
     parser.add_argument("--robot", help="name of one of the `robots`; default: the default robot")
-    parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
+    parser.add_argument("--clock", choices=("realtime", "fast"), help="clock to use instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only check that the backend can be made")
     parser.add_argument(
-        "--permissions", action="store_true", help="only print what the system grants, as JSON"
+        "--permissions",
+        action="store_true",
+        help="only print the permissions that the system grants, as JSON",
     )
     arguments = parser.parse_args()
     asked = arguments.check or arguments.permissions  # by a program or a person that reads the output
@@ -83,7 +85,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     ending: list[str] = []
 
     def end(number: int, frame: FrameType | None) -> None:
-        ending.append("cobot is ending")
+        ending.append("cobot is shutting down")
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
@@ -96,7 +98,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     granted: list[Permissions] = []
 
     def be_punctual() -> None:
-        """Do what takes long before the device is connected, which may need timely answers."""
+        """Do slow preparations before the device is connected, because the device may need timely answers."""
         loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
@@ -113,7 +115,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
 
 def clock_of(backend: Backend, name: str, period_s: float) -> CycleClock:
-    """The clock of this name; always the real-time clock for real hardware."""
+    """The clock with this name. Real hardware always gets the real-time clock."""
     hurries = name == "fast" and not capabilities_of(backend).hardware
     return FastClock(period_s) if hurries else RealtimeClock(period_s)
 
@@ -128,8 +130,10 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
-    """The tool with the attached objects, except parts of a cell, because the cell begins again. If the scene
-    cannot be read, the tool alone: then neither the service, which starts all motions, nor a session starts.
+    """The tool with the attached objects, except parts of a cell, because the cell starts again.
+
+    If the scene cannot be read, only the tool. Then neither the service, which starts all motions, nor a
+    session can start.
     """
     model = robot.model
     tool = tool_file(settings).read_checked(settings.robot.max_payload_kg, model.file_gravity)

@@ -1,9 +1,9 @@
 """Two states and their transitions: the mode of the arm, and its present guide.
 
 The mode is public: `rtloop.modes` has its transitions, and only `_enter` changes it, except at a restart. The
-guide is a `Guide`, which states what each one permits; only `c_let` changes it. Any event
-may change both states. Methods that run in every cycle begin with `c_` and are real-time safe; methods for
-events are Python.
+guide determines the source of the commands and is internal. It is a `Guide`, whose values document what each
+permits; only `c_let` changes it. Any event may change both states. Methods with the prefix `c_` run in every
+cycle and are real-time safe; methods for events are Python.
 """
 
 from libc.string cimport memcpy, memset
@@ -36,21 +36,22 @@ cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
 
 
 cdef class ModeMachine:
-    """Makes each cycle's command, in `safety`, from the present guide, and ends the guide when necessary.
+    """Calculates the command of each cycle, in `safety`, according to the present guide, and ends the guide
+    when necessary.
 
     Attributes:
         commands, safety, streaming, settling, drives, handover, follower, signals: its parts.
-        mode, reason: the mode, and why it is ESTOP or FAULT, or the reason for the last stop.
+        mode, reason: the mode, and the reason for ESTOP, FAULT or the last stop.
         motion_id, motion_result: the running motion or the last one.
-        deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
+        deceleration_ns: time at which the last stop began to slow the arm down, from the cycle's `now_ns`.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: receives reports, a `rtloop.device.DeviceWatch`."""
+        """device: receives reports; a `rtloop.device.DeviceWatch`."""
         rt, limits = settings.rt, model.limits
         self._dof = limits.dof
         if self._dof > MAX_DOF:
-            raise InputError(f"the robot has {self._dof} joints, possible are {MAX_DOF}")
+            raise InputError(f"the robot has {self._dof} joints, allowed are up to {MAX_DOF}")
         self._desired_rows = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
         self._desired = doubles(self._desired_rows, 3 * self._dof)
         self.commands = CommandInbox(memory)
@@ -88,13 +89,14 @@ cdef class ModeMachine:
 
     @property
     def settled(self):
-        """Whether the arm is measured at rest: at the commanded position, or anywhere in FAULT and in a
-        session."""
+        """Whether the measured arm is at rest: at the commanded position; in FAULT and in a session at any
+        position.
+        """
         return self.settling.settled
 
     @property
     def moving(self):
-        """Whether a motion is loading, running or settling, or a stream is ending."""
+        """Whether a motion is loading, running or settling, or a streaming session is ending."""
         return self.c_moving()
 
     def start_at(self, position):
@@ -107,10 +109,10 @@ cdef class ModeMachine:
         self.settling.c_hold()
 
     def let_go(self, position):
-        """Handle a robot that has not taken commands for some time, so that its drives have stopped by
+        """Handle a robot that has not accepted commands for some time, so that its drives have stopped by
         themselves.
 
-        When it takes commands again, the commanded position must equal its position.
+        When it accepts commands again, the commanded position must equal its position.
         """
         result = self.streaming.close() if self.streaming.session else ACCEPTED
         self.start_at(position)
@@ -118,7 +120,7 @@ cdef class ModeMachine:
             self.fault(result.reason)
 
     def restore(self, state):
-        """Take over the state of a crashed rtloop: latches stay, an interrupted motion has failed."""
+        """Restore the state of a crashed rtloop. Latches stay; an interrupted motion has failed."""
         self.commands.refuse_pending("rtloop was restarted")
         self.motion_id = int(state["motion_id"])
         result = MotionResult(int(state["motion_result"]))
@@ -133,7 +135,7 @@ cdef class ModeMachine:
         self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
 
     def stop(self, reason):
-        """Stop: on the path, if the arm is on it and it leaves room to slow down."""
+        """Stop: on the path if the arm is on one that leaves enough room to slow down."""
         if self.handover.load != NO_LOAD:
             self._finish_loading(Rejected(reason))
         if self._mode == TRAJECTORY or self.c_streams():
@@ -141,7 +143,7 @@ cdef class ModeMachine:
             self._slow_down()
 
     def overrun(self, what):
-        """Handle cycles that begin so late that the next ones are not reliable."""
+        """Handle cycles that begin so late that later cycles are unreliable."""
         if self._mode == TRAJECTORY or self.c_streams():
             self.safety.count(Intervention.OVERRUN)
             self.stop(f"{what}: the computer is too slow or too busy")
@@ -153,8 +155,8 @@ cdef class ModeMachine:
         self._latch(LoopMode.ESTOP, reason)
 
     def fast_stop(self, reason):
-        """Stop category 1: each joint stops as fast as its limits permit, even off the path; then the drives
-        are switched off, until a reset.
+        """Stop category 1: each joint stops as fast as its limits permit, even off the path. Then the drives
+        are switched off until a reset.
         """
         self.estop(reason)
         if self._guide == PATH and not self.follower.by_itself:
@@ -162,7 +164,7 @@ cdef class ModeMachine:
         self.drives.switch_off_at_rest()
 
     def switch_off(self):
-        """Switch the drives off after a stop of category 1. They may take long, because nothing moves."""
+        """Switch the drives off after a stop of category 1. This may take long, because nothing moves."""
         result = self.drives.switch_off()
         if result != ACCEPTED:
             self.reason = f"{self.reason}; {result.reason}"
@@ -176,7 +178,7 @@ cdef class ModeMachine:
         self.streaming.lay_over(self._guide == STREAM)
 
     cdef bint c_moving(self) noexcept nogil:
-        """Whether a motion is loading, running or settling, or a stream is ending; for compiled code."""
+        """Like `moving`, for compiled code."""
         return (
             self._mode == TRAJECTORY
             or self._mode == STOPPING
@@ -188,7 +190,7 @@ cdef class ModeMachine:
         )
 
     cdef bint c_switches_off(self) noexcept nogil:
-        """Whether the drives are switched off in this cycle. Call it once per cycle."""
+        """Whether the drives are to be switched off in this cycle. Call it once per cycle."""
         cdef bint moved = self._guide != NOTHING and self._guide != COAST
         return not moved and self.drives.c_count_down(self.settling.settled)
 
@@ -199,7 +201,7 @@ cdef class ModeMachine:
     cdef void c_guide(
         self, Measured measured, long long now_ns, double robot_time_s, bint fresh
     ) except *:
-        """Make this cycle's command, and observe the effect of the last ones."""
+        """Calculate this cycle's command, and observe the effect of the last ones."""
         cdef double allowed
         if self._guide == COAST:
             self._coast(measured, fresh)
@@ -245,8 +247,8 @@ cdef class ModeMachine:
         return True
 
     cdef void c_let(self, Guide guide) noexcept nogil:
-        """Let this guide command the arm from now on. BRAKE leaves path and stream: each joint stops by
-        itself.
+        """Let this guide determine the commands from now on. BRAKE leaves path and stream: each joint stops
+        on its own.
         """
         self._guide = guide
         if guide == BRAKE:
@@ -267,7 +269,7 @@ cdef class ModeMachine:
         self.commands.answer(self.drives.end_reset(), result)
 
     cdef void _heed_stream(self) except *:
-        """The client's target in this cycle."""
+        """Follow the client's target in this cycle."""
         cdef Feed feed = self.streaming.feed
         if feed.not_finite:
             self.estop(self.streaming.explain_not_finite())
@@ -280,8 +282,8 @@ cdef class ModeMachine:
             self.c_let(BRAKE)
 
     cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *:
-        """The path's target for the arm. A device that executes motions by itself stops anywhere after a
-        stop; until then the command is the position that it reports.
+        """Follow the path. A device that executes motions itself stops at any position after a stop; until
+        then the command is the position that it reports.
         """
         cdef bint stopping
         cdef Way way
@@ -319,14 +321,14 @@ cdef class ModeMachine:
             self._heed_fence()
 
     cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *:
-        """Have the motion wait, begin, pause, go on or end as its conditions ask for."""
+        """Let the motion wait, begin, pause, continue or end as its conditions require."""
         cdef Verdict verdict
         try:
             verdict = self.signals.c_look(
                 measured.c_values, self.follower.clock.path_time_s, robot_time_s
             )
         except BackendError as exc:
-            self.stop(f"a condition of the motion cannot be watched: {exc}")
+            self.stop(f"a condition of the motion cannot be checked: {exc}")
             return
         if verdict == AS_BEFORE:
             return
@@ -338,7 +340,7 @@ cdef class ModeMachine:
             self.follower.clock.c_hold(verdict == HOLD)
 
     cdef void _end_at_once(self, str reason) except *:
-        """Come to rest because `until` is met: on the path, or each joint as fast as its limits permit."""
+        """Stop because `until` is met: on the path, or each joint as fast as its limits permit."""
         self.stop(reason)
         if self.follower.by_itself or self._guide != PATH:
             return
@@ -348,8 +350,9 @@ cdef class ModeMachine:
             self.follower.clock.c_end_urgently()
 
     cdef void _coast(self, Measured measured, bint fresh) except *:
-        """Wait until it has stopped, or its state is unknown. It has left the path if it is elsewhere than
-        reported."""
+        """Wait until the device has stopped, or its state is unknown. If the arm is not where it is reported
+        on the path, it has left the path.
+        """
         self.follower.place()
         off = np.abs(self._desired_rows[0] - measured.position).max()
         self.follower.left = off > self._settle_position_rad
@@ -371,7 +374,7 @@ cdef class ModeMachine:
             self.fault(result.reason)
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
-        """Count how long the arm has been still, and whether a motion or a stream may have ended."""
+        """Count how long the arm has been at rest, and check whether a motion or a session may have ended."""
         # In a session the arm is compliant, in contact it is pushed aside, in FAULT it follows no command:
         # then it may be at rest anywhere.
         cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT or self.signals.met
@@ -386,9 +389,10 @@ cdef class ModeMachine:
         return self.settling.c_check_end()
 
     def _rest(self, Measured measured, fresh):
-        """Finish a motion or stream that has ended: the arm is at rest, or does not come to rest.
+        """Finish a motion or session that has ended: the arm is at rest, or does not come to rest.
 
-        In contact it may not: pressed against a wall, it can slide until it is held where it is.
+        In contact it may not come to rest: pressed against a wall, it can slide until it is held at its
+        position.
         """
         if self.streaming.session:
             self._end_stream(measured.position, fresh)
@@ -405,7 +409,7 @@ cdef class ModeMachine:
                 self.c_let(BRAKE)
 
     def _yield_to_contact(self, position, fresh):
-        """Hold an arm where it is that is pushed aside by what has ended its motion."""
+        """Hold the arm at its position if the contact that has ended its motion pushes it aside."""
         self.signals.end()
         if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
             self.start_at(position)
@@ -413,8 +417,8 @@ cdef class ModeMachine:
     def _end_stream(self, position, fresh):
         """Switch to position control once a session has ended and the arm is at rest.
 
-        An arm that was pushed aside is held at its position, unless that is unknown; an arm that is pushed
-        around and does not come to rest is held too.
+        An arm that was pushed aside is held at its position, unless the position is unknown. An arm that is
+        pushed continuously and does not come to rest is held too.
         """
         result = self.streaming.close()
         if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:

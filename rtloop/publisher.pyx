@@ -1,4 +1,4 @@
-"""What rtloop tells the world: the state of each cycle, and the statistics of all."""
+"""Publishes the state of each cycle, and statistics of all cycles."""
 
 from libc.math cimport NAN
 from libc.stdint cimport UINT64_MAX, int64_t, uint32_t, uint64_t
@@ -34,8 +34,8 @@ cdef class StatePublisher:
     def __init__(self, memory, model):
         """
         Raises:
-            InputError: more joints than compiled code has room for.
-            LayoutError: `StateScalars` is not what the layout says.
+            InputError: the robot has more joints than compiled code supports.
+            LayoutError: `StateScalars` differs from the layout.
         """
         cdef Block block = memory.state
         _require_layout()
@@ -71,7 +71,7 @@ cdef class StatePublisher:
             scalars.gripper_object = UNKNOWN
 
     cdef void c_heed(self, Safety safety, str reason) except *:
-        """Take over what the safety layer has counted, and why the mode is what it is, when these change."""
+        """Copy the counts of the safety layer, and the reason for the mode, when they have changed."""
         if safety.counted != self._counted:
             self._counted = safety.counted
             memcpy(self._interventions, safety.c_interventions, _kinds * sizeof(uint64_t))
@@ -92,7 +92,7 @@ cdef class StatePublisher:
         self.block.c_publish()
 
     cdef void _find_tcp(self) noexcept nogil:
-        """Pose and velocity of the TCP, as measured."""
+        """Calculate pose and velocity of the TCP from the measured values."""
         cdef double jacobian[6 * MAX_DOF]
         cdef double rate
         cdef int row, joint
@@ -112,7 +112,9 @@ cdef class StatePublisher:
             self._effort_rate[joint] += (change - self._effort_rate[joint]) * self._smoothing
 
     def publish_values(self, scalars, measured, command):
-        """`c_publish` of arrays; the scalars are a record of `cobot.ipc.state_fields.STATE_SCALARS`."""
+        """Like `c_publish`, with arrays. The scalars are a record of
+        `cobot.ipc.state_fields.STATE_SCALARS`.
+        """
         cdef StateScalars* given = <StateScalars*>bytes_of(scalars, sizeof(StateScalars))
         cdef double* values = doubles(measured, count_measured(self._dof))
         self.c_publish(given, values, doubles(command, 3 * self._dof))
@@ -130,14 +132,15 @@ cdef class Statistics:
         self._published_cycles = block.c_unsigned("cycles")
 
     def count(self, int phase, long long duration_ns):
-        """One more sample of a phase."""
+        """Count one more sample of a phase."""
         self.c_count(phase, duration_ns)
 
     def end_cycle(self):
-        """Publish twice a second: the block is large, and its copy counts as compute time.
+        """Publish the statistics twice a second. The block is large, and copying it counts as compute time.
 
-        So is what robot and device this is, although it stays the same: what a wild writer has spoilt is
-        mended. They are published in different cycles, for the sake of the longest one.
+        The descriptions of robot and device are published too, although they do not change, in order to
+        repair damage by another writer. They are published in different cycles, so that no cycle becomes too
+        long.
         """
         self.c_end_cycle()
 
@@ -162,14 +165,15 @@ cdef class Statistics:
 
 
 cdef int _require_layout() except -1:
-    """That the fields of `StateScalars` are those of the layout, in their order and of their kind."""
+    """Require that the fields of `StateScalars` match the layout in order and type."""
     cdef StateScalars scalars
     record = np.zeros((), list(STATE_SCALARS))
     if record.dtype.itemsize != sizeof(StateScalars):
-        raise LayoutError(f"the state's scalars take {record.dtype.itemsize} bytes in the layout alone")
+        raise LayoutError(f"the state's scalars have a size of {record.dtype.itemsize} bytes only in the "
+        f"layout")
     for number, (name, kind) in enumerate(STATE_SCALARS):
         record[name] = -number if kind == "i8" else number
     memcpy(&scalars, bytes_of(record, sizeof(StateScalars)), sizeof(StateScalars))
     if scalars != {name: record[name].item() for name, _ in STATE_SCALARS}:
-        raise LayoutError("the state's scalars are others in the layout")
+        raise LayoutError("the state's scalars differ from those in the layout")
     return 0

@@ -14,7 +14,9 @@ _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 _MCL_ONFAULT = 4
 _NEEDED = ("libmujoco", "libpython", "libc.so", "libc-", "libm.so", "libm-", "/bin/python", "_umath")
-"""Parts of the names of libraries, other than our own modules, whose code a cycle may need suddenly."""
+"""Parts of the names of libraries, other than cobot's own modules, whose code a cycle may need without
+warning.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,7 @@ class Permissions:
 def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permissions:
     """Request a core that does not sleep deeply, SCHED_FIFO and locked memory.
 
-    Everything is tried, nothing is required.
+    A refusal is not an error.
     """
     refused = []
     try:
@@ -70,7 +72,7 @@ def _keep_awake(latency_us: int) -> None:
 def _lock_memory() -> None:
     """Lock each page once it has been touched, and the code that a cycle may need at once.
 
-    Populating all reserved memory, as MCL_FUTURE alone does, would take five times the memory.
+    MCL_FUTURE alone would populate all reserved memory, which needs five times as much.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     everything = _MCL_CURRENT | _MCL_FUTURE
@@ -82,7 +84,7 @@ def _lock_memory() -> None:
 
 
 def _code() -> list[tuple[int, int]]:
-    """Address and size of the mappings of our compiled modules and of `_NEEDED`."""
+    """Address and size of the mappings of cobot's compiled modules and of `_NEEDED`."""
     ours = [str(Path(__file__).parents[1] / package) + os.sep for package in ("cobot", "rtloop")]
     found = []
     for line in Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines():
@@ -95,7 +97,7 @@ def _code() -> list[tuple[int, int]]:
 
 
 def freeze_garbage() -> None:
-    """Collect garbage once, then never again: reference counting frees what the cycle leaves behind."""
+    """Collect garbage once, then never again. Reference counting frees the objects that the cycle makes."""
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -1,4 +1,4 @@
-"""What rtloop leaves of each cycle for the recorder: a record in a ring, and why modes changed."""
+"""Writes data of each cycle for the recorder: a record in a ring, and the reasons of mode changes."""
 
 from libc.stdint cimport int64_t, uint32_t, uint64_t
 from libc.string cimport memcpy
@@ -22,7 +22,7 @@ _COPIES = {
     ("u8", "u4"): COPY_UINT32,
     ("u8", "u1"): COPY_UINT8,
 }
-"""By the kind of a field in the state block, and in the record."""
+"""The kinds of copies, by the kinds of a field in the state block and in the record."""
 
 
 cdef class CycleRecorder:
@@ -31,8 +31,8 @@ cdef class CycleRecorder:
     def __init__(self, memory):
         """
         Raises:
-            InputError: more joints than compiled code has room for.
-            LayoutError: more fields are recorded than there is room for, or one of an unknown kind.
+            InputError: the robot has more joints than compiled code supports.
+            LayoutError: there are too many recorded fields, or a field has an unknown kind.
         """
         checked_dof(memory.dof)
         self._fresh, self._notes = memory.fresh, memory.notes
@@ -55,7 +55,7 @@ cdef class CycleRecorder:
         self._note_number[0] = <uint32_t>self._note["number"]
 
     def _find_copies(self, dof, at):
-        """Which bytes of the state go where in the record."""
+        """The offsets of the recorded bytes in the state and in the record."""
         state = state_dtype(dof)
         if len(RECORDED) > MAX_COPIES:
             raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, allowed are {MAX_COPIES}")
@@ -86,7 +86,7 @@ cdef class CycleRecorder:
             self._write_note(reason, mode, cycle, now_ns)
 
     def _write_note(self, reason, mode, cycle, now_ns):
-        """On an event only: a mode, or why it is what it is, is another one."""
+        """Write a note. Called only if the mode or its reason has changed."""
         note = self._note
         note["number"] += 1
         note["cycle"], note["monotonic_ns"], note["mode"] = cycle, now_ns, mode
@@ -105,11 +105,11 @@ cdef class CycleRecorder:
         self._fresh.c_put(self._c_record)
 
     def heed(self, Safety safety, reason, mode, cycle, now_ns):
-        """`c_heed`."""
+        """Like `c_heed`, for Python."""
         self.c_heed(safety, reason, mode, cycle, now_ns)
 
     def record(self, state, phases_ns, *, fresh):
-        """`c_record` of a record of `cobot.ipc.state_fields.state_dtype`."""
+        """Like `c_record`, with a record of `cobot.ipc.state_fields.state_dtype`."""
         cdef long long* phases = <long long*>bytes_of(phases_ns, PHASES * sizeof(long long))
         self.c_record(bytes_of(state, state.dtype.itemsize), phases, fresh)
 

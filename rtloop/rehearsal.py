@@ -29,18 +29,18 @@ from rtloop.loop import ControlLoop
 
 FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
-"""Enough cycles to load the longest motion."""
+"""Maximum number of cycles for loading a motion. It is enough for the longest one."""
 MAX_SETTLING_S = 30.0
-"""Longer than the settling time after which the cycle ends any motion."""
+"""Timeout for settling, s. It is longer than the time after which the cycle ends any motion."""
 RESTING_S = 0.2
-"""Time for which a disturbance acts on the resting arm before the motion begins."""
+"""Time for which a disturbance acts on the arm at rest before the motion begins, s."""
 ROWS = 2000
-"""Number of measured positions that are kept, evenly over a motion's duration."""
+"""Number of measured positions that are kept, evenly spaced over a motion's duration."""
 SATURATED = 0.999
 
 
 class Disturbance(Protocol):
-    """What the simulated arm meets in a dry run and the cycle does not know."""
+    """A disturbance of the simulated arm in a dry run, of which the cycle has no information."""
 
     def prepare(self, backend: MujocoBackend) -> None:
         """Change the arm before the motion begins."""
@@ -65,7 +65,7 @@ def rehearse(
     """Simulate a motion from its start, at rest, shape (dof,), rad, with the tool and the attached objects.
 
     Raises:
-        PlanningError: the cycle rejects the motion, with the reason.
+        PlanningError: the cycle rejects the motion; the error has the reason.
     """
     with _loop(settings, robot, start, trajectory) as (loop, memory, backend):
         if disturbance is not None:
@@ -150,7 +150,7 @@ def _follow(
                 kept.append((cycle * period_s, state["position"].copy()))
     if flaw is None and controller.motion_result != MotionResult.ARRIVED:
         worst = limits.names[int(apart.argmax())]
-        flaw = Flaw(cycle * period_s, worst, controller.reason or "it did not settle at its goal")
+        flaw = Flaw(cycle * period_s, worst, controller.reason or "the arm did not settle at its goal")
     times, positions = zip(*kept, strict=True)
     return SimulatedRun(np.array(times), np.array(positions), effort, off, cycle * period_s, flaw)
 

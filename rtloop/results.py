@@ -1,4 +1,6 @@
-"""Results of requests and checks in rtloop: accepted, rejected for a reason, or answered in a later cycle."""
+"""Results of requests and checks in rtloop: accepted, rejected with a reason, or answered in a later
+cycle.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """The work takes several cycles. The part that does it sends the result at its end."""
+    """The work takes several cycles. The part of rtloop that does it sends the result at the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +34,12 @@ ACCEPTED, LATER = Accepted(), Later()
 
 
 def first_rejection(results: Iterable[Accepted | Rejected]) -> Accepted | Rejected:
-    """The first rejection, if any. A generator runs a check only if those before it have passed."""
+    """The first rejection, if any. If `results` is a generator, later checks run only if the earlier ones
+    have passed.
+    """
     return next((result for result in results if isinstance(result, Rejected)), ACCEPTED)
 
 
 def result_of(reason: str) -> Accepted | Rejected:
-    """The result of a check of the library, which returns the reason, "" if it has passed."""
+    """The result of a check that returns a reason, or "" if it has passed."""
     return Rejected(reason) if reason else ACCEPTED

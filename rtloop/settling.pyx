@@ -1,4 +1,4 @@
-"""How far the arm is from where it is commanded to be, and for how long it has been still."""
+"""The distance of the arm from its commanded position, and the time for which it has been at rest."""
 
 from libc.math cimport fabs, sqrt
 
@@ -13,14 +13,15 @@ JUMP_FACTOR = 3.0
 
 
 cdef class SettlingMonitor:
-    """Compares what is measured with the command in `safety`.
+    """Compares the measured values with the command in `safety`.
 
-    Real-time safe, except for the methods that make sentences.
+    Real-time safe, except for the methods that return sentences.
 
     Attributes:
-        settled: the arm has been still for long enough, where it is commanded to be or where it may be.
-        misread: a position was measured that no arm can have got to, since the arm was last held.
-        largest: by how much the joint is off that is furthest off, rad.
+        settled: whether the arm has been at rest for long enough, at its commanded position or at any
+            permitted one.
+        misread: whether a physically impossible position was measured since the arm was last held.
+        largest: largest deviation of a joint from its command, rad.
     """
 
     def __init__(self, settings, limits, Safety safety):
@@ -33,28 +34,29 @@ cdef class SettlingMonitor:
         self.settle_limit_cycles = _cycles(SETTLE_LIMIT_S, rt.period_s)
 
     def believe_jumps(self):
-        """The device tells only from time to time where it is."""
+        """Accept jumps of the measured position, because the device reports it only from time to time."""
         self._largest_step = float("inf")
 
     def check_tracking(self, position, double allowed):
-        """Whether each joint is within `allowed`, rad, of its command, and none was misread in this cycle.
+        """Check whether each joint is within `allowed`, rad, of its command, and none was misread in this
+        cycle.
 
         Args:
-            position: as measured, shape (dof,), rad.
+            position: measured joint positions, shape (dof,), rad.
         """
         error = self._errors()
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
             unit = self._limits.unit(joint)
             return Rejected(
-                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from where it is commanded "
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from its commanded position "
                 f"({position[joint]:.3f} instead of {self._safety.position[joint]:.3f} {unit}), "
                 f"allowed are {allowed} {unit}"
             )
         if self._jump:
             return Rejected(
                 f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, "
-                "as no arm can"
+                f"which is physically impossible"
             )
         return ACCEPTED
 
@@ -62,8 +64,8 @@ cdef class SettlingMonitor:
         """Describe why the arm has not settled.
 
         Args:
-            desired: where the motion ends, shape (dof,), rad.
-            velocity: as measured, shape (dof,), rad/s.
+            desired: end of the motion, shape (dof,), rad.
+            velocity: measured joint velocities, shape (dof,), rad/s.
         """
         off = np.abs(desired - self._safety.position)
         joint = int(off.argmax())
@@ -71,7 +73,7 @@ cdef class SettlingMonitor:
         if off[joint] > self._settle_position_rad:
             return (
                 f"the safety layer keeps {name} at {self._safety.position[joint]:.4f} {unit}: "
-                f"the motion wants it at {desired[joint]:.4f} {unit}"
+                f"the motion ends at {desired[joint]:.4f} {unit}"
             )
         error = self._errors()
         joint = int(np.abs(error).argmax())
@@ -85,17 +87,17 @@ cdef class SettlingMonitor:
         return np.array([self._error[joint] for joint in range(self._dof)])
 
     cdef void c_begin(self) noexcept nogil:
-        """Something begins to move the arm, or to bring it to rest."""
+        """Note that the arm begins to move or to stop."""
         self._still_cycles = self._unsettled_cycles = 0
         self.settled = False
 
     cdef void c_hold(self) noexcept nogil:
-        """The arm is commanded to be where it is."""
+        """Note that the arm is commanded to hold its present position."""
         self.misread = False
         self._norm = 0.0
 
     cdef bint c_tracks(self, const double* position, double allowed) noexcept nogil:
-        """Take what is measured; whether the arm may be where it is commanded to be."""
+        """Store the measured positions. Returns whether the arm may be at its commanded position."""
         cdef double square = 0.0, before = self._norm
         cdef bint misread
         cdef int joint
@@ -112,12 +114,12 @@ cdef class SettlingMonitor:
         return not (misread or self._norm > allowed)
 
     cdef void c_settle(self, const double* velocity, bint may_be_still, bint anywhere) noexcept nogil:
-        """Count how long the arm has been still.
+        """Count how long the arm has been at rest.
 
         Args:
-            velocity: as measured (dof,), rad/s.
-            may_be_still: False while it is known to be on its way.
-            anywhere: whether it need not be where it is commanded to be.
+            velocity: measured joint velocities, (dof,), rad/s.
+            may_be_still: False while the arm is known to be moving.
+            anywhere: whether the arm may be at any position.
         """
         cdef bint still = may_be_still and (anywhere or self.largest <= self._settle_position_rad)
         cdef int joint
@@ -127,12 +129,12 @@ cdef class SettlingMonitor:
         self.settled = self._still_cycles >= self._settle_cycles
 
     cdef bint c_check_end(self) noexcept nogil:
-        """Whether what has moved the arm is over: it has settled, or has had its time to."""
+        """Whether the motion is over: the arm has settled, or its time for settling has passed."""
         self._unsettled_cycles += 1
         return self.settled or self._unsettled_cycles >= self.settle_limit_cycles
 
 
 def _cycles(time_s, period_s):
-    """The least whole number of periods that last no less than a time."""
+    """The smallest number of periods that last at least this time."""
     cycles = int(time_s / period_s)
     return cycles if cycles * period_s >= time_s else cycles + 1

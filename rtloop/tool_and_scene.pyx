@@ -1,4 +1,4 @@
-"""What the arm carries, and what stands around it: both change while it rests."""
+"""The arm's tool and its surroundings. Both change while the arm is at rest."""
 
 from cobot.errors import CobotError, InputError, LimitError
 from cobot.ipc.tool_record import load_of
@@ -11,12 +11,13 @@ from rtloop.streaming.session cimport Session
 
 
 cdef class ToolAndScene:
-    """Tells model, device and streams of them. On events alone.
+    """Passes tool and surroundings on to the model, the device and the streaming sessions. It runs only on
+    events.
 
     Attributes:
-        surroundings: reads what stands around the arm.
-        known: how far that is known; `hear_of` and `heed` change it.
-        scene_known: `Accepted` if the collision monitor knows the scene, `Rejected` with the reason if not.
+        surroundings: reads the surroundings of the arm.
+        known: progress of reading them; `hear_of` and `heed` change it.
+        scene_known: `Accepted` if the collision monitor has the scene, otherwise `Rejected` with the reason.
     """
 
     def __init__(self, settings, model, memory, backend, Session streaming):
@@ -28,14 +29,14 @@ cdef class ToolAndScene:
         self.scene_known = ACCEPTED
 
     def carry(self, tool, mounted=None):
-        """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the
-        backend. Some 500 µs, so only while nothing moves.
+        """Use this tool from the next cycle on, in the model and, if the backend needs it, in the backend.
+        This takes about 500 µs, so it is done only while nothing moves.
 
         Args:
-            mounted: the tool without the parts of a simulated cell; None: none are held.
+            mounted: the tool without the parts of a simulated cell; None: no parts are held.
 
         Raises:
-            BackendError: the robot refuses it; nothing has changed.
+            BackendError: the robot rejects the tool; nothing has changed.
         """
         if isinstance(self._backend, CarriesTool):
             self._backend.set_tool(tool)
@@ -47,8 +48,8 @@ cdef class ToolAndScene:
         self._info.publish()
 
     def take(self, version, scene_version):
-        """Carry the tool of the tool's block. The arm rests: the command stays the same, and the torques that
-        hold it follow the weight within the same cycle.
+        """Use the tool in the tool's block of shared memory. The arm is at rest: the command stays the same,
+        and the holding torques follow the weight within the same cycle.
         """
         if not self._tool.try_read():
             return Rejected("the tool could not be read")
@@ -57,7 +58,7 @@ cdef class ToolAndScene:
             for each in (tool, mounted):
                 check_tool(each, self._max_payload_kg, self._model.file_gravity)
             if tool.version != version:
-                return Rejected(f"version {tool.version} of the tool stands there, not {version}")
+                return Rejected(f"shared memory has version {tool.version} of the tool, not {version}")
             self.carry(tool, mounted)
             self.hear_of(scene_version)  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
@@ -65,13 +66,15 @@ cdef class ToolAndScene:
         return ACCEPTED
 
     def hear_of(self, version):
-        """The files hold another scene, or other shapes of the tool; nothing is being read."""
+        """Note that the files have another scene, or other shapes of the tool. They are not read yet."""
         self.known = CHANGED
         self._info.data["scene_version"] = version
         self._info.publish()
 
     def watch_scene(self):
-        """Have streams know from the beginning what stands around the arm; before the first cycle."""
+        """Read the surroundings before the first cycle, so that the first streaming session already has
+        them.
+        """
         try:
             self._streaming.watch(self.surroundings.read())
         except CobotError as exc:
@@ -79,7 +82,7 @@ cdef class ToolAndScene:
         self._info.data["scene_version"] = self.surroundings.version
 
     cdef void heed(self) except *:
-        """Have the surroundings read, or take over what has been made of them."""
+        """Begin to read the surroundings, or use the finished result."""
         if self.known == CHANGED:
             self.known = BEING_READ
             self.surroundings.begin()

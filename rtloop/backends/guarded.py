@@ -1,5 +1,5 @@
-"""A wrapper that turns all errors of a backend into `BackendError` with printable text: a foreign class or
-its SDK may raise anything.
+"""A wrapper that converts all errors of a backend to `BackendError` with printable text, because a foreign
+class or its SDK may raise any exception.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class ForeignError(BackendError):
-    """A method has raised something else than a `BackendError`, or returned an unusable value."""
+    """A method has raised an exception other than `BackendError`, or returned an unusable value."""
 
 
 class Guarded:
-    """A wrapper with the methods and attributes of the backend in it. Compiled code does not go through it.
+    """A wrapper with the methods and attributes of its backend. Compiled code bypasses it.
 
     Raises:
-        ForeignError: by each method, instead of any other exception, whose traceback is logged once.
+        ForeignError: raised by each method instead of any other exception. The traceback of that exception is
+            logged once.
     """
 
     def __init__(self, inner: Backend) -> None:
@@ -65,7 +66,7 @@ class Guarded:
 
     def _foreign(self, name: str, exc: BaseException) -> ForeignError:
         kind = type(exc)
-        said = f"the backend's {name}() raised {plain_error(exc)}; a backend reports with BackendError"
+        said = f"the backend's {name}() raised {plain_error(exc)}; a backend must raise BackendError"
         if (name, kind) not in self._logged:
             self._logged.add((name, kind))
             log.error("%s", said, exc_info=exc)

@@ -1,21 +1,20 @@
 """A simulated torque-controlled arm: MuJoCo's dynamics under joint impedance control.
 
-In position control the drives get the computed torque, each cycle,
+In position control the drives get the computed torque in each cycle,
 
     tau = M(q) (ddq_cmd + w² (q_cmd - q) + 2 z w (dq_cmd - dq)) + bias(q, dq)
 
 clamped to the effort limits. Every arm then has the frequency w and the damping ratio z in every posture and
 with every payload, so the stability in a cycle of 1 ms does not depend on masses. Springs with a fixed
-stiffness do not have this property: with the dampers that suit the inertia of one posture, or even the
-present diagonal of M, light arms and coupled axes diverge. The efforts are those of the gears' output. The
-drives make up for dry friction and damping of the model in front of it, so neither slows the arm down.
+stiffness do not have this property: with dampers for the inertia of one posture, or even for the present
+diagonal of M, light arms and coupled axes diverge. The efforts are those at the gears' output. The drives
+compensate the model's dry friction and damping, so neither slows the arm down.
 
 With an `Impedance` the drives get M(q) ddq_cmd + bias + friction + springs instead, and friction and damping
-act on the arm. The torque sensors behind the gears let the drives make up for most of the dry friction that
-was there in the last cycle.
+act on the arm. With the torque sensors at the gears' output, the drives compensate most of the dry friction
+of the last cycle.
 
-Each `write` advances drives, dynamics and sensors by one period (`_step`); `read` reports the state that
-it leaves.
+Each `write` advances drives, dynamics and sensors by one period (`_step`); `read` reports the state after it.
 """
 
 from libc.math cimport NAN, fabs, fmin, sqrt
@@ -168,10 +167,10 @@ cdef class MujocoBackend(CompiledBackend):
         self._step(doubles(command, 3 * self._dof))
 
     def disable(self) -> None:
-        """The simulated arm has no brakes: it is simply no longer stepped."""
+        """Do nothing. The simulated arm has no brakes; rtloop simply stops stepping it."""
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing, because no resources are held."""
 
     def restart(self, initial_position: object) -> None:
         self.let_go()
@@ -193,7 +192,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._pull_left = min(self._pull_left, 1)  # the next cycle clears the force
 
     cdef int _body_of(self, str link) except -1:
-        """The body of a link that the joints move, in the model that is stepped."""
+        """The body of a link that the joints move, in the stepped model."""
         bodies = [body for body in range(self._model.nbody) if self._model.body_weldid[body]]
         names = [self._model.body(body).name for body in bodies]
         if link not in names:
@@ -202,7 +201,7 @@ cdef class MujocoBackend(CompiledBackend):
 
     @property
     def _stepped(self):
-        """The model that is stepped."""
+        """The model that the simulation steps."""
         return self._model
 
     @property
@@ -268,7 +267,7 @@ cdef class MujocoBackend(CompiledBackend):
         memcpy(values, self._reported.c_values, count_measured(self._dof) * sizeof(double))
 
     cdef void _step(self, const double* command) noexcept nogil:
-        """One period: M and bias are of its beginning, and so is the torque."""
+        """Advance by one period. M, bias and torque are those at its beginning."""
         mj_step1(self._c_model, self._c_data)
         self._find_torques(command)
         self._push_on(self._c_data, self._tcp_body)
@@ -277,7 +276,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._observer.c_update()
 
     cdef void _find_torques(self, const double* command) noexcept nogil:
-        """The drives' torques, into the data's `ctrl`."""
+        """Calculate the drives' torques into the data's `ctrl`."""
         cdef mjData* data = self._c_data
         cdef double inertia[MAX_DOF]
         cdef int i, dof = self._dof
@@ -292,7 +291,7 @@ cdef class MujocoBackend(CompiledBackend):
             data.ctrl[i] = self._pull[i] + inertia[i] + self._c_transition[i] + data.qfrc_bias[i]
 
     cdef void _find_jacobian(self) noexcept nogil:
-        """Of the TCP in the base frame, for all that follows in this cycle."""
+        """Calculate the Jacobian of the TCP in the base frame, for all later calculations of this cycle."""
         cdef int row, i, half, dof = self._dof
         cdef const double* turn = self._base_rotation
         cdef double column[3]
@@ -311,7 +310,7 @@ cdef class MujocoBackend(CompiledBackend):
                     )
 
     cdef void _find_pull(self) noexcept nogil:
-        """Torques towards the commanded position and velocity."""
+        """Calculate the torques towards the commanded position and velocity."""
         cdef int i
         if not self._yielding:
             self._pull_stiffly()
@@ -324,8 +323,8 @@ cdef class MujocoBackend(CompiledBackend):
             )
 
     cdef void _pull_stiffly(self) noexcept nogil:
-        """In position control. MuJoCo's velocity is of the middle of the last period: it is the distance of
-        a period by its duration.
+        """Calculate the torques of position control. MuJoCo's velocity is the mean of the last period: the
+        distance divided by the duration.
         """
         cdef const double* position = self._c_data.qpos
         cdef const double* velocity = self._c_data.qvel
@@ -359,7 +358,7 @@ cdef class MujocoBackend(CompiledBackend):
             self._c_transition[i] = self._transition_from[i] * share
 
     cdef void _push_on(self, mjData* data, int body) noexcept nogil:
-        """MuJoCo wants it at the body's centre of mass, in the world frame."""
+        """Apply a wrench to a body. MuJoCo expects it at the body's centre of mass, in the world frame."""
         cdef const double* push = self._c_push
         cdef const double* turn = self._base_rotation
         cdef double* force = data.xfrc_applied + 6 * body
@@ -380,7 +379,7 @@ cdef class MujocoBackend(CompiledBackend):
         force[5] += lever[0] * force[1] - lever[1] * force[0]
 
     cdef void _pull_on(self, const mjModel* model, mjData* data) noexcept nogil:
-        """The force of a hand that pulls at a link, as joint efforts; none when it ends."""
+        """The force of a hand that pulls at a link, as joint efforts; zero after the end of the pull."""
         cdef double* effort = self._c_pull_effort
         cdef double point[3]
         cdef double force[3]
@@ -437,7 +436,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._read_sensors(values + 6)
 
     cdef void _read_sensors(self, double* wrench) noexcept nogil:
-        """The flange's, about the TCP in its frame; zero without sensors."""
+        """The wrench of the flange's sensors about the TCP, in the TCP frame; zero without sensors."""
         cdef double readings[6]
         cdef double product
         cdef int row, i
@@ -452,15 +451,15 @@ cdef class MujocoBackend(CompiledBackend):
             wrench[row] = product
 
     cdef _make_up_for_losses(self):
-        """Have dry friction and damping act on the arm only while it gives way."""
+        """Make dry friction and damping act on the arm only while it has an impedance."""
         share = 1.0 if self._yielding else 0.0
         self._model.dof_damping[:], self._model.dof_frictionloss[:] = (share * each for each in self._losses)
 
     cdef _find_sensors(self):
-        """What turns the readings of MuJoCo's sensors `flange_force` and `flange_torque`, if the model has
-        them, into a wrench about the TCP in its frame, shape (6, 6).
+        """Calculate the matrix, shape (6, 6), that converts MuJoCo's sensors `flange_force` and
+        `flange_torque`, if the model has them, into a wrench about the TCP in the TCP frame.
 
-        MuJoCo says what holds the flange; the surroundings do the opposite.
+        MuJoCo reports the force that holds the flange. The force of the surroundings has the opposite sign.
         """
         cdef double* turns = self._from_sensors
         model, data = self._model, self._data

@@ -1,12 +1,12 @@
-"""Feels what pushes the simulated arm, from its motion and the drives' torques.
+"""Estimates external efforts on the simulated arm from its motion and the drives' torques.
 
-The momentum observer of De Luca, Albu-Schäffer, Haddadin and Hirzinger (IROS 2006): the generalised
-momentum p = M dq changes by what the drives, gravity, friction and the surroundings do. Over one period
+The momentum observer of De Luca, Albu-Schäffer, Haddadin and Hirzinger (IROS 2006): the generalised momentum
+p = M dq changes through the drives, gravity, friction and the surroundings. Over one period
 
     p' - p = (M' - M) dq' + M (dq' - dq),    M (dq' - dq) / h = torque - bias - damping dq' + external
 
-so that the inertia's change drops out, and what is left is external. The observer follows it through a
-lag of first order.
+so the change of the inertia cancels, and the remainder is the external effort. The observer filters it with a
+first-order lag.
 """
 
 from libc.math cimport exp
@@ -81,7 +81,7 @@ cdef class Observer:
         self._find_wrench()
 
     cdef void _find_wrench(self) noexcept nogil:
-        """The one that explains the effort best: of all, the damped least squares' solution."""
+        """Calculate the wrench that best explains the effort: the damped least-squares solution."""
         cdef double square[36]
         cdef const double* jacobian = self._jacobian
         cdef double product

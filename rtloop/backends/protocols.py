@@ -1,17 +1,12 @@
 """The protocols of backends: one for all, and optional ones.
 
-    Backend              all: open, enable, read, write, disable, close
-    Paced                an externally clocked device
-    Reporting            the device reports its status
-    Stepwise             enabling and recovering take several cycles, in which its packets are answered
-    ImpedanceControlled  the drives have adjustable stiffness and damping
-    TorqueControlled     the drives take torques in addition to positions
-    WrenchControlled     the drives take a force at the TCP in addition to positions
-    CarriesTool          the drives must know their load
-    HasIo                the device has named inputs and outputs
-    ReadsInputs          its inputs can be read one by one, in each cycle
-    HasCell              a simulation with loose parts
-    Simulated            a simulation that can be pulled and begun again
+    Backend all: open, enable, read, write, disable, close Paced an externally clocked device Reporting the
+    device reports its status Stepwise enabling and recovery take several cycles, in which its packets are
+    answered ImpedanceControlled the drives have adjustable stiffness and damping TorqueControlled the drives
+    take torques in addition to positions WrenchControlled the drives take a force at the TCP in addition to
+    positions CarriesTool the drives must know their load HasIo the device has named inputs and outputs
+    ReadsInputs its inputs can be read one by one, in each cycle HasCell a simulation with loose parts
+    Simulated a simulation that can be pulled and begun again
 
 A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
 `rtloop.backends.trajectory_driver` drives it as a `Backend`:
@@ -41,21 +36,19 @@ from rtloop.results import Accepted, Rejected
 
 
 class BackendError(Exception):
-    """A device does not answer, rejects a request or reports a fault; the user reads the text as the
-    reason."""
+    """A device does not answer, rejects a request or reports a fault. The user sees the text as the
+    reason.
+    """
 
 
 def require_accepted(result: Accepted | Rejected) -> None:
-    """
-    Raises:
-        BackendError: the result is a rejection, with its reason.
-    """
+    """Raises BackendError: the result is a rejection; the error has its reason."""
     if isinstance(result, Rejected):
         raise BackendError(result.reason)
 
 
 class BackendOptions(BaseModel):
-    """Base of a backend's `Options`: the keys of `robot.backend` in addition to `type`. Use
+    """Base class of a backend's `Options`: the keys of `robot.backend` in addition to `type`. Use
     `cobot.config.Location` for paths.
     """
 
@@ -105,12 +98,11 @@ class Paced(Protocol):
     """An externally clocked device: rtloop waits for its packets instead of its own clock."""
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the device's next packet; if several are queued, the newest counts.
+        """Wait for the device's next packet. If several are queued, the newest counts.
 
         A packet starts a cycle: `read`, `write`, and the path advances by one period. Without a packet,
-            `read` is
-        still called and raises a BackendError if the silence lasts too long; nothing is written and no path
-        advances.
+        `read` is still called, and raises a BackendError if no packet arrives for too long. Nothing is
+        written and no path advances.
 
         Returns:
             Whether a packet has arrived; False after `timeout_s`, never before.
@@ -134,19 +126,24 @@ class Reporting(Protocol):
 @runtime_checkable
 class Stepwise(Protocol):
     """A device that needs several cycles to be enabled or to recover from a fault, with its packets answered
-    meanwhile. For a reset rtloop calls `wait`, `read`, one step and `write` (of the present position) in each
-    cycle, instead of `enable`. `enable` is called once, at the start, before the first cycle.
+    meanwhile.
+
+    For a reset rtloop calls `wait`, `read`, one step and `write` (of the present position) in each cycle,
+    instead of `enable`. `enable` is called once, at the start, before the first cycle.
     """
 
     def enable_step(self) -> bool:
-        """Perform a step of `enable`; True when done. BackendError: it cannot be enabled, with the reason."""
+        """Perform a step of `enable`. Returns True when done. Raises BackendError if enabling fails, with the
+        reason.
+        """
         ...
 
     def recover_step(self) -> bool:
-        """Perform a step of the recovery after a fault or an e-stop, before `enable_step`; True when done.
+        """Perform a step of the recovery after a fault or an e-stop, before `enable_step`. Returns True when
+        done.
 
         Raises:
-            BackendError: it cannot recover, with the reason.
+            BackendError: the device cannot recover; the error has the reason.
         """
         ...
 
@@ -158,8 +155,8 @@ class Impedance:
     Attributes:
         cartesian: whether they act at the TCP along the base frame's axes (6 values each, N/m and N·m/rad;
             the joints' own springs hold the null space) or on the joints (dof values each, N·m/rad).
-        stiffness: of the springs.
-        damping_ratio: of each spring with the inertia that it moves; 1 is critical.
+        stiffness: stiffness of the springs.
+        damping_ratio: damping ratio of each spring with the inertia that it moves; 1 is critical damping.
     """
 
     cartesian: bool
@@ -180,20 +177,20 @@ class ImpedanceControlled(Protocol):
     nominal_cartesian_stiffness: Array
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Apply from the next cycle on, at rest; None for position control. Real-time safe, or some cycles
-        long.
+        """Set the impedance from the next cycle on; None for position control. The arm is at rest. Must be
+        real-time safe, or take only some cycles.
 
         Raises:
-            BackendError: the robot rejects it: at a session's begin the session is rejected, at its end this
-                is a fault.
+            BackendError: the robot rejects it. At the beginning of a session the session is then rejected; at
+                its end this is a fault.
         """
         ...
 
 
 @runtime_checkable
 class TorqueControlled(Protocol):
-    """A backend whose drives have their own compliance and take torques in addition to the commanded
-    position, for torque streams. Not needed for an `ImpedanceControlled` one.
+    """A backend whose drives have their own compliance and accept torques in addition to the commanded
+    position, for torque streams. An `ImpedanceControlled` backend does not need it.
     """
 
     def write_torque(self, torque: Array) -> None:
@@ -203,7 +200,9 @@ class TorqueControlled(Protocol):
 
 @runtime_checkable
 class WrenchControlled(Protocol):
-    """A backend whose drives take a force at the TCP in addition, for force control in a stream of poses."""
+    """A backend whose drives accept a force at the TCP in addition to positions, for force control in a
+    stream of poses.
+    """
 
     def write_wrench(self, wrench: Array) -> None:
         """Set the force that the TCP exerts from the next `write` on, shape (6,), N and N·m, along the base
@@ -217,11 +216,11 @@ class CarriesTool(Protocol):
     """A backend whose drives must know their load, for example to compensate gravity themselves."""
 
     def set_tool(self, tool: Tool) -> None:
-        """Apply a tool from the next cycle on. Called before `open`, if there is a tool, and while the arm is
-        at rest. It may take some cycles, and the arm must not move.
+        """Use a tool from the next cycle on. Called before `open`, if there is a tool, and while the arm is
+        at rest. It may take some cycles; the arm must not move.
 
         Raises:
-            BackendError: the robot cannot carry it; nothing has changed.
+            BackendError: the robot cannot carry the tool; nothing has changed.
         """
         ...
 
@@ -239,14 +238,14 @@ class HasIo(Protocol):
         ...
 
     def set_output(self, name: str, value: float) -> None:
-        """Request an output of `io` to be set with the next `write`, or soon; it is set once `io` reports the
-        value. Called between two cycles; must not wait for the device.
+        """Request to set an output of `io`, with the next `write` or soon after. It counts as set once `io`
+        reports the value. Called between two cycles; must not wait for the device.
 
         Args:
-            value: of its kind, see `cobot.robot.io_points`; 0 or 1 for a boolean.
+            value: value of the output's kind, see `cobot.robot.io_points`; 0 or 1 for a boolean.
 
         Raises:
-            BackendError: the device does not accept it now, with the reason.
+            BackendError: the device does not accept the value now; the error has the reason.
         """
         ...
 
@@ -268,24 +267,26 @@ class HasCell(Protocol):
         ...
 
     def mount(self, tool: Tool) -> None:
-        """Have the simulated arm carry this tool, which is that of `CarriesTool` without the parts, from the
+        """Make the simulated arm carry this tool, which is that of `CarriesTool` without the parts, from the
         next cycle on. Called before `open`, and while the arm is at rest.
         """
         ...
 
     def reset_cell(self) -> None:
-        """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
-        Called between two cycles."""
+        """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
+        Called between two cycles.
+        """
         ...
 
 
 @runtime_checkable
 class Simulated(Protocol):
-    """A simulated arm, for people who try something. No backend of a real robot may have these methods."""
+    """A simulated arm, for experiments by people. No backend of a real robot may have these methods."""
 
     def restart(self, initial_position: Array) -> None:
-        """Put the arm at rest at this position, and its cell back to its state at the start. Called between
-        two cycles while nothing moves."""
+        """Put the arm at rest at this position, and its cell into its initial state. Called between two
+        cycles while nothing moves.
+        """
         ...
 
     def pull(self, link: str, point: Array, target: Array) -> None:
@@ -294,8 +295,8 @@ class Simulated(Protocol):
 
         Args:
             link: name of a body that the joints move.
-            point: in the link's frame, m.
-            target: where it is pulled to, in the base frame, m.
+            point: point of the link, in the link's frame, m.
+            target: position to which the point is pulled, in the base frame, m.
 
         Raises:
             BackendError: there is no such link.
@@ -309,13 +310,15 @@ class Simulated(Protocol):
 
 @runtime_checkable
 class ReadsInputs(Protocol):
-    """A `HasIo` whose inputs can be read one by one in the cycle. Of others `io` is called for that."""
+    """A `HasIo` whose inputs can be read one by one in the cycle. For other backends `io` is called
+    instead.
+    """
 
     def read_input(self, name: str) -> float:
-        """The value that an input has now, of a boolean 0 or 1. Real-time safe.
+        """The present value of an input; 0 or 1 for a boolean. Real-time safe.
 
         Raises:
-            BackendError: there is no such input, or it cannot be read, with why.
+            BackendError: there is no such input, or it cannot be read; the error has the reason.
         """
         ...
 
@@ -326,7 +329,7 @@ class TrajectoryDevice(Protocol):
 
     Constructor and attributes are those of a `Backend`; it may also implement `Reporting`, `CarriesTool` and
     `HasIo`. Each method may raise BackendError and may wait for the device for some tenths of a second. A
-    thread that no cycle waits for calls them one at a time.
+    thread calls them one at a time; no cycle waits for it.
 
     Two attributes are optional: `state_period_s`, the interval at which the device is polled (0.05), and
     `point_period_s`, the time between points of a motion (0.02).
@@ -343,12 +346,14 @@ class TrajectoryDevice(Protocol):
     def close(self) -> None: ...
 
     def state(self, measured: Measured) -> None:
-        """Fill in the present measured values. BackendError: it stands still unexpectedly, with the
-        reason."""
+        """Fill in the present measured values. Raises BackendError if the device has stopped unexpectedly,
+        with the reason.
+        """
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:
-        """Load a motion that begins at rest where the arm is and ends at rest; nothing moves yet.
+        """Load a motion, which begins at the arm's present position and ends, both at rest. Nothing moves
+        yet.
 
         Args:
             times_s: times of its points, shape (n,), from 0 on.
@@ -358,11 +363,11 @@ class TrajectoryDevice(Protocol):
         ...
 
     def start(self) -> None:
-        """Begin to execute the motion that was loaded last."""
+        """Begin to execute the last loaded motion."""
         ...
 
     def progress(self) -> float:
-        """The executed part of the motion, s of its own time; the last of `times_s` on arrival. If the device
+        """The executed part of the motion, s of its own time; on arrival the last of `times_s`. If the device
         slows down, this advances more slowly than a clock.
         """
         ...
@@ -377,12 +382,13 @@ class MovesByItself(Protocol):
     """The methods of a `Backend` for a device that executes whole motions. Real-time safe."""
 
     def begin(self, breakpoints_s: Array, coefficients: Array, share: float) -> None:
-        """Let the device load this path, a `cobot.trajectory.Trajectory`, and execute it, slowed down to
-        `share`."""
+        """Make the device load this path, a `cobot.trajectory.Trajectory`, and execute it, slowed down to
+        `share`.
+        """
         ...
 
     def done_s(self) -> float:
-        """The progress along that path at the last reading, s of the path's time."""
+        """The progress along that path at the last reading, in seconds of the path's time."""
         ...
 
     def halt(self) -> None:
@@ -390,19 +396,19 @@ class MovesByItself(Protocol):
         ...
 
     def is_halted(self) -> bool:
-        """Whether the stop has been sent or cannot be sent; then the measured position is valid."""
+        """Whether the stop has been sent or cannot be sent. Then the measured position is valid."""
         ...
 
 
 class NoOptions(BackendOptions):
-    """For a backend without options."""
+    """The options of a backend without options."""
 
 
 SIMULATED = Capabilities()
 
 
 def capabilities_of(backend: object) -> Capabilities:
-    """The capabilities of a backend or its class; the methods of some protocols imply some of them.
+    """The capabilities of a backend or its class. The methods of some protocols imply some of them.
 
     Raises:
             ConfigError: the attribute is not a `Capabilities`. On a class it may be a descriptor for

@@ -29,7 +29,7 @@ WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
 
 
 def backend_names() -> dict[str, str]:
-    """The names that `robot.backend` may have, each with where its class is."""
+    """The valid names for `robot.backend`, each with the place of its class."""
     return REGISTRY.names()
 
 
@@ -37,7 +37,7 @@ def backend_class(name: str) -> Callable[..., Backend]:
     """The class for a name, or for "package.module:Class".
 
     Raises:
-        ConfigError: it does not exist; lists the valid names.
+        ConfigError: the class does not exist; the error lists the valid names.
     """
     return REGISTRY.load(name)
 
@@ -70,13 +70,13 @@ def _with_cell(name: str, settings: Settings) -> str:
     """The class of a backend with a cell.
 
     Raises:
-        ConfigError: this backend simulates none.
+        ConfigError: this backend simulates no cell.
     """
     if name not in WITH_CELL:
         if settings.robot.cell is None:
             raise ConfigError(
-                f"robot.gripper: simulated is a hand of the simulation, and the backend {name!r} has none, "
-                f"only {', '.join(WITH_CELL)} has; name the real gripper, or set robot.gripper to null"
+                f"robot.gripper: simulated needs a backend with a simulated hand, which is only "
+                f"{', '.join(WITH_CELL)}, not {name!r}; name the real gripper, or set robot.gripper to null"
             )
         raise ConfigError(
             f"robot.cell: the backend {name!r} has no simulated cell, only {', '.join(WITH_CELL)} has one; "

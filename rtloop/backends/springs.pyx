@@ -1,18 +1,18 @@
-"""How the simulated arm gives way: springs and dampers on its joints or on its TCP.
+"""The compliance of the simulated arm: springs and dampers on its joints or on its TCP.
 
 Joint impedance:
 
     tau = K (q_cmd - q) + D (dq_cmd - dq)
 
-Cartesian impedance, with the pose error e and L = (J M⁻¹ J')⁻¹, the inertia that is felt at the TCP:
+Cartesian impedance, with the pose error e and the apparent inertia at the TCP, L = (J M⁻¹ J')⁻¹:
 
     tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null
 
-The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is
-found along the axes in which K and the inertia, M or L, are both diagonal (double diagonalisation:
-Albu-Schäffer, Ott, Frese and Hirzinger, ICRA 2003). No configuration is damped less than requested, and none
-so much that a 1 kHz cycle becomes unstable: a damper that suits the diagonal of M alone does so where axes
-are coupled, as the parallel ones of a UR.
+The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is found
+along the axes in which K and the inertia, M or L, are both diagonal (double diagonalisation: Albu-Schäffer,
+Ott, Frese and Hirzinger, ICRA 2003). No configuration is damped less than requested, and none so much that a
+1 kHz cycle becomes unstable. A damper for the diagonal of M alone would be unstable with coupled axes, such
+as the parallel ones of a UR.
 """
 
 from libc.math cimport sqrt
@@ -40,8 +40,8 @@ cdef double MIN_SQUARED_FREQUENCY = 1.0
 
 
 def nominal_stiffness(robot):
-    """Of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad; zero where it
-    cannot move.
+    """Nominal stiffness of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad;
+    zero in directions in which the TCP cannot move.
     """
     limits = robot.limits
     postures = np.random.default_rng(0).uniform(
@@ -102,7 +102,7 @@ cdef class Springs:
             self._tcp_damping_roots[i] = sqrt(2.0 * ratio[i]) * self._tcp_stiffness_roots[i]
 
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
-        """Towards `command`, position and velocity, from MuJoCo's present state, N·m."""
+        """The torques towards `command` (position and velocity) from MuJoCo's present state, N·m."""
         cdef double velocity_error[MAX_DOF]
         cdef double mobility[MAX_DOF * MAX_DOF]  # M⁻¹
         cdef int i, dof = self._dof
@@ -120,7 +120,9 @@ cdef class Springs:
     cdef void _pull_tcp(
         self, const double* position, const double* velocity_error, double* torques
     ) noexcept nogil:
-        """Keep of the joints' springs what does not move the TCP, and add the TCP's own."""
+        """Keep only the part of the joints' springs that does not move the TCP, and add the TCP's own
+        springs.
+        """
         cdef double force[6]
         cdef double twist[6]
         cdef double pull
@@ -151,8 +153,8 @@ cdef class Springs:
                 self._mobility[6 * row + column] = self._mobility[6 * column + row] = product
 
     cdef void _add_pull(self, const double* position, double* force) noexcept nogil:
-        """What the springs do, from where the TCP is to where it should be: translation and rotation
-        vector, base frame.
+        """Add the force of the TCP's springs for the distance of the TCP from its commanded pose: translation
+        and rotation vector, base frame.
         """
         cdef double there[7]
         cdef double here[7]
@@ -192,8 +194,8 @@ cdef void damp(
     const double* velocity_error,
     double* force,
 ) noexcept nogil:
-    """What the dampers of `n` springs do: D = B V W^(-1/2) V' B with sqrt(K) mobility sqrt(K) = V W V', and
-    B² = 2 Z K.
+    """Calculate the force of the dampers for `n` springs: D = B V W^(-1/2) V' B with sqrt(K) mobility sqrt(K)
+    = V W V', and B² = 2 Z K.
     """
     cdef double curvature[MAX_DOF * MAX_DOF]
     cdef int row, column

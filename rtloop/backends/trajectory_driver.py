@@ -35,12 +35,13 @@ from rtloop.backends.protocols import (
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
-"""Default periods of a device."""
+"""Default periods of a device, s."""
 SILENCE_S = 2.0
-"""A device that does not answer for this long counts as lost."""
+"""Time without an answer after which a device counts as lost, s."""
 REST_S, REST_RAD = 3.0, 1e-4
-"""Time for an arm that moves when it is opened to stop, and the movement between two polls that counts as
-rest."""
+"""Timeout for an arm that moves at `open` to stop, s, and the maximum motion between two polls of an arm at
+rest, rad.
+"""
 FROZEN_ASKED = 5
 """Maximum number of polls with identical measured values while the device reports progress."""
 FROZEN_RAD = 1e-3
@@ -62,7 +63,7 @@ class Said:
         values: as `Measured.values`.
         motion: number of the motion to which `done_s`, in path time, belongs.
         halted: whether a stop was sent before.
-        result: ACCEPTED, or why the answer cannot be used.
+        result: ACCEPTED, or the reason why the answer cannot be used.
         time_s: time of the answer, on this computer's clock.
     """
 
@@ -104,8 +105,9 @@ class TrajectoryDriver:
     """
 
     def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
-        """threaded: whether a thread polls the device; otherwise the cycle does so in robot time, for the
-        contract."""
+        """threaded: whether a thread polls the device. If not, the cycle does so in robot time, for the
+        contract.
+        """
         self.device, self._dof, self._period_s = device, dof, period_s
         self._state_period_s = float(getattr(device, "state_period_s", STATE_PERIOD_S))
         self._point_period_s = float(getattr(device, "point_period_s", POINT_PERIOD_S))
@@ -201,7 +203,7 @@ class TrajectoryDriver:
     def require(self) -> None:
         """
         Raises:
-            BackendError: the state of the device is unknown, with the reason.
+            BackendError: the state of the device is unknown; the error has the reason.
         """
         said = self._said
         require_accepted(said.result)
@@ -236,7 +238,7 @@ class TrajectoryDriver:
                     self._ask()
 
     def _ask(self) -> None:
-        """Poll: pass on requests, then read the device's state."""
+        """Poll the device: pass on requests, then read its state."""
         found = Measured(self._dof)
         for name in self.capabilities.measured:
             getattr(found, name)[:] = np.nan  # reveals values that are not filled in
@@ -290,7 +292,9 @@ class TrajectoryDriver:
             found.velocity[:] = (found.position - was) / self._state_period_s
 
     def _check_movement(self, found: Measured, done_s: float) -> Accepted | Rejected:
-        """Whether the reported values can be true: they change while the device executes a motion."""
+        """Check whether the reported values can be true. They must change while the device executes a
+        motion.
+        """
         motion, before = self._motion, self._said
         if not (before.values.size and np.array_equal(found.values, before.values)):
             self._same = 0

@@ -23,7 +23,7 @@ EXIT_OK, EXIT_FAILED = 0, 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0 good, 1 a check has failed or cannot be run."""
+    """Run the command. Returns the exit status: 0, or 1 if a check has failed or cannot be run."""
     chosen = _parser().parse_args(arguments)
     commands = {"list": _list, "new": _new, "test": _test, "files": _files}
     try:
@@ -40,11 +40,17 @@ def _parser() -> argparse.ArgumentParser:
     shown.add_argument("--json", action="store_true", help="print JSON, for programs")
     new = commands.add_parser("new", help="create a package with a working backend for a toy device")
     new.add_argument("name", metavar="NAME", help="name for robot.backend, such as my_arm")
-    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="parent of the new folder")
-    new.add_argument("--trajectory", action="store_true", help="for a device that takes whole motions")
+    new.add_argument(
+        "--dir", type=Path, default=Path(), metavar="DIR", help="parent folder of the new folder"
+    )
+    new.add_argument(
+        "--trajectory", action="store_true", help="create a backend for a device that takes whole motions"
+    )
     test = commands.add_parser("test", help="run the contract on a backend and its simulated device")
-    test.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
-    test.add_argument("--config", type=Path, metavar="FILE", help="settings with the arm and its options")
+    test.add_argument("name", metavar="NAME", help="a name from `list`, or package.module:Class")
+    test.add_argument(
+        "--config", type=Path, metavar="FILE", help="settings file with the arm and its options"
+    )
     test.add_argument("--realtime", action="store_true", help="check durations too")
     test.add_argument(
         "--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="run only these checks"
@@ -67,7 +73,7 @@ def _list(chosen: argparse.Namespace) -> int:
         for line in (each.capabilities, each.problem and f"cannot be used here: {each.problem}"):
             if line:
                 print(f"    {line}")
-        print(f"    the contract is run on: {each.contract}")
+        print(f"    the contract runs on: {each.contract}")
     return EXIT_OK
 
 

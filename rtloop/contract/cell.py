@@ -35,7 +35,7 @@ class CheckedBackend:
 
     @contextmanager
     def drive(self) -> Iterator[Driver]:
-        """A device with its backend, open and at rest; closed afterwards."""
+        """Context of a device with its backend, open and at rest. Closes it afterwards."""
         with self.make_driver() as driver:
             driver.start()
             driver.until(
@@ -48,7 +48,7 @@ class CheckedBackend:
 
     @contextmanager
     def make_driver(self) -> Iterator[Driver]:
-        """A device with its backend, not open yet."""
+        """Make a device with its backend, not open yet."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:
             yield driver

@@ -19,19 +19,19 @@ from rtloop.contract.driver import Driver
 from rtloop.results import ACCEPTED
 
 HELD_RAD = 1e-3
-"""Largest distance of the first command from the measured position."""
+"""Maximum distance of the first command from the measured position, rad."""
 FOLLOWED_RAD = 0.05
-"""Largest distance of an arm at rest from its commanded position."""
+"""Maximum distance of an arm at rest from its commanded position, rad."""
 SLACK = 1.0 + 1e-6
 STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
 MODES = ("", "T1", "T2", "AUT")
 FADED_S = 1.5
-"""Time after which an initial offset between position and command has been removed."""
+"""Maximum time until an initial offset between position and command has been removed, s."""
 MAX_LAG = 4
 
 
 def calls(cell: CheckedBackend) -> str:
-    """It is opened, read, enabled, driven, disabled and closed without an error."""
+    """The backend is opened, read, enabled, driven, disabled and closed without an error."""
     with cell.drive() as driver:
         driver.run(REST_S)
         heard = driver.heard
@@ -134,11 +134,11 @@ def limits(cell: CheckedBackend) -> str:
         if wire is not None:
             shares = require_limits(cell, "commands sent to the device", wire[sent:])
     said = f"{shares[0]:.2f}, {shares[1]:.2f} and {shares[2]:.2f} of velocity, acceleration and jerk"
-    return said if wire is not None else f"{said}; the rig does not record what the device is sent"
+    return said if wire is not None else f"{said}; the rig does not record the commands to the device"
 
 
 def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> list[float]:
-    """The largest shares of the velocity, acceleration and jerk limits that are used.
+    """The largest used shares of the velocity, acceleration and jerk limits.
 
     Raises:
         ContractError: a limit is exceeded.
@@ -162,7 +162,7 @@ def staleness(cell: CheckedBackend) -> str:
     """A written command reaches the device in the same cycle."""
     with cell.drive() as driver:
         if driver.wire is None:
-            raise NotTested("its rig does not record what the device is sent")
+            raise NotTested("its rig does not record the commands to the device")
         driver.run(FADED_S)
         written, sent = len(driver.heard.commands), len(driver.wire)
         driver.move()
@@ -173,7 +173,7 @@ def staleness(cell: CheckedBackend) -> str:
     lag = int(np.argmin(off))
     if lag:
         raise ContractError(f"commands reach the device {lag} cycles after they were written")
-    return f"up to {off[0]:.1e} rad from what was written"
+    return f"up to {off[0]:.1e} rad from the written commands"
 
 
 def entry(cell: CheckedBackend) -> str:

@@ -18,11 +18,11 @@ CLAIMS = {
     "payload": ("set_tool",),
     "io": ("set_output",),
 }
-"""Capabilities, each with methods of which it needs at least one."""
+"""Capabilities, each with the methods of which it needs at least one."""
 
 
 def options(cell: CheckedBackend) -> str:
-    """An unknown option and a wrong period are rejected, naming them."""
+    """An unknown option and a wrong period are rejected with errors that name them."""
     backend = cell.settings.robot.backend
     key = "no_such_option"
     unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
@@ -43,7 +43,7 @@ def _require_refusal(cell: CheckedBackend, settings: Settings, word: str) -> Non
         if word in str(exc):
             return
         raise ContractError(f"the error does not name {word}: {exc}") from exc
-    raise ContractError(f"{word} is not refused")
+    raise ContractError(f"{word} is not rejected")
 
 
 def claims(cell: CheckedBackend) -> str:

@@ -27,11 +27,13 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SEGMENTS = 64
 PATIENCE_S = 20.0
-"""Robot time after which an expected event counts as missing."""
+"""Robot time after which an expected event counts as missing, s."""
 ATTEMPTS = 20
-"""Attempts to reset a fault, 0.1 s apart, because the arm must be at rest first."""
+"""Number of attempts to reset a fault, 0.1 s apart. Several are needed because the arm must be at rest
+first.
+"""
 SHARE = 0.5
-"""A move uses this share of the joints' limits."""
+"""Share of the joints' limits that a move uses."""
 _numbers = itertools.count()
 
 
@@ -42,7 +44,7 @@ class CallRecord:
     Attributes:
         calls: names of methods, without immediate repetitions.
         measured: the last position read, shape (dof,), rad.
-        commands: each with the last position read before it.
+        commands: the written commands, each with the last position read before it.
         durations_s: duration of each read and write together.
     """
 
@@ -96,7 +98,7 @@ class Listening(Around):
 
 
 class Driver:
-    """Drives a backend, and is the service's side of rtloop's memory.
+    """Drives a backend, and takes the part of the service in rtloop's shared memory.
 
     Attributes:
         backend: the driven backend, since the last `start`.
@@ -120,7 +122,7 @@ class Driver:
         self.memory.heartbeat.publish()
 
     def start(self) -> None:
-        """Open the device, also again as after a crash of rtloop.
+        """Open the device. May be called again, as after a crash of rtloop.
 
         Raises:
             BackendError: the device cannot be opened.
@@ -167,7 +169,7 @@ class Driver:
         return str(self.loop.controller.reason)
 
     def step(self, cycles: int = 1) -> None:
-        """Run cycles; an externally clocked device is awaited in each."""
+        """Run cycles. An externally clocked device is awaited in each."""
         for _ in range(cycles):
             if self._paced:
                 self.loop.beat()
@@ -177,7 +179,7 @@ class Driver:
         self.step(max(1, round(time_s / self.period_s)))
 
     def until(self, what: str, happened: Callable[[], bool]) -> None:
-        """Run cycles until something has happened. Raises ContractError: it does not happen."""
+        """Run cycles until a condition is met. Raises ContractError if it is not met in time."""
         for _ in range(round(PATIENCE_S / self.period_s)):
             if happened():
                 return

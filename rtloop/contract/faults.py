@@ -1,4 +1,4 @@
-"""Checks of a device with faults: rtloop must report a reason and recover by a reset, without a restart."""
+"""Checks of a device with faults: rtloop must report a reason, and recover by a reset without a restart."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOTIONS_UNDER_LOSS = 3
 
 
 def survives(fault: str, cell: CheckedBackend) -> str:
-    """Lost or reordered packets end no motion, and no command exceeds the limits."""
+    """A motion continues in spite of lost or reordered packets, and no command exceeds the limits."""
     with cell.drive() as driver:
         _require(driver, fault)
         before = len(driver.heard.commands)
@@ -38,14 +38,14 @@ def survives(fault: str, cell: CheckedBackend) -> str:
 
 
 def ends(fault: str, cell: CheckedBackend, *, moving: bool) -> str:
-    """A fault ends a motion, or holding the arm, with a reason, and permits no reset while it lasts; then the
-    arm can move again.
+    """A fault ends a motion, or the holding of the arm, with a reason. While it lasts no reset succeeds.
+    Afterwards the arm can move again.
     """
     return _inject_while(fault, cell, _move if moving else _rest, stays=True)
 
 
 def while_stopping(fault: str, cell: CheckedBackend) -> str:
-    """As `ends`, while the arm is stopping."""
+    """Like `ends`, while the arm is stopping."""
 
     def stop(driver: Driver) -> None:
         _move(driver)
@@ -56,14 +56,14 @@ def while_stopping(fault: str, cell: CheckedBackend) -> str:
 
 
 def in_stream(fault: str, cell: CheckedBackend) -> str:
-    """As `ends`, while a client streams positions."""
+    """Like `ends`, while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that executes motions by itself")
     return _inject_while(fault, cell, begin_stream, stays=True)
 
 
 def while_loading(fault: str, cell: CheckedBackend) -> str:
-    """As `ends`, immediately after a motion was requested: the motion is rejected or ends."""
+    """Like `ends`, immediately after a motion was requested. The motion is rejected or ends."""
     with cell.drive() as driver:
         _require(driver, fault)
         driver.ask_move()
@@ -78,7 +78,7 @@ def while_loading(fault: str, cell: CheckedBackend) -> str:
 
 
 def while_enabling(fault: str, cell: CheckedBackend) -> str:
-    """As `ends`, in the middle of a reset: the reset is rejected, or the fault is detected again."""
+    """Like `ends`, in the middle of a reset. The reset is rejected, or the fault is detected again."""
     with cell.drive() as driver:
         _require(driver, fault)
         with driver.fault(fault):
@@ -144,7 +144,9 @@ def _move(driver: Driver) -> None:
 
 
 def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
-    """The reason reported for a fault that occurs after `begin`; with `stays` it lasts for some resets."""
+    """The reported reason for a fault that occurs after `begin`. With `stays` the fault lasts during some
+    resets.
+    """
     with cell.drive() as driver:
         _require(driver, fault)
         begin(driver)
@@ -170,13 +172,13 @@ def _await_fault(driver: Driver, fault: str) -> str:
 
 
 def _require_lasting(driver: Driver, fault: str) -> None:
-    """While the cause lasts, a reset is rejected, or the fault is detected again."""
+    """Check that while the cause lasts, a reset is rejected or the fault is detected again."""
     driver.run(MEANWHILE_S)
     written = len(driver.heard.commands)
     try:
         driver.reset(attempts=2)
     except BackendError as exc:
-        raise ContractError(f"{fault}: a reset raises out of the cycle: {exc}") from exc
+        raise ContractError(f"{fault}: a reset raises an exception in the cycle: {exc}") from exc
     driver.run(MEANWHILE_S)
     if driver.mode not in ENDED:
         raise ContractError(f"{fault}: while it lasts, a reset leads to {driver.mode.name}")
@@ -186,7 +188,7 @@ def _require_lasting(driver: Driver, fault: str) -> None:
 
 
 def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
-    """Reset, no jump, a motion; the backend is neither closed nor opened."""
+    """Check the recovery: a reset, no jump, a motion. The backend is neither closed nor opened."""
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)
     result = driver.reset()
@@ -207,7 +209,7 @@ def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
 
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
-"""All but `frozen`, because constant values are normal for an arm at rest."""
+"""Faults for an arm at rest: all except `frozen`, because constant values are normal there."""
 CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},

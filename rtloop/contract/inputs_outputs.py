@@ -18,8 +18,8 @@ UNKNOWN = "no such output"
 
 
 def io(cell: CheckedBackend) -> str:
-    """Each output takes another value, reports it, and takes its old value again, while the arm is held; an
-    unknown output is rejected.
+    """Each output accepts another value, reports it, and accepts its old value again, while the arm is held.
+    An unknown output is rejected.
     """
     if not capabilities_of(cell.kind).io:
         raise NotTested("capabilities.io is not claimed")

@@ -13,15 +13,15 @@ from rtloop.backends.registry import REGISTRY
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """The description of a backend, for people.
+    """The readable description of a backend.
 
     Attributes:
         origin: the distribution that declares it.
         place: package.module:Class.
         periods_s: supported cycle periods; empty for any.
-        capabilities: in words; "" if its class cannot be loaded.
-        contract: what `cobot backend test` uses: "simulated device", "itself" or "nothing".
-        problem: why it cannot be used here; "" if it can.
+        capabilities: its capabilities in words; "" if its class cannot be loaded.
+        contract: the subject of `cobot backend test`: "simulated device", "itself" or "nothing".
+        problem: reason why it cannot be used here; "" if it can.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Listed:
 
 
 def listed() -> list[Listed]:
-    """All, by name."""
+    """All backends, by name."""
     origins = REGISTRY.origins()
     return [_one(name, origins[name], place) for name, place in sorted(backend_names().items())]
 
@@ -61,7 +61,9 @@ def _one(name: str, origin: str, place: str) -> Listed:
 
 
 def _missing(kind: Any) -> str:
-    """Its missing SDK, which it imports only when it is made; a class names it as `sdk`."""
+    """The missing SDK of a backend, which the backend imports only when it is made. A class names it in the
+    attribute `sdk`.
+    """
     sdk = getattr(kind, "sdk", "")
     if not sdk or importlib.util.find_spec(sdk) is not None:
         return ""

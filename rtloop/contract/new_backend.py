@@ -64,8 +64,8 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
     """Make the folder `cobot-backend-NAME`.
 
     Args:
-        name: of the backend, as in `robot.backend`.
-        trajectory: for a device that takes whole motions.
+        name: name of the backend, as in `robot.backend`.
+        trajectory: whether the device takes whole motions.
 
     Returns:
         The folder.

@@ -41,7 +41,9 @@ class ContractRig(Protocol):
     faults: frozenset[str]
 
     def backend(self) -> Backend | TrajectoryDevice:
-        """A new, closed backend for the same device; the previous one was closed, or its process killed."""
+        """A new, closed backend for the same device. The previous one was closed, or its process was
+        killed.
+        """
         ...
 
     def inject(self, fault: str) -> None:
@@ -49,12 +51,12 @@ class ContractRig(Protocol):
         ...
 
     def clear(self, fault: str) -> None:
-        """Remove the cause of a fault, including what a person must do at the device."""
+        """Remove the cause of a fault, as a person would do at the device."""
         ...
 
 
 class PlainRig:
-    """The rig of a simulation that brings none: faults occur between the backend and the cycle."""
+    """The rig for a simulation without its own rig. Faults occur between the backend and the cycle."""
 
     faults = frozenset({"disconnect", "frozen", "nan"})
 
@@ -79,8 +81,8 @@ OPTIONAL = {"capabilities", "state_period_s", "point_period_s"} | {
 
 
 class Around:
-    """A wrapper of a backend, or of a device that takes whole motions, with its methods and attributes. It
-    passes all calls on.
+    """A wrapper of a backend, or of a device that takes whole motions. It has the same methods and
+    attributes, and passes all calls on.
     """
 
     def __init__(self, inner: Backend) -> None:

@@ -12,15 +12,11 @@ from rtloop.backends import ImpedanceControlled
 from rtloop.contract.driver import Driver
 
 STREAMED_RAD, STREAM_S = 0.02, 0.3
-"""Distance and duration by which the stream moves each joint."""
+"""Distance and duration by which the stream moves each joint, rad and s."""
 
 
 def begin_stream(driver: Driver) -> None:
-    """Open a session whose targets move the arm.
-
-    Raises:
-        ContractError: it is rejected.
-    """
+    """Open a session whose targets move the arm. Raises ContractError: the session is rejected."""
     memory = driver.memory
     session, block, ack = memory.session.data, memory.setpoint, memory.session_ack
     session["number"] += 1

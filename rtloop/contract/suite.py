@@ -50,7 +50,7 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Checke
 
 
 def examine(cell: CheckedBackend, check: str) -> CheckResult:
-    """Run one check. A backend that raises an unexpected exception has failed it."""
+    """Run one check. If the backend raises an unexpected exception, it has failed."""
     with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
         return result_of(check, lambda: CHECKS[check](cell), BackendError)
 

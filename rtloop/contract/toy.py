@@ -27,9 +27,9 @@ class Packet:
 
     Attributes:
         number: increases by 1.
-        position, velocity: of the joints, shape (dof,), rad and rad/s.
+        position, velocity: joint positions and velocities, shape (dof,), rad and rad/s.
         operation_mode: T1 or AUT.
-        stopped: why its drives are off; "" if they are on.
+        stopped: reason why its drives are off; "" if they are on.
     """
 
     number: int
@@ -49,7 +49,7 @@ class ToyDevice:
     """
 
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
-        """realtime: whether its periods last; if not, each `receive` is one period."""
+        """realtime: whether its periods take real time; if not, each `receive` is one period."""
         self.faults: set[str] = set()
         self.wire: list[Array] = []
         self._period_s, self._realtime = period_s, realtime
@@ -63,7 +63,7 @@ class ToyDevice:
         self._shown = self._position
 
     def place(self, position: Array) -> None:
-        """Set the position, as only a simulated arm permits."""
+        """Set the position of the arm. Only a simulated arm permits this."""
         self._position = np.array(position)
 
     def receive(self, timeout_s: float) -> list[Packet]:
@@ -93,7 +93,7 @@ class ToyDevice:
         """Switch the drives on at the present position.
 
         Raises:
-            BackendError: this is impossible now, with the reason.
+            BackendError: this is impossible now; the error has the reason.
         """
         if "disconnect" in self.faults:
             raise BackendError("the device does not answer")
@@ -136,7 +136,9 @@ class ToyOptions(BackendOptions):
 
 
 class ToyArm:
-    """The six methods of a `Backend`; `wait`, because the device is externally clocked; `status`; `io`."""
+    """The backend: the six methods of `Backend`, `wait` because the device is externally clocked, `status`
+    and `io`.
+    """
 
     Options = ToyOptions
     capabilities = Capabilities(
@@ -147,7 +149,7 @@ class ToyArm:
     )
 
     def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice | None = None) -> None:
-        """device: for tests."""
+        """device: the device to use, for tests."""
         self._options = settings.backend_options(ToyOptions)
         self._period_s = settings.rt.period_s
         self._is_new = device is None
@@ -192,7 +194,7 @@ class ToyArm:
         self._device.switch_off()
 
     def close(self) -> None:
-        """A device with a connection closes it here."""
+        """Close the device's connection here. The toy has none."""
 
     def status(self) -> DeviceStatus:
         if self._newest is None:

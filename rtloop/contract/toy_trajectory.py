@@ -39,7 +39,7 @@ class ToyDevice:
         self._stopped = ""
 
     def place(self, position: Array) -> None:
-        """Set the position, as only a simulated arm permits."""
+        """Set the position of the arm. Only a simulated arm permits this."""
         self._position = np.array(position)
 
     def look(self) -> tuple[Array, Array]:
@@ -112,14 +112,14 @@ class ToyOptions(BackendOptions):
 
 
 class ToyArm:
-    """The methods of a `TrajectoryDevice`, and `status`."""
+    """The backend: the methods of `TrajectoryDevice`, and `status`."""
 
     Options = ToyOptions
     capabilities = Capabilities(measured=frozenset({"position", "velocity"}), stops={2: False})
     state_period_s = STATE_PERIOD_S
 
     def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice | None = None) -> None:
-        """device: for tests."""
+        """device: the device to use, for tests."""
         self._options = settings.backend_options(ToyOptions)
         self._is_new = device is None
         self._device = device or ToyDevice(limits.dof)
@@ -148,10 +148,10 @@ class ToyArm:
         self._device.stop()
 
     def disable(self) -> None:
-        """A device with drives switches them off here."""
+        """Switch the device's drives off here. The toy has none."""
 
     def close(self) -> None:
-        """A device with a connection closes it here."""
+        """Close the device's connection here. The toy has none."""
 
     def status(self) -> DeviceStatus:
         return DeviceStatus(connection="connected", operation_mode=self._device.operation_mode)

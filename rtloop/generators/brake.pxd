@@ -1,4 +1,4 @@
-"""What other compiled modules call: a reference is brought to rest. See brake.pyx."""
+"""Declarations for other compiled modules: braking a reference. See brake.pyx."""
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.otg cimport Profile

@@ -1,4 +1,4 @@
-"""To rest, within the limits of acceleration and jerk."""
+"""Braking to rest, within the limits of acceleration and jerk."""
 
 from libc.math cimport fabs
 
@@ -10,8 +10,9 @@ cdef double ROUNDING = 1e-9  # Rates no larger than this are rest, rad/s and rad
 
 
 cdef class Brake:
-    """Brings a reference to rest, each coordinate for itself, as fast as the limits permit, and without
-    turning back. Real-time safe."""
+    """Brings a reference to rest as fast as the limits permit and without reversing, each coordinate on its
+    own. Real-time safe.
+    """
 
     def __init__(self, double period_s, max_acceleration, max_jerk):
         self.n, self.period_s = len(max_jerk), period_s
@@ -19,10 +20,10 @@ cdef class Brake:
         copy_row(self.max_jerk, max_jerk, self.n)
 
     cdef void c_begin(self, const double* reference) noexcept nogil:
-        """Brake from this state, (3, n).
+        """Begin to brake from this state, (3, n).
 
-        Of an acceleration beyond the limit only the limit is taken over: to take it back by the greatest
-        jerk would take so long that the velocity ran away.
+        An acceleration beyond the limit is clipped to the limit. Reducing it with the maximum jerk would take
+        so long that the velocity would become much too high.
         """
         cdef Problem problem
         cdef int i, n = self.n
@@ -40,7 +41,9 @@ cdef class Brake:
                 return
 
     cdef bint c_advance(self, double* reference) noexcept nogil:
-        """One period on. Returns whether the reference is at rest, at once if it is no number."""
+        """Advance by one period. Returns whether the reference is at rest. True at once if it is not a
+        number.
+        """
         cdef double state[3]
         cdef double fastest = 0.0
         cdef int i, n = self.n

@@ -1,4 +1,4 @@
-"""What other compiled modules call: a reference through timed waypoints. See chunks.pyx."""
+"""Declarations for other compiled modules: a reference through timed waypoints. See chunks.pyx."""
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.brake cimport Brake

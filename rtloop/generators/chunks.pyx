@@ -1,8 +1,8 @@
-"""Action chunks: a policy sends its next waypoints, each with the time at which it is meant.
+"""Action chunks: a policy sends its next waypoints, each with the time at which it is to be reached.
 
-The reference runs through the waypoints on a cubic spline. Where a chunk takes over, a quintic leads from the
-reference as it is to the first waypoint that can be reached within the limits; velocity and acceleration
-of both ends are met, so the whole is continuous to the acceleration.
+The reference follows a cubic spline through the waypoints. When a new chunk replaces the old one, a quintic
+leads from the present reference to the first waypoint that can be reached within the limits. It matches
+velocity and acceleration at both ends, so the reference is continuous up to the acceleration.
 """
 
 from libc.math cimport INFINITY, isfinite
@@ -41,7 +41,7 @@ cdef class ChunkInterpolator:
         self._start_brake()
 
     cdef void c_begin(self, const double* state) noexcept nogil:
-        """Start here, (3, n), forget all waypoints, and hold (what moves is brought to rest)."""
+        """Start in this state, (3, n), without waypoints, and hold. A moving reference is brought to rest."""
         memmove(self.ref, state, 3 * self.n * sizeof(double))
         self.count = 0
         self._start_brake()
@@ -49,11 +49,12 @@ cdef class ChunkInterpolator:
     cdef int c_take(
         self, const double* times_s, const double* points, int count, double now_s
     ) noexcept nogil:
-        """Replace what lies ahead from the first of these waypoints, (count,) and (count, n), on that is not
-        past.
+        """Replace the waypoints ahead by these, (count,) and (count, n), from the first one that is not in
+        the past.
 
         Returns:
-            `CHUNK_TAKEN`, or why the chunk is rejected, as a number; then nothing has changed but `late`.
+            `CHUNK_TAKEN`, or the reason of a rejection as a number. After a rejection only `late` has
+                changed.
         """
         # What is due within this period is past: nothing can lead there any more.
         cdef double soon_s = now_s + self.period_s
@@ -89,7 +90,7 @@ cdef class ChunkInterpolator:
         return CHUNK_TAKEN
 
     cdef void c_advance(self, double now_s) noexcept nogil:
-        """The reference for this time; it must not go back, nor pass the last waypoint unnoticed."""
+        """Calculate the reference for this time. The time must not decrease."""
         cdef double begin_s
         if not self.braking:
             while self.piece < self.pieces and now_s > self.knots_s[self.piece + 1] + 1e-9:
@@ -111,14 +112,16 @@ cdef class ChunkInterpolator:
             self.count = 0  # no waypoint says any longer how the arm came here
 
     cdef const double* c_waypoint(self, int ahead) noexcept nogil:
-        """The waypoint at the end of the present piece, or so many further on, (n,); NULL after the last."""
+        """The waypoint at the end of the present segment, or `ahead` waypoints further, (n,); NULL after the
+        last.
+        """
         cdef int piece = self.piece + ahead
         if self.braking or piece >= self.pieces:
             return NULL
         return self.ends + 3 * self.n * (self.count - self.pieces + piece)
 
     cdef double c_step_s(self) noexcept nogil:
-        """How long the present piece lasts."""
+        """Duration of the present segment, s."""
         return self.knots_s[self.piece + 1] - self.knots_s[self.piece]
 
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil:
@@ -137,15 +140,16 @@ cdef class ChunkInterpolator:
         return CHUNK_TAKEN
 
     cdef int _index(self, double time_s) noexcept nogil:
-        """Of the first waypoint that is not before this time."""
+        """The index of the first waypoint that is not before this time."""
         cdef int i = 0
         while i < self.count and self.times_s[i] < time_s:
             i += 1
         return i
 
     cdef void _connect(self, double now_s, int first) noexcept nogil:
-        """Quintics from the reference to the first waypoint in reach, from `first` on, and from there from
-        one to the next."""
+        """Connect the reference with quintics to the first reachable waypoint, from `first` on, and then the
+        waypoints with each other.
+        """
         cdef int i, n = self.n, knot = self._first_in_reach(now_s, first)
         self.knots_s[0], self.knots_s[1] = now_s, self.times_s[knot]
         quintic_between(
@@ -166,7 +170,9 @@ cdef class ChunkInterpolator:
         self.entered += 1
 
     cdef int _first_in_reach(self, double now_s, int first) noexcept nogil:
-        """The first waypoint to which a quintic keeps the limits, or that to which one exceeds them least."""
+        """The first waypoint to which a quintic keeps the limits; if there is none, the one to which a
+        quintic exceeds them least.
+        """
         cdef double coefficients[6 * MAX_DOF]
         cdef double excess, least = INFINITY
         cdef int i, best = first, n = self.n
@@ -180,8 +186,9 @@ cdef class ChunkInterpolator:
         return best
 
     cdef double _excess(self, const double* coefficients, double duration_s, double enough) noexcept nogil:
-        """The largest share of a limit that a quintic takes, or infinity if that is more than enough, or is
-        no number. The jerk is looked at first: mostly it decides."""
+        """The largest share of a limit that a quintic uses; infinity if it is above `enough` or not a number.
+        The jerk is checked first, because it usually decides.
+        """
         cdef double peaks[MAX_DOF]
         cdef double share, most = 0.0
         cdef int order, i
@@ -209,7 +216,7 @@ cdef class ChunkInterpolator:
             return Rejected("times must increase by at least half a cycle")
         if self.refused == CHUNK_PAST:
             return Rejected(
-                f"all {self.refused_count} waypoints are past, the last by {self.refused_s:.3f} s"
+                f"all {self.refused_count} waypoints are in the past, the last one by {self.refused_s:.3f} s"
             )
         if self.refused == CHUNK_FULL:
             return Rejected(
@@ -235,15 +242,15 @@ cdef class ChunkInterpolator:
 
 
 cdef void spline_rates(const double* times_s, int count, int n, double* ends) noexcept nogil:
-    """Velocity and acceleration at the knots of the cubic spline through points whose first and last pieces
-    are parabolas; a single point is one to rest at, and two make one piece, which is straight.
+    """Velocity and acceleration at the knots of the cubic spline through points. The first and last segments
+    are parabolas. A single point means rest; two points give one straight segment.
 
-    The velocities solve a tridiagonal system (C. de Boor, "A Practical Guide to Splines", chapter IV), here
-    by elimination without pivoting (L. Thomas): every inner row's diagonal outweighs the rest of its row.
+    The velocities solve a tridiagonal system (C. de Boor, "A Practical Guide to Splines", chapter IV), which
+    is solved by elimination without pivoting (L. Thomas), because every inner row is diagonally dominant.
 
     Args:
         times_s: (count,), at most `MAX_WAYPOINTS`.
-        ends: (count, 3, n): position, and out come velocity and acceleration.
+        ends: (count, 3, n): contains the positions; velocities and accelerations are written into it.
     """
     cdef double upper[MAX_WAYPOINTS]
     cdef double before, after, pivot, slope, last_slope

@@ -1,4 +1,4 @@
-"""What other compiled modules call: a reference for every cycle. See interpolation.pyx."""
+"""Declarations for other compiled modules: a reference for every cycle. See interpolation.pyx."""
 
 from cobot.arrays cimport MAX_DOF
 
@@ -26,7 +26,7 @@ cdef double EARLY
 cdef double grace_s(double duration_s) noexcept nogil
 
 cdef inline double clipped(double value, double bound) noexcept nogil:
-    """Within the bound to both sides; what is no number stays none."""
+    """The value, clipped to the bound on both sides. NaN stays NaN."""
     if value > bound:
         return bound
     return -bound if value < -bound else value

@@ -1,8 +1,8 @@
-"""A reference for every cycle, made of commands that come less often.
+"""A reference for every cycle, calculated from commands that arrive less often.
 
-Each kind answers in its own way what happens until the next command is due: nothing (`Hold`), a constant
-velocity (`Linear`), a smooth polynomial (`Quintic`), the fastest profile that keeps the limits of velocity,
-acceleration and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
+The kinds differ in the motion until the next command is due: none (`Hold`), a constant velocity (`Linear`), a
+smooth polynomial (`Quintic`), or the fastest profile that keeps the limits of velocity, acceleration and jerk
+(`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
 """
 
 from libc.string cimport memcpy, memmove
@@ -17,20 +17,21 @@ cdef double GRACE_S = 0.002
 
 
 cdef double grace_s(double duration_s) noexcept nogil:
-    """How long a stream with this period goes on without a command: so late one may come without a trace in
-    the motion."""
+    """The delay for which a stream with this period continues without a command. A command with at most this
+    delay does not disturb the motion.
+    """
     return GRACE_SHARE * duration_s + GRACE_S
 
 
 cdef object plain(object values, tuple shape):
-    """A copy that compiled code can read: contiguous, of float64."""
+    """A copy for compiled code: contiguous, of float64."""
     copy = np.empty(shape)
     copy[...] = values
     return copy
 
 
 cdef void copy_row(double* into, object values, Py_ssize_t size) except *:
-    """So many numbers of an array or of a single one."""
+    """Copy this number of values from an array, or repeat a single number."""
     row = plain(values, (size,))
     memcpy(into, doubles(row, size), size * sizeof(double))
 
@@ -38,7 +39,7 @@ cdef void copy_row(double* into, object values, Py_ssize_t size) except *:
 cdef class Interpolator:
     """Turns commands into references. Real-time safe. See interpolation.pyi.
 
-    The C methods take (3, n) as three rows one after the other; a velocity may be NULL.
+    The C methods take arrays of shape (3, n) as three consecutive rows. A velocity may be NULL.
     """
 
     def __cinit__(self, int n, double period_s, *args):
@@ -47,17 +48,19 @@ cdef class Interpolator:
         self.ref = doubles(self.reference, 3 * n)
 
     cdef void c_begin(self, const double* state) noexcept nogil:
-        """Start here, forget all commands, and hold (what moves is brought to rest)."""
+        """Start in this state without commands, and hold. A moving reference is brought to rest."""
 
     cdef void c_rebase(self, const double* state, const double* target) noexcept nogil:
-        """The present reference and the last target in other coordinates; an `aim` has to follow."""
+        """Express the present reference and the last target in other coordinates. Must be followed by an
+        `aim`.
+        """
         memmove(self.ref, state, 3 * self.n * sizeof(double))
 
     cdef void c_aim(self, const double* target, const double* velocity, double duration_s) noexcept nogil:
-        """A new command, to be reached `duration_s` from now: one command period."""
+        """Take a new command, to be reached in `duration_s`: one command period."""
 
     cdef void c_advance(self) noexcept nogil:
-        """One period on."""
+        """Advance by one period."""
 
     def begin(self, state):
         copy = plain(state, (3, self.n))
@@ -103,7 +106,9 @@ cdef class Hold(Interpolator):
 
 
 cdef class Linear(Interpolator):
-    """Constant velocity from where the reference is to the target, over one command period; then it rests."""
+    """Constant velocity from the present reference to the target, during one command period. Then it
+    rests.
+    """
 
     cdef void c_begin(self, const double* state) noexcept nogil:
         memmove(self.ref, state, 3 * self.n * sizeof(double))

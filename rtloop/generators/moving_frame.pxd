@@ -1,4 +1,4 @@
-"""What other compiled modules call: pursuits in a frame that moves. See moving_frame.pyx."""
+"""Declarations for other compiled modules: pursuit in a moving frame. See moving_frame.pyx."""
 
 from rtloop.generators.otg cimport Problem, Profile
 
@@ -12,7 +12,7 @@ cdef struct Ladder:  # Shares of the jerk limit, the gentlest first.
 
 
 cdef inline Motion moved(Motion motion, double time_s) noexcept nogil:
-    """Where something is after a time, or before if that is negative, at a constant acceleration."""
+    """The motion after a time, or before it if the time is negative, at constant acceleration."""
     cdef Motion there = motion
     there.position += time_s * (motion.velocity + 0.5 * time_s * motion.acceleration)
     there.velocity += time_s * motion.acceleration

@@ -1,8 +1,8 @@
-"""From where something is to rest in a frame that moves, each axis for itself.
+"""Motions from a state to rest in a moving frame, each axis on its own.
 
-What is pursued moves on while it is pursued. In a frame that moves with it the problem is one from a state to
-rest, which is solved at once, and which lasts from cycle to cycle; a profile to a fixed place with a
-velocity there would run back to take a run-up whenever it is late.
+A pursued target continues to move. In a frame that moves with it, the problem is a motion from a state to
+rest. This has a direct solution, which stays the same from cycle to cycle. A profile to a fixed place with a
+final velocity would move back for a run-up whenever it is late.
 """
 
 from libc.math cimport INFINITY, fmax, fmin
@@ -15,12 +15,13 @@ cdef double ROUNDING = 1e-9  # rad or m: this is no overshoot.
 cdef void to_rest_in_frame(
     Problem* problem, Motion state, Motion frame, double due_s, double max_velocity, double max_acceleration
 ) noexcept nogil:
-    """The problem in the frame, but for the jerk.
+    """Write the problem in the frame, without the jerk limit.
 
     Args:
-        state: where the follower is now.
-        frame: where what is pursued will be in `due_s`. It must be slower than the limits.
-        max_velocity, max_acceleration: at rest. In the frame the limits are not the same in both directions.
+        state: present state of the follower.
+        frame: state of the target in `due_s`. It must be slower than the limits.
+        max_velocity, max_acceleration: limits outside the frame. In the moving frame they differ between the
+            two directions.
     """
     cdef Motion off = difference(state, moved(frame, -due_s))
     problem.position, problem.velocity, problem.acceleration = off.position, off.velocity, off.acceleration
@@ -33,13 +34,13 @@ cdef void to_rest_in_frame(
 cdef bint plan_gently(
     Problem* problems, Profile* profiles, const double* max_jerk, int n, const Ladder* ladder, bint overshoots
 ) noexcept nogil:
-    """Profiles of all axes with the gentlest share of the jerk limits that is done in time.
+    """Plan profiles of all axes with the smallest share of the jerk limits that arrives in time.
 
     Args:
-        overshoots: whether a way may go beyond its target, or farther off than its start.
+        overshoots: whether a profile may go beyond its target, or away from it beyond its start.
 
     Returns:
-        Whether there is a way. If none is short enough, it is that of the highest rung that has one.
+        Whether there are profiles. If none is short enough, they are those with the largest possible share.
     """
     cdef int rung
     for rung in range(ladder.count):
@@ -55,7 +56,7 @@ cdef bint _climb(
     Problem* problems, Profile* profiles, const double* max_jerk, int n,
     double share, double patience_s, bint overshoots,
 ) noexcept nogil:
-    """Whether all axes have a way with this share of the jerk limits that is short enough."""
+    """Whether all axes have a profile with this share of the jerk limits that is short enough."""
     cdef int axis
     for axis in range(n):
         problems[axis].max_jerk = share * max_jerk[axis]
@@ -67,7 +68,7 @@ cdef bint _climb(
 
 
 cdef bint overshoots_zero(double off, const Profile* profile) noexcept nogil:
-    """Whether a way from `off` to zero goes beyond zero, or farther off than its start."""
+    """Whether a profile from `off` to zero goes beyond zero, or away from it beyond its start."""
     cdef double extrema[2]
     profile_extrema(profile, extrema)
     return extrema[0] < fmin(off, 0.0) - ROUNDING or extrema[1] > fmax(off, 0.0) + ROUNDING

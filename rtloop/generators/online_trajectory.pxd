@@ -1,4 +1,6 @@
-"""What other compiled modules call: the fastest profile to a moving target. See online_trajectory.pyx."""
+"""Declarations for other compiled modules: the fastest profile to a moving target. See
+online_trajectory.pyx.
+"""
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.brake cimport Brake

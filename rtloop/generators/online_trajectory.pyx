@@ -1,4 +1,4 @@
-"""The fastest reference to a moving target that keeps the limits, planned again with each target."""
+"""The fastest reference to a moving target that keeps the limits. It is planned again for each target."""
 
 from libc.math cimport fabs, fmin
 from libc.string cimport memmove
@@ -24,11 +24,9 @@ cdef double MAX_PROFILE_S = 7600.0
 cdef class OnlineTrajectory(Interpolator):
     """The fastest profile to the moving target, within the limits of velocity, acceleration and jerk.
 
-    Up to the next command the target is taken to move as estimated, at a constant acceleration. In a frame
-    that moves with it the problem is one from a state to rest, which is solved at once, and which lasts; a
-    profile to a fixed place with a velocity there would run back to take a run-up whenever it is late. When
-    no command has come at the end of the period and of a grace period, the reference brakes and settles on
-    the target.
+    Until the next command the target is assumed to move as estimated, with constant acceleration. In a frame
+    that moves with it, the problem is a motion from a state to rest, see `moving_frame`. If no command has
+    arrived by the end of the period and a grace period, the reference brakes and settles on the target.
     """
 
     def __init__(self, int n, double period_s, max_velocity, max_acceleration, max_jerk):
@@ -53,11 +51,11 @@ cdef class OnlineTrajectory(Interpolator):
         self.estimate.c_rebase(target)
 
     cdef void c_forget(self) noexcept nogil:
-        """What comes next is no part of the stream so far."""
+        """Begin a new stream. The next target does not continue the previous ones."""
         self.estimate.c_forget()
 
     cdef void c_settle(self, const double* state, const double* target) noexcept nogil:
-        """From this state, (3, n), to rest at the target."""
+        """Plan from this state, (3, n), to rest at the target."""
         cdef int i
         self.c_rebase(state, target)
         for i in range(self.n):
@@ -106,7 +104,7 @@ cdef class OnlineTrajectory(Interpolator):
             self.ref[2 * n + i] = off[2] + place.acceleration
 
     cdef void _end(self) noexcept nogil:
-        """To rest where the last target was."""
+        """Plan to rest at the last target."""
         cdef int i
         for i in range(self.n):
             self.frame[i].velocity = self.frame[i].acceleration = 0.0
@@ -114,9 +112,9 @@ cdef class OnlineTrajectory(Interpolator):
         self._plan(0.0)
 
     cdef void _plan(self, double due_s) noexcept nogil:
-        """A profile from the reference to rest in the frame, within the limits of joints at rest.
+        """Plan a profile from the reference to rest in the moving frame, within the joints' limits.
 
-        Each joint has its own: time synchronisation would keep one busy that has nothing to catch up with.
+        Each joint has its own profile. With time synchronisation, joints without a deviation would move too.
         """
         cdef Motion state
         cdef double room

@@ -1,4 +1,4 @@
-"""What other compiled modules call: jerk-limited, time-optimal motion of single axes. See otg.pyx."""
+"""Declarations for other compiled modules: jerk-limited, time-optimal motion of single axes. See otg.pyx."""
 
 cdef enum:
     MAX_PHASES = 9  # Two that brake to within the limits, and seven.

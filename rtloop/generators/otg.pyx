@@ -1,9 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Online trajectory generation for single axes: time-optimal motion under limits of jerk and acceleration,
-and of velocity where a position is the target. C alone: no allocation, no exceptions, bounded work.
+and of velocity if the target is a position. Pure C: no allocation, no exceptions, bounded work.
 
-One module, though it is long: what it is made of is small and called often, and within one translation unit
-the compiler inlines it.
+This module is long because its small functions are called often, and the compiler inlines them only within
+one translation unit.
 
 How the position interface works. All quantities are divided by the jerk limit: the jerk is 1, an acceleration
 is the time to reach it. A motion up raises the acceleration to a peak, lets it fall, and raises it to zero:
@@ -66,7 +66,9 @@ cdef inline void _advance(State* state, double time_s, double jerk) noexcept nog
 
 
 cdef inline void _append(Profile* profile, State* state, double duration_s, double jerk) noexcept nogil:
-    """A phase from this state, which becomes its end. What rounding has made negative is left out."""
+    """Append a phase from this state, and set the state to the end of the phase. A duration that rounding has
+    made negative is omitted.
+    """
     cdef int i = profile.count
     if not duration_s > 0.0:
         return
@@ -81,8 +83,9 @@ cdef inline void _append(Profile* profile, State* state, double duration_s, doub
 
 
 cdef void profile_at(const Profile* profile, double time_s, double* out) noexcept nogil:
-    """Position, velocity and acceleration at a time, at the start for earlier ones; at the end and later it
-    goes on with the end velocity."""
+    """Position, velocity and acceleration at a time. Before the start they are those of the start; from the
+    end on the velocity continues.
+    """
     cdef State state
     cdef double left = fmax(time_s, 0.0)
     cdef int i
@@ -102,7 +105,7 @@ cdef void profile_at(const Profile* profile, double time_s, double* out) noexcep
 
 
 cdef inline void _stretch(const Profile* profile, int i, double time_s, double* out) noexcept nogil:
-    """Take the position into account that phase i has at this time, if that is within it."""
+    """Extend the range by the position that phase i has at this time, if the time is within the phase."""
     cdef State state
     if 0.0 < time_s < profile.duration_s[i]:
         state.position = profile.position[i]
@@ -113,7 +116,7 @@ cdef inline void _stretch(const Profile* profile, int i, double time_s, double* 
 
 
 cdef void profile_extrema(const Profile* profile, double* out) noexcept nogil:
-    """The least and the greatest position, both ends included."""
+    """The minimum and maximum position, including both ends."""
     cdef double v, a, jerk, root
     cdef int i
     out[0] = out[1] = profile.end_position
@@ -152,8 +155,10 @@ cdef inline void _begin(
     Family* family, double velocity, double acceleration, double end_velocity,
     double max_acceleration, double max_deceleration,
 ) noexcept nogil:
-    """The target's velocity may differ by rounding from the one to which the acceleration's way to zero
-    leads: that is no reason for more. A ramp for it would take as long as the rounding's square root."""
+    """Begin a family. If the target's velocity differs only by rounding from the velocity after the
+    acceleration has been reduced to zero, the latter is used. A ramp for the difference would take as long as
+    the square root of the rounding.
+    """
     cdef double half_square = 0.5 * acceleration * acceleration
     cdef double change = end_velocity - velocity
     cdef double direct = half_square if acceleration > 0.0 else -half_square
@@ -170,8 +175,9 @@ cdef inline void _begin(
 
 
 cdef inline void _ramp(double change, double limit, double* peak, double* hold) noexcept nogil:
-    """The fastest change of velocity between two zeros of the acceleration: its peak, and how long it is
-    held."""
+    """The fastest change of velocity between two zeros of the acceleration: its peak, and the duration for
+    which the peak is held.
+    """
     peak[0] = sqrt(fmax(change, 0.0))
     hold[0] = 0.0
     if peak[0] > limit:
@@ -179,7 +185,7 @@ cdef inline void _ramp(double change, double limit, double* peak, double* hold) 
 
 
 cdef inline void _shortest(const Family* family, Shape* shape) noexcept nogil:
-    """The shortest change of velocity alone, where the family begins."""
+    """The shortest change of velocity, with which the family begins."""
     cdef double a0 = family.start_acceleration
     shape.rise_hold = shape.cruise = shape.sink_hold = shape.sink = 0.0
     if family.falls:
@@ -190,13 +196,14 @@ cdef inline void _shortest(const Family* family, Shape* shape) noexcept nogil:
 
 
 cdef inline double _top(const Family* family, const Shape* shape) noexcept nogil:
-    """w, the velocity where the falling acceleration is zero."""
+    """w, the velocity at which the falling acceleration is zero."""
     return family.end_velocity + shape.sink * shape.sink + family.max_deceleration * shape.sink_hold
 
 
 cdef inline double _displacement(const Family* family, const Shape* shape) noexcept nogil:
-    """D without the cruise. Between two zeros of the acceleration it is symmetric in time, so that the mean
-    velocity is that of both ends."""
+    """D without the cruise. Between two zeros of the acceleration the motion is symmetric in time, so the
+    mean velocity is that of both ends.
+    """
     cdef double before = (
         family.start_velocity + shape.rise * shape.rise + family.max_acceleration * shape.rise_hold
     )
@@ -213,7 +220,9 @@ cdef inline double _gain(const Family* family, const Shape* shape) noexcept nogi
 
 
 cdef inline double _at_sigma(const Family* family, double sigma, Shape* shape) noexcept nogil:
-    """The motion with a fall of this duration, at most the sum of both limits; returns dT/dsigma."""
+    """The motion whose acceleration falls for this duration, at most the sum of both limits. Returns
+    dT/dsigma.
+    """
     cdef double high = family.max_acceleration, low = family.max_deceleration
     cdef double above = sigma * (sigma - 2.0 * high) + family.kappa
     cdef double below = sigma * (sigma - 2.0 * low) - family.kappa
@@ -232,7 +241,7 @@ cdef inline double _at_sigma(const Family* family, double sigma, Shape* shape) n
 cdef void _solve(
     const Family* family, double displacement, double low, double high, Shape* shape
 ) noexcept nogil:
-    """The motion of this displacement, in a bracket with one root: Newton's method from above."""
+    """The motion with this displacement, in a bracket with one root, by Newton's method from above."""
     cdef double sigma = high, following, off, slope
     cdef int _i
     for _i in range(MAX_ITERATIONS):
@@ -275,16 +284,18 @@ cdef inline double _first_maximum(const Family* family, double low, double high)
 
 
 cdef inline double _beyond(double way, double gain) noexcept nogil:
-    """How much greater sigma is at most when D has grown by this. From `rise` = 0 on H grows by at least
-    sigma²/4, so that D grows by at least 2 H sigma + sigma³/6."""
+    """Upper bound of the increase of sigma when D has grown by this. From `rise` = 0 on, H grows by at least
+    sigma²/4, so D grows by at least 2 H sigma + sigma³/6.
+    """
     if gain > 0.0:
         return fmin(cbrt(6.0 * way), 0.5 * way / gain)
     return fmax(cbrt(12.0 * way), sqrt(-24.0 * gain))
 
 
 cdef inline void _hold_both(const Family* family, double way, Shape* shape) noexcept nogil:
-    """Go on by `way` from a motion that meets both limits: H grows in proportion to the holds, so that D is a
-    quadratic."""
+    """Continue by `way` from a motion that reaches both limits. H then grows in proportion to the holds, so D
+    is quadratic.
+    """
     cdef double high = family.max_acceleration, low = family.max_deceleration
     cdef double gain = _gain(family, shape), longer
     way *= high / (high + low)
@@ -297,7 +308,9 @@ cdef inline void _hold_both(const Family* family, double way, Shape* shape) noex
 cdef inline bint _find_below_zero(
     const Family* family, double displacement, double tolerance, double* low, Shape* shape
 ) noexcept nogil:
-    """The motion sought if `rise` is negative in it. Else `low` and `shape` become those where it is zero."""
+    """Find the motion if `rise` is negative in it. Otherwise set `low` and `shape` to those where `rise` is
+    zero.
+    """
     cdef double split = fmin(sqrt(-family.kappa), family.max_deceleration), maximum
     if _gain(family, shape) > 0.0:
         maximum = _first_maximum(family, low[0], split)
@@ -318,11 +331,11 @@ cdef inline bint _find_below_zero(
 cdef bint _find(
     const Family* family, double displacement, double tolerance, double max_velocity, Shape* shape
 ) noexcept nogil:
-    """The first motion of the family with this displacement; whether there is one. Expects the first motion
-    of all in `shape`, and a displacement not below that one's.
+    """Find the first motion of the family with this displacement. Returns whether there is one. Expects the
+    family's first motion in `shape`, and a displacement that is not below that motion's.
 
-    Where D first decreases, or has come to its maximum, a displacement that is greater by the tolerance would
-    take much longer: a detour, for what may be rounding. It is neglected there.
+    Where D first decreases, or is at its maximum, a displacement that is larger by the tolerance would take
+    much longer. Since the difference may be rounding, it is neglected there.
     """
     cdef double both = family.max_acceleration + family.max_deceleration
     cdef double a0 = family.start_acceleration, low = shape.rise + shape.sink, high
@@ -379,7 +392,7 @@ cdef inline Limits _mirrored(const Limits* limits) noexcept nogil:
 
 
 cdef inline bint _too_fast(double v, double a, const Limits* limits) noexcept nogil:
-    """Whether it is above the velocity limit, or will be, and does not end below the lower one anyway."""
+    """Whether the velocity is above its limit, or will be, unless it ends below the lower limit anyway."""
     cdef double half_square = 0.5 * a * a
     return (v > limits.max_velocity and v - half_square > limits.min_velocity) or (
         a > 0.0 and v + half_square > limits.max_velocity
@@ -389,8 +402,9 @@ cdef inline bint _too_fast(double v, double a, const Limits* limits) noexcept no
 cdef inline void _brake_velocity(
     double v, double a, const Limits* limits, double* fall, double* hold
 ) noexcept nogil:
-    """Jerk −1, then the least acceleration, until the velocity is at its upper limit, or until it would end
-    below the lower one."""
+    """Jerk −1, then the minimum acceleration, until the velocity is at its upper limit, or would end below
+    the lower one.
+    """
     cdef double least = limits.min_acceleration, until
     until = a + sqrt(fmax(a * a + 2.0 * (v - limits.max_velocity), 0.0))
     until = fmin(until, a + sqrt(fmax(0.5 * a * a + v - limits.min_velocity, 0.0)))
@@ -404,7 +418,7 @@ cdef inline void _brake_velocity(
 cdef inline void _brake_acceleration(
     double v, double a, const Limits* limits, double* fall, double* hold
 ) noexcept nogil:
-    """Jerk −1 to the greatest acceleration, and hold it while the velocity is below its lower limit."""
+    """Jerk −1 to the maximum acceleration, which is held while the velocity is below its lower limit."""
     cdef double most = limits.max_acceleration
     if v + 0.5 * a * a > limits.max_velocity:
         _brake_velocity(v, a, limits, fall, hold)
@@ -418,8 +432,9 @@ cdef inline void _brake_acceleration(
 
 
 cdef inline int _brake(double v, double a, const Limits* limits, double* fall, double* hold) noexcept nogil:
-    """Durations of what brings a state within the limits: jerk −1 and then 0. Returns 1, or −1 if mirrored,
-    or 0 if there is nothing to do."""
+    """Durations of the two phases that bring a state within the limits: jerk −1, then 0. Returns 1, or −1 if
+    mirrored, or 0 if the state is within the limits.
+    """
     cdef Limits mirrored = _mirrored(limits)
     if a > limits.max_acceleration:
         _brake_acceleration(v, a, limits, fall, hold)
@@ -447,7 +462,7 @@ cdef inline void _start(const Problem* problem, Profile* profile, State* state) 
 
 
 cdef inline bint _valid(const Problem* problem) noexcept nogil:
-    """Whether all numbers of a velocity problem are, and its limits are of their signs."""
+    """Whether all numbers of a velocity problem are valid, and its limits have the right signs."""
     return (
         isfinite(problem.position + problem.velocity + problem.acceleration + problem.target_velocity)
         and isfinite(problem.max_acceleration - problem.min_acceleration + problem.max_jerk)
@@ -460,8 +475,10 @@ cdef inline bint _valid(const Problem* problem) noexcept nogil:
 cdef inline void _move(
     Profile* profile, State* state, double jerk, double max_velocity, const Shape* shape
 ) noexcept nogil:
-    """Append the phases of a motion up, or of its mirror image if the jerk is negative. Accelerations, and
-    the velocity of the cruise, are set again where known: over a long phase rounding would add up."""
+    """Append the phases of an upward motion, or of its mirror image if the jerk is negative. Known
+    accelerations, and the velocity of the cruise, are set exactly, because rounding would accumulate over a
+    long phase.
+    """
     _append(profile, state, shape.rise - state.acceleration / jerk, jerk)
     state.acceleration = shape.rise * jerk
     _append(profile, state, shape.rise_hold, 0.0)
@@ -487,13 +504,14 @@ cdef inline bint _valid_position(const Problem* problem) noexcept nogil:
 
 
 cdef inline bint _close(double is_, double wanted, double scale) noexcept nogil:
-    """Relative to all that has been added up; false for what is no number or infinite, too."""
+    """Whether two values are equal, relative to the sum of all contributions. False for NaN and infinity."""
     return fabs(is_ - wanted) <= END_TOLERANCE * (fabs(is_) + fabs(wanted) + scale) < INFINITY
 
 
 cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
-    """The shortest way from a state to the target's velocity, at acceleration zero. An acceleration beyond
-    the limits is first brought to the limit."""
+    """The shortest motion from a state to the target's velocity, with zero acceleration at the end. An
+    acceleration beyond the limits is first brought to the limit.
+    """
     cdef double jerk = problem.max_jerk, high = problem.max_acceleration, low = problem.min_acceleration
     cdef double target = problem.target_velocity, scale = fabs(problem.velocity) + high - low
     cdef Family family
@@ -522,7 +540,9 @@ cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
 cdef inline bint _plan(
     const State* state, const Problem* problem, const Limits* limits, Shape* shape, double* jerk
 ) noexcept nogil:
-    """The motion from a state within the limits to the target, and its first jerk; whether there is one."""
+    """Plan the motion from a state within the limits to the target, and its first jerk. Returns whether there
+    is one.
+    """
     cdef double unit = problem.max_jerk
     cdef double displacement = (problem.target_position - state.position) / unit
     cdef double tolerance, v = state.velocity / unit, a = state.acceleration / unit
@@ -559,7 +579,7 @@ cdef inline void _enter(
 
 
 cdef inline int _finish(const Problem* problem, Profile* profile, const State* state) noexcept nogil:
-    """The result: whether the last phase has led to the target."""
+    """The result code: whether the last phase has reached the target."""
     cdef double scale = fabs(problem.velocity) + problem.max_velocity - problem.min_velocity
     profile.end_position, profile.end_velocity = problem.target_position, problem.target_velocity
     if _close(state.velocity, problem.target_velocity, scale) and _close(
@@ -570,8 +590,9 @@ cdef inline int _finish(const Problem* problem, Profile* profile, const State* s
 
 
 cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil:
-    """The shortest way from a state to the target's position and velocity, at acceleration zero. What is
-    beyond the limits is first brought within them, as fast as possible."""
+    """The shortest motion from a state to the target's position and velocity, with zero acceleration at the
+    end. A state beyond the limits is first brought within them, as fast as possible.
+    """
     cdef double jerk = 0.0
     cdef Limits limits
     cdef Shape shape
@@ -616,8 +637,9 @@ cdef inline Ramp _ramp_to(double change, const Limits* limits) noexcept nogil:
 cdef inline void _cruise_at(
     const State* state, double target, const Limits* limits, double duration_s, Cruise* out
 ) noexcept nogil:
-    """The motion of this duration with the velocity in `out`. If its cruise is of negative duration there is
-    none. The state is in units of the jerk limit."""
+    """The motion of this duration with the velocity in `out`. If the cruise has a negative duration, there is
+    no such motion. The state is in units of the jerk limit.
+    """
     cdef double v = state.velocity, a = state.acceleration, cruise = out.velocity
     cdef double side = 1.0 if cruise >= v + 0.5 * a * fabs(a) else -1.0
     cdef double lead = side * a  # How long the first ramp would have gone on before the start.
@@ -639,11 +661,11 @@ cdef bint _cruise(
     const State* state, double target, double displacement, const Limits* limits, double duration_s,
     Cruise* out,
 ) noexcept nogil:
-    """The velocity of the cruise with which a motion of this duration has this displacement.
+    """Find the velocity of the cruise with which a motion of this duration has this displacement.
 
-    The displacement grows with the velocity, as all velocities do. A cruise below both the velocity to which
-    the start leads by itself and the target's, or above both, is the shorter the farther off it is; where
-    there is none, it is too far off.
+    The displacement grows with the velocity of the cruise. Outside the range between the velocity to which
+    the start leads by itself and the target's velocity, the duration of the cruise decreases with the
+    distance from this range. Where the duration would be negative, the velocity is too far outside.
     """
     cdef double itself = state.velocity + 0.5 * state.acceleration * fabs(state.acceleration)
     cdef double low = fmin(itself, target), high = fmax(itself, target), following
@@ -680,7 +702,7 @@ cdef bint _cruise(
 
 
 cdef inline void _append_ramp(Profile* profile, State* state, double jerk, const Ramp* ramp) noexcept nogil:
-    """To acceleration zero."""
+    """Append the ramp to zero acceleration."""
     jerk *= ramp.side
     _append(profile, state, ramp.peak - state.acceleration / jerk, jerk)
     state.acceleration = ramp.peak * jerk
@@ -690,8 +712,9 @@ cdef inline void _append_ramp(Profile* profile, State* state, double jerk, const
 
 
 cdef int otg_position_in(const Problem* problem, double duration_s, Profile* profile) noexcept nogil:
-    """As `otg_position`, but in a duration that is longer: with a cruise at a lower velocity. That is the way
-    Ruckig synchronises axes in time, where such a cruise exists."""
+    """Like `otg_position`, but with a longer, given duration: the cruise has a lower velocity. Ruckig
+    synchronises axes in time in the same way, if such a cruise exists.
+    """
     cdef double unit = problem.max_jerk, target = problem.target_velocity / unit
     cdef Limits limits
     cdef State state, scaled
@@ -715,7 +738,7 @@ cdef int otg_position_in(const Problem* problem, double duration_s, Profile* pro
 
 
 cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil:
-    """Where a plan towards the target's position leads in one period: position, velocity, acceleration."""
+    """The state one period later on a plan to the target's position: position, velocity, acceleration."""
     cdef Profile profile
     cdef int result = otg_position(problem, &profile)
     if result == OTG_OK:
@@ -741,8 +764,9 @@ cdef inline double _quantity(const Problem* problem, int quantity) noexcept nogi
 
 
 cdef inline double _rounding(const Problem* problem, int quantity) noexcept nogil:
-    """What a quantity may have across the line, all the same: what differences of positions, divided by the
-    period once and twice, carry with them."""
+    """The deviation of a quantity from the line that counts as rounding. Differences of positions, divided by
+    the period once and twice, have such deviations.
+    """
     if quantity == OFFSET:
         return COLLINEAR * (1e-3 + fabs(problem.target_position - problem.position))
     if quantity == ACCELERATION:
@@ -751,8 +775,9 @@ cdef inline double _rounding(const Problem* problem, int quantity) noexcept nogi
 
 
 cdef inline bint _line(const Problem* problems, int n, int* quantity, int* axis) noexcept nogil:
-    """Whether all vectors of a problem lie on one line: as this vector, whose greatest coordinate is that of
-    this axis, measured by the rounding. False too if nothing is to be moved."""
+    """Whether all vectors of a problem lie on one line. Gives the largest vector, relative to the rounding,
+    and the axis of its largest coordinate. False if nothing has to move.
+    """
     cdef double share, greatest = 1.0, ratio
     cdef int i, k
     for k in range(QUANTITIES):
@@ -772,7 +797,7 @@ cdef inline bint _line(const Problem* problems, int n, int* quantity, int* axis)
 
 
 cdef inline void _tighten(Problem* line, const Problem* axis, double ratio) noexcept nogil:
-    """Limits of a motion that this axis makes `ratio` times as large."""
+    """Tighten the line's limits by those of an axis that moves `ratio` times as far."""
     if ratio > 0.0:
         line.max_velocity = fmin(line.max_velocity, axis.max_velocity / ratio)
         line.min_velocity = fmax(line.min_velocity, axis.min_velocity / ratio)
@@ -804,14 +829,14 @@ cdef inline void _scale(
 
 
 cdef inline bint _beyond_limits(const Problem* problem) noexcept nogil:
-    """Whether a motion begins with bringing the state within the limits."""
+    """Whether a motion has to begin with bringing the state within the limits."""
     cdef Limits limits = _limits(problem)
     cdef double fall, hold, v = problem.velocity / problem.max_jerk
     return _brake(v, problem.acceleration / problem.max_jerk, &limits, &fall, &hold) != 0
 
 
 cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noexcept nogil:
-    """Whether the line brings no state beyond the limits that is within them for each axis alone."""
+    """Whether the line brings no state beyond the limits that is within the limits of each axis."""
     cdef int i
     if not _beyond_limits(line):
         return True
@@ -822,8 +847,10 @@ cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noex
 
 
 cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noexcept nogil:
-    """All axes arrive together with the slowest one, each with a cruise at a lower velocity; one for which
-    there is none arrives earlier. The first result that is not OTG_OK if an axis has no motion."""
+    """Make all axes arrive together with the slowest one, each with a cruise at a lower velocity. An axis
+    without such a cruise arrives earlier. Returns the first result other than OTG_OK if an axis has no
+    motion.
+    """
     cdef Profile slower
     cdef double duration_s = 0.0
     cdef int i, result
@@ -840,8 +867,9 @@ cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noex
 
 
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil:
-    """On a straight line, and in phase, if offset, velocities and acceleration of all axes lie on one: as
-    fast as the limits of all axes permit along it. Else they arrive together, see `otg_synchronise`."""
+    """A motion of all axes. If offset, velocities and acceleration lie on one line, the motion is straight,
+    as fast as the limits of all axes permit. Otherwise the axes arrive together, see `otg_synchronise`.
+    """
     cdef Problem line
     cdef Profile motion
     cdef double ratio
@@ -885,7 +913,7 @@ cdef class AxisProfile:
 
     @property
     def extrema(self):
-        """The least and the greatest position."""
+        """The minimum and maximum position."""
         cdef double[2] out
         profile_extrema(&self.profile, out)
         return out[0], out[1]
@@ -907,21 +935,21 @@ cdef Problem _problem(row) except *:
 
 
 def position(row):
-    """The result, and the motion to a target's position, of a row in the order of `Problem`."""
+    """The result code, and the motion to a target position, for a row in the order of `Problem`."""
     cdef Problem problem = _problem(row)
     cdef AxisProfile motion = AxisProfile()
     return otg_position(&problem, &motion.profile), motion
 
 
 def velocity(row):
-    """The result, and the motion to a target's velocity, of a row in the order of `Problem`."""
+    """The result code, and the motion to a target velocity, for a row in the order of `Problem`."""
     cdef Problem problem = _problem(row)
     cdef AxisProfile motion = AxisProfile()
     return otg_velocity(&problem, &motion.profile), motion
 
 
 def step(row, double period_s):
-    """The result, and the state one period later."""
+    """The result code, and the state one period later."""
     cdef Problem problem = _problem(row)
     cdef double[3] out
     out[0] = out[1] = out[2] = 0.0
@@ -930,14 +958,15 @@ def step(row, double period_s):
 
 
 def vector(rows, in_phase=True):
-    """The result, and the motions of at most 16 axes, of rows in the order of `Problem`; unless in phase they
-    are only synchronised."""
+    """The result code, and the motions of at most 16 axes, for rows in the order of `Problem`. With
+    `in_phase` False they are only synchronised.
+    """
     cdef Problem[16] problems
     cdef Profile[16] profiles
     cdef AxisProfile motion
     cdef int i, n = len(rows)
     if not 0 < n <= 16:
-        raise ValueError(f"{n} axes; 1 to 16 are possible")
+        raise ValueError(f"{n} axes; allowed are 1 to 16")
     for i in range(n):
         problems[i] = _problem(rows[i])
     if in_phase:

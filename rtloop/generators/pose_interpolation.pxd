@@ -1,4 +1,4 @@
-"""What other compiled modules call: poses between poses. See pose_interpolation.pyx."""
+"""Declarations for other compiled modules: interpolation of poses. See pose_interpolation.pyx."""
 
 from rtloop.generators.interpolation cimport Interpolator
 

@@ -1,4 +1,4 @@
-"""Poses between streamed poses, and the slow move to a single one.
+"""Interpolation between streamed poses, and the slow move to a single pose.
 
 A pose is shape (7,): x, y, z in m and a quaternion (w, x, y, z); a twist is shape (6,): linear and angular
 velocity, m/s and rad/s; both in the base frame.
@@ -28,10 +28,9 @@ cdef double MIN_DURATION_S = 1e-3  # A move that is to take less, or no time at 
 cdef class PoseInterpolator:
     """An `Interpolator` of poses. Real-time safe. See pose_interpolation.pyi.
 
-    It works in a chart: position, and the rotation vector from where the tool pointed when the newest
-    command arrived. A straight line through the chart's origin is a turn about a fixed axis at a constant
-    speed, so `Linear` is a straight line and a spherical interpolation. The limits hold for each axis
-    of the chart.
+    It works in a chart: position, and the rotation vector from the orientation at the arrival of the newest
+    command. A straight line through the chart's origin is a rotation about a fixed axis at constant speed. So
+    `Linear` is a straight line with a spherical interpolation. The limits hold for each axis of the chart.
     """
 
     def __init__(
@@ -60,7 +59,9 @@ cdef class PoseInterpolator:
     cdef void c_begin(
         self, const double* pose, const double* twist, const double* acceleration
     ) noexcept nogil:
-        """Start here, forget all commands, and hold (what moves is brought to rest). NULL is no motion."""
+        """Start in this state without commands, and hold. A moving reference is brought to rest. A motion of
+        NULL means rest.
+        """
         cdef double state[18]
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.last, pose, 3 * sizeof(double))
@@ -70,7 +71,7 @@ cdef class PoseInterpolator:
         self.chart.c_begin(state)
 
     cdef void c_aim(self, const double* pose, const double* twist, double duration_s) noexcept nogil:
-        """A new command, to be reached `duration_s` from now; the twist at it may be NULL."""
+        """Take a new command, to be reached in `duration_s`. Its twist may be NULL."""
         cdef double state[18]
         cdef double twist_now[6]
         cdef double acceleration_now[6]
@@ -91,19 +92,20 @@ cdef class PoseInterpolator:
         self._write()
 
     cdef void c_advance(self) noexcept nogil:
-        """One period on."""
+        """Advance by one period."""
         self.chart.c_advance()
         self._write()
 
     cdef void c_twist(self, double* out) noexcept nogil:
-        """Of this cycle, (6,): m/s and rad/s."""
+        """The twist in this cycle, (6,): m/s and rad/s."""
         cdef const double* ref = self.chart.ref
         memcpy(out, ref + 6, 3 * sizeof(double))
         quat_angular_velocity(ref + 3, ref + 9, out + 3)
 
     cdef void c_acceleration(self, double* out) noexcept nogil:
-        """Of this cycle, (6,): m/s² and rad/s². Of the angular part, terms are missing that are of second
-        order in the turn since the newest command."""
+        """The acceleration in this cycle, (6,): m/s² and rad/s². The angular part omits terms of second order
+        in the rotation since the newest command.
+        """
         cdef const double* ref = self.chart.ref
         memcpy(out, ref + 12, 3 * sizeof(double))
         quat_angular_acceleration(ref + 3, ref + 9, ref + 15, out + 3)
@@ -111,7 +113,9 @@ cdef class PoseInterpolator:
     cdef void _state_at_origin(
         self, const double* twist, const double* acceleration, double* out
     ) noexcept nogil:
-        """Where the reference is, in a chart that begins there: its Jacobian is the identity."""
+        """The state of the reference in a chart with its origin there, in which the Jacobian is the
+        identity.
+        """
         memcpy(out, self.c_pose, 3 * sizeof(double))
         memset(out + 3, 0, 3 * sizeof(double))
         memset(out + 6, 0, 12 * sizeof(double))
@@ -155,10 +159,11 @@ cdef class PoseInterpolator:
 
 
 cdef class MinJerkMove:
-    """From rest to rest along a straight line and about a fixed axis, the shorter way. Real-time safe.
+    """A motion from rest to rest along a straight line, with the shortest rotation about a fixed axis.
+    Real-time safe.
 
-    With s = 10 t³ - 15 t⁴ + 6 t⁵ of the share t of the duration, velocity and acceleration are zero at both
-    ends (T. Flash, N. Hogan, "The coordination of arm movements", 1985). See pose_interpolation.pyi.
+    With s = 10 t³ - 15 t⁴ + 6 t⁵, where t is the share of the duration, velocity and acceleration are zero at
+    both ends (T. Flash, N. Hogan, "The coordination of arm movements", 1985). See pose_interpolation.pyi.
     """
 
     def __init__(self, start, goal, double duration_s, double period_s):
@@ -170,7 +175,9 @@ cdef class MinJerkMove:
         self.c_begin(doubles(here, 7), doubles(there, 7), duration_s)
 
     cdef void c_begin(self, const double* start, const double* goal, double duration_s) noexcept nogil:
-        """A move that lasts no less than `MIN_DURATION_S`; any quaternion but zero will do."""
+        """Begin a move that takes at least `MIN_DURATION_S`. Quaternions need not be normalized, but must not
+        be zero.
+        """
         cdef double product = 0.0
         cdef int i
         memcpy(self.c_pose, start, 7 * sizeof(double))
@@ -191,7 +198,7 @@ cdef class MinJerkMove:
         self.cycle, self.done = 0, False
 
     cdef void c_advance(self) noexcept nogil:
-        """One period on."""
+        """Advance by one period."""
         cdef double t, share, rate, second
         cdef double turn[3]
         cdef double turned[4]

@@ -1,4 +1,4 @@
-"""The TCP's own limits: of velocity, acceleration and jerk, linear and angular, by norm."""
+"""The limits of the TCP: norms of linear and angular velocity, acceleration and jerk."""
 
 from libc.math cimport fabs, fmax, fmin, log, sqrt
 from libc.string cimport memcpy, memset
@@ -34,20 +34,20 @@ cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of less is rounding
 cdef class PoseLimiter:
     """Follows a pose within the limits. Real-time safe. See pose_limiter.pyi.
 
-    A request that keeps the limits passes bit for bit. One that does not is pursued in a frame that moves
-    with it, so that it is caught up with, and one that stands still is not overshot. The axes of the pursuit
-    lie along and across the direction of motion, each with its part of the limits, so that the norms hold,
-    and each is planned for itself: from rest to rest the way is a straight line and a turn about one axis.
-    They keep their directions and parts while the request goes on as it did: if they turned with the way that
-    is left, the TCP would circle a request that it passes closely.
+    A request that keeps the limits passes unchanged, bit for bit. Any other request is pursued in a frame
+    that moves with it. So the TCP catches up with a moving request and does not overshoot one at rest. The
+    axes of the pursuit lie along and across the direction of motion. Each has its part of the limits, so that
+    the norms hold, and each is planned on its own. From rest to rest the motion is a straight line and a
+    rotation about one axis. The axes keep their directions and parts while the request continues its motion.
+    If they turned with the remaining distance, the TCP would circle a request that it passes closely.
 
-    With a range of targets the TCP also keeps room to stop within it. A request that moves is then pursued
-    along the axes of the base, in which the range is stated.
+    With a range of targets the TCP also keeps enough room to stop within it. A moving request is then pursued
+    along the axes of the base frame, in which the range is given.
 
-    Before, the axes were those of the base frame, and Ruckig made them arrive together. Where a request
-    jumped while the TCP moved, their velocities added up to 1.2 times the limit; and what Ruckig makes of an
-    axis that is all but there decided about the direction of the next cycle, so that motions could not be
-    repeated by another generator that is as exact.
+    An earlier version used the axes of the base frame, synchronised by Ruckig. If a request jumped while the
+    TCP moved, the velocities added up to 1.2 times the limit. In addition, Ruckig's result for an axis that
+    had almost arrived determined the direction of the next cycle, so another, equally exact generator gave
+    different motions.
     """
 
     def __init__(self, double period_s, limits):
@@ -64,12 +64,12 @@ cdef class PoseLimiter:
         ]
 
     cdef void c_stay_within(self, PoseRange targets) noexcept:
-        """Leave the range of the targets no more than this permits, from now on."""
+        """From now on, leave the range of the targets by no more than this permits."""
         self.targets = targets
         self.ranged = targets is not None
 
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil:
-        """Start here, with this motion; NULL is none."""
+        """Start here with this motion; NULL means rest."""
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.last, pose, 7 * sizeof(double))
         memset(self.c_twist, 0, 6 * sizeof(double))
@@ -83,7 +83,7 @@ cdef class PoseLimiter:
         self.aligned[0] = self.aligned[1] = False
 
     cdef void c_step(self, const double* pose) noexcept nogil:
-        """One period on, towards this pose."""
+        """Advance by one period towards this pose."""
         cdef double step[6]
         cdef double velocity[6]
         cdef double rate[6]
@@ -130,7 +130,7 @@ cdef class PoseLimiter:
             self.c_speed[i] = velocity[i] + 0.5 * period_s * rate[i]
 
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
-        """Towards a request that moves like this, or that has jumped there, as well as the limits permit."""
+        """Move towards a request that moves like this, or that has jumped, as well as the limits permit."""
         cdef double moving[6]
         cdef double moving_rate[6]
         cdef double rest[6]
@@ -153,9 +153,10 @@ cdef class PoseLimiter:
     cdef void _align(
         self, int part, const double* step, const double* own, const double* moving, const double* moving_rate
     ) noexcept nogil:
-        """Choose the axes of a part when its pursuit begins, and again when the request has strayed.
+        """Choose the axes of a part when its pursuit begins, and again when the request has deviated.
 
-        They do not turn with the way that is left: the TCP would circle a request that it passes closely.
+        They do not turn with the remaining distance, because the TCP would then circle a request that it
+        passes closely.
         """
         cdef double direction[3]
         cdef double gap[3]
@@ -180,7 +181,9 @@ cdef class PoseLimiter:
             _spread(self.c_speed + first, moving_rate + first, self.shares[part])
 
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
-        """Bring the difference to a request that moves like this to zero; whether there is a way."""
+        """Plan one period that reduces the distance to a moving request to zero. Returns whether there is a
+        solution.
+        """
         cdef double move[6]
         cdef double speed[6]
         cdef double rate[6]
@@ -199,7 +202,9 @@ cdef class PoseLimiter:
         self, int part, const double* step, const double* own, const double* own_rate,
         double* move, double* speed, double* rate,
     ) noexcept nogil:
-        """The linear or the angular part, along and across the direction of motion: each axis for itself."""
+        """Plan the linear or the angular part: the axes along and across the direction of motion, each on its
+        own.
+        """
         cdef const double* axes = self.axes[part]
         cdef double ahead[9]
         cdef double velocities[3]
@@ -215,10 +220,11 @@ cdef class PoseLimiter:
         return True
 
     cdef void _share(self, int part, const double* gap, const double* moving_rate) noexcept nogil:
-        """Each axis's part of the limits of acceleration and jerk, of norm 1, for the whole pursuit.
+        """Divide the limits of acceleration and jerk among the axes for the whole pursuit. The shares have
+        norm 1.
 
-        Across the direction it is enough to bring what moves to rest, also in the frame of the request, and
-        to turn with the request.
+        Across the direction, the shares must suffice to stop the present motion and that in the frame of the
+        request, and to turn with the request.
         """
         cdef double* shares = self.shares[part]
         cdef const double* axis
@@ -237,10 +243,10 @@ cdef class PoseLimiter:
             shares[i] /= norm
 
     cdef void _share_velocity(self, int part, const double* own, double* velocities) noexcept nogil:
-        """Each axis's velocity limit.
+        """Calculate the velocity limit of each axis.
 
-        All have what the request moves with. The speed that an axis across the direction still gains,
-        as its acceleration has to be taken back first, is missing along the direction.
+        Each limit includes the request's own velocity. An axis across the direction may still gain speed
+        until its acceleration is reduced; this speed is subtracted along the direction.
         """
         cdef const double* shares = self.shares[part]
         cdef const double* axis
@@ -268,8 +274,9 @@ cdef class PoseLimiter:
         self, const double* axis, double share, double max_velocity, int part,
         const double* step, const double* own, const double* own_rate, double* ahead,
     ) noexcept nogil:
-        """Position from here, velocity and acceleration one period later, on one axis with its part of the
-        limits; whether there is a way."""
+        """Plan one axis with its part of the limits: relative position, velocity and acceleration one period
+        later. Returns whether there is a solution.
+        """
         cdef double max_acceleration = SHARE * share * self.bounds[1][part]
         cdef Motion state, frame
         cdef Problem problem
@@ -291,7 +298,7 @@ cdef class PoseLimiter:
         return True
 
     cdef bint _overruns(self, const double* pose, const double* velocity, const double* rate) noexcept nogil:
-        """Whether a TCP that goes over to this pose could stop only beyond the range of the targets."""
+        """Whether a TCP that continued with this pose could stop only outside the range of the targets."""
         cdef double low[6]
         cdef double high[6]
         cdef double ahead[9]
@@ -307,7 +314,7 @@ cdef class PoseLimiter:
         return False
 
     cdef double _stop_way(self, int part, double share, double speed, double rate) noexcept nogil:
-        """How far an axis with this part of the limits goes until it rests."""
+        """The distance in which an axis with this part of the limits comes to rest."""
         cdef double there[3]
         cdef Profile stop
         if not self._brake(part, share, speed, rate, 0.0, there, &stop):
@@ -317,8 +324,9 @@ cdef class PoseLimiter:
     cdef bint _brake(
         self, int part, double share, double speed, double rate, double time_s, double* there, Profile* stop
     ) noexcept nogil:
-        """An axis on its way to rest, as fast as its part of the limits permits, after this time; whether
-        there is a way."""
+        """Calculate the state after this time of an axis that brakes as fast as its part of the limits
+        permits. Returns whether there is a solution.
+        """
         cdef Problem problem
         problem.position = problem.target_position = problem.target_velocity = 0.0
         problem.velocity, problem.acceleration = speed, rate
@@ -334,10 +342,11 @@ cdef class PoseLimiter:
     cdef double _load(
         self, int part, const double* ahead, const double* low, const double* high, double* needs
     ) noexcept nogil:
-        """The share of the limits that it takes to stop within the bounds after a step, (3, 3): up to 1 the
-        TCP can. Of each axis of the base, the share it needs for itself.
+        """The share of the limits that is needed to stop within the bounds after a step, (3, 3); up to 1 it
+        is possible. Also calculates the share that each axis of the base frame needs on its own.
 
-        What a way to rest grows by with half of the limits tells with which power it grows.
+        The growth of the stopping distance with half of the limits gives the power with which it depends on
+        the share.
         """
         cdef double way, half, room, total = 0.0
         cdef int i
@@ -356,8 +365,9 @@ cdef class PoseLimiter:
         return sqrt(total)
 
     cdef void _stay_within(self, int part, double* move, double* speed, double* rate) noexcept nogil:
-        """Take as much of a step as leaves the TCP a stop within the range of the targets; the rest of it
-        brakes, most where there is least room."""
+        """Take as large a part of a step as leaves the TCP able to stop within the range of the targets. The
+        rest of the step brakes, most where there is least room.
+        """
         cdef double low[6]
         cdef double high[6]
         cdef double wanted[9]
@@ -396,7 +406,9 @@ cdef class PoseLimiter:
             rate[i] = wanted[6 + i] + most * weights[i] * (stop[6 + i] - wanted[6 + i])
 
     cdef void _find_brake(self, int part, const double* weights, double* ahead) noexcept nogil:
-        """One period of coming to rest, (3, 3), each axis of the base with its share of the limits."""
+        """Calculate one period of braking to rest, (3, 3). Each axis of the base frame has its share of the
+        limits.
+        """
         cdef double there[3]
         cdef double norm = _norm(weights)
         cdef Profile stop
@@ -433,7 +445,7 @@ cdef class PoseLimiter:
         quat_normalised(turned, self.c_pose + 3)
 
     cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil:
-        """Whether both parts of a derivative keep the limits; False for what is no number, too."""
+        """Whether both parts of a derivative keep the limits. False for NaN."""
         return (
             _norm(row) <= factor * self.bounds[order][0] + more
             and _norm(row + 3) <= factor * self.bounds[order][1] + more
@@ -456,7 +468,7 @@ cdef inline double _norm(const double* v) noexcept nogil:
 
 
 cdef inline void _way(const double* start, const double* end, double* out) noexcept nogil:
-    """From one pose to another: m, and a rotation vector, in the base frame."""
+    """The difference between two poses: translation, m, and rotation vector, in the base frame."""
     cdef int i
     for i in range(3):
         out[i] = end[i] - start[i]
@@ -468,7 +480,7 @@ cdef inline double _dot(const double* a, const double* b) noexcept nogil:
 
 
 cdef inline void _look_along(const double* direction, const double* velocity, double* axes) noexcept nogil:
-    """Three axes, one a row: the first along the direction, the second across it as the velocity is."""
+    """Three axes, one per row: the first along the direction, the second across it, towards the velocity."""
     cdef double norm = _norm(direction), along
     cdef int i, least = 0
     memset(axes, 0, 9 * sizeof(double))
@@ -494,7 +506,7 @@ cdef inline void _look_along(const double* direction, const double* velocity, do
 
 
 cdef inline void _spread(const double* speed, const double* rate, double* shares) noexcept nogil:
-    """Each of the base's axes gets the part of the limits, of norm 1, that it has in the motion."""
+    """Give each axis of the base frame the part of the limits, of norm 1, that it has in the motion."""
     cdef double most_speed = _norm(speed), most_rate = _norm(rate), norm
     cdef int i
     for i in range(3):

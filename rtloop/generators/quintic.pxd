@@ -1,4 +1,6 @@
-"""What other compiled modules call: a smooth reference to where a stream will be. See quintic.pyx."""
+"""Declarations for other compiled modules: a smooth reference to a stream's future position. See
+quintic.pyx.
+"""
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.interpolation cimport Interpolator

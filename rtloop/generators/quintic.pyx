@@ -1,4 +1,4 @@
-"""References made of quintic polynomials, continuous to the acceleration."""
+"""References of quintic polynomials, continuous up to the acceleration."""
 
 from libc.string cimport memcpy, memmove
 
@@ -15,12 +15,13 @@ cdef double HORIZON_S = 0.2
 
 
 cdef class Quintic(Interpolator):
-    """Continuous to the acceleration, from where the reference is to where the stream will be.
+    """Continuous up to the acceleration, from the present reference to the stream's future position.
 
-    A single target is met at the end of the period. A stream is met `HORIZON_S` ahead: one without noise is
-    on the way there through each of its targets. Between two commands nothing holds the reference within
-    the limits of acceleration and jerk. When no command has come at the end of the period, it goes on for a
-    grace period as the stream went, then it settles on the target as `OnlineTrajectory` does.
+    The reference reaches a single target at the end of the period. It meets a stream `HORIZON_S` ahead;
+    without noise it passes through each of the stream's targets on the way. Between two commands the limits
+    of acceleration and jerk are not enforced. If no command has arrived by the end of the period, the
+    reference continues the stream's motion for a grace period. Then it settles on the target as
+    `OnlineTrajectory` does.
     """
 
     def __init__(self, int n, double period_s, max_velocity, max_acceleration, max_jerk):
@@ -61,7 +62,9 @@ cdef class Quintic(Interpolator):
         memcpy(self.ref, self.end.ref, 3 * self.n * sizeof(double))
 
     cdef bint _follows_stream(self) noexcept nogil:
-        """The reference towards or on the stream as it went; whether it may still be taken to go on."""
+        """Continue towards or along the stream's extrapolated motion. Returns whether the stream may still be
+        assumed to continue.
+        """
         cdef double beyond_s = self.time_s - self.duration_s
         if not beyond_s <= grace_s(self.duration_s):
             return False
@@ -72,9 +75,10 @@ cdef class Quintic(Interpolator):
         return True
 
     cdef void _settle(self) noexcept nogil:
-        """From now on towards rest on the last target.
+        """Begin to move to rest at the last target.
 
-        A wild stream may have led far beyond the limits, from where it would take long to come back.
+        The state is limited first, because an erratic stream may have led far beyond the limits, and the
+        return would take long.
         """
         cdef int i, n = self.n
         self.estimate.c_forget()

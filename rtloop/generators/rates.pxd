@@ -1,4 +1,4 @@
-"""The rates of all joints, as compiled code keeps them."""
+"""The limits of all joints, in the form for compiled code."""
 
 from cobot.arrays cimport MAX_DOF, checked_dof
 
@@ -9,7 +9,7 @@ cdef struct Rates:  # rad/s, rad/s², rad/s³
 
 
 cdef inline int take_rates(object limits, Rates* rates) except -1:
-    """Those of a `JointLimits`. Returns the number of joints, of which there must not be too many."""
+    """Copy the limits of a `JointLimits`. Returns the number of joints; too many are an error."""
     cdef int joint, dof = checked_dof(limits.dof)
     for joint in range(dof):
         rates.velocity[joint] = limits.max_velocity[joint]

@@ -1,4 +1,6 @@
-"""What other compiled modules call: what a stream does at its newest target. See target_estimate.pyx."""
+"""Declarations for other compiled modules: the estimated motion of a stream at its newest target. See
+target_estimate.pyx.
+"""
 
 from cobot.arrays cimport MAX_DOF
 

@@ -1,4 +1,4 @@
-"""What a stream of targets does at its end: velocity and acceleration, estimated."""
+"""Estimates velocity and acceleration of a stream of targets at its newest target."""
 
 from libc.math cimport fmin, rint
 from libc.string cimport memmove
@@ -12,9 +12,9 @@ cdef double CRUISE = 0.99  # A target is passed at this share of the limit; the 
 
 
 def fit(int count):
-    """Weights, shape (2, count), that give slope and curvature at the last of so many equidistant values.
+    """Weights, shape (2, count), that give slope and curvature at the last of `count` equidistant values.
 
-    Of the parabola that fits them best; of the line, if there are two; zero, if there is one.
+    They are those of the best-fitting parabola; with two values those of a line; with one value zero.
     """
     powers = np.vander(np.arange(1.0 - count, 1.0), min(count, 3), increasing=True)
     weights = np.zeros((3, count))
@@ -23,7 +23,7 @@ def fit(int count):
 
 
 def _fits():
-    """Those of each count: shape (MAX_TARGETS + 1, 2, MAX_TARGETS), zero beyond the count."""
+    """The weights for each count: shape (MAX_TARGETS + 1, 2, MAX_TARGETS), zero beyond the count."""
     table = np.zeros((MAX_TARGETS + 1, 2, MAX_TARGETS))
     for count in range(1, MAX_TARGETS + 1):
         table[count, :, :count] = fit(count)
@@ -35,7 +35,7 @@ cdef double* c_fits = doubles(FITS, (MAX_TARGETS + 1) * 2 * MAX_TARGETS)
 
 
 cdef class Estimate:
-    """What a stream does at its newest target. Real-time safe. See target_estimate.pyi."""
+    """The motion of a stream at its newest target. Real-time safe. See target_estimate.pyi."""
 
     def __init__(self, max_velocity, max_acceleration, double window_s):
         self.n, self.window_s = len(max_velocity), window_s
@@ -44,11 +44,11 @@ cdef class Estimate:
         copy_row(self.max_acceleration, max_acceleration, self.n)
 
     cdef void c_forget(self) noexcept nogil:
-        """A new stream begins: its first target is one to rest at."""
+        """Begin a new stream. Its first target means rest."""
         self.known = 0
 
     cdef void c_rebase(self, const double* target) noexcept nogil:
-        """The last target in other coordinates, of which only the origin counts."""
+        """Express the last target in other coordinates. Only the shift of the origin matters."""
         cdef double shift
         cdef int i, row
         for i in range(self.n):
@@ -57,7 +57,9 @@ cdef class Estimate:
                 self.targets[row][i] += shift
 
     cdef void c_update(self, const double* target, const double* velocity, double duration_s) noexcept nogil:
-        """Another target, one command period after the last; `velocity` is NULL or the sender's word."""
+        """Add a target, one command period after the last; `velocity` is NULL or the velocity that the client
+        states.
+        """
         cdef int window = max(3, <int>fmin(rint(self.window_s / duration_s) + 1.0, MAX_TARGETS))
         cdef int i, row, first
         cdef const double* weights
@@ -81,7 +83,7 @@ cdef class Estimate:
             self.c_acceleration[i] = clipped(curvature / (duration_s * duration_s), self.max_acceleration[i])
 
     cdef void c_extrapolate(self, double ahead_s, double* out) noexcept nogil:
-        """Where the stream is so long after its newest target, (3, n)."""
+        """Extrapolate the stream by this time after its newest target, (3, n)."""
         cdef double velocity, acceleration
         cdef int i, n = self.n
         for i in range(n):
@@ -91,7 +93,7 @@ cdef class Estimate:
             out[n + i], out[2 * n + i] = velocity, acceleration
 
     cdef bint c_moves(self) noexcept nogil:
-        """Whether there is any velocity at the newest target."""
+        """Whether the velocity at the newest target is not zero."""
         cdef int i
         for i in range(self.n):
             if self.c_velocity[i] != 0.0:

@@ -1,4 +1,4 @@
-"""How far a stream's reference may go beyond its targets. See target_range.pyi."""
+"""Bounds on how far a stream's reference may go beyond its targets. See target_range.pyi."""
 
 from libc.math cimport INFINITY, exp, fabs, fmax, fmin
 from libc.string cimport memcpy, memset
@@ -23,8 +23,9 @@ cdef double FADING = FADING_S
 
 
 cdef inline void add_step(double step, double fade, double* way, double* longest) noexcept nogil:
-    """A step of the targets, added to their way in one direction; the way ends where they are back at its
-    start."""
+    """Add a step of the targets to their distance in one direction. The distance ends when they are back at
+    its start.
+    """
     way[0] = way[0] * fade + step
     longest[0] = fmax(longest[0] * fade, step)
     if way[0] <= 0.0:
@@ -38,11 +39,11 @@ cdef class TargetRange:
         self.c_open()
 
     cdef void c_expect(self, double command_s) noexcept nogil:
-        """The next target is due in this time."""
+        """Set the time in which the next target is due."""
         self.still_after_s = fmax(STILL_AFTER_S, STILL_AFTER_PERIODS * command_s)
 
     cdef void c_begin(self, const double* position) noexcept nogil:
-        """A new stream begins here: nothing beyond this position is a target yet."""
+        """Begin a new stream here. The range begins with this position only."""
         cdef int i
         self.since_s = 0.0
         self.free = False
@@ -52,7 +53,7 @@ cdef class TargetRange:
             self._forget(i)
 
     cdef void c_open(self) noexcept nogil:
-        """No bounds until the next `begin`."""
+        """Remove the bounds until the next `begin`."""
         cdef int i
         self.free = True
         for i in range(self.n):
@@ -60,7 +61,7 @@ cdef class TargetRange:
             self._open(i)
 
     cdef void c_open_at(self, const double* target) noexcept nogil:
-        """No bounds, unless this target stands still."""
+        """Remove the bounds, except for coordinates whose target stands still."""
         cdef int i
         self.since_s = 0.0
         for i in range(self.n):
@@ -75,7 +76,7 @@ cdef class TargetRange:
         self._forget(i)
 
     cdef void _forget(self, int i) noexcept nogil:
-        """The way so far was that of another motion."""
+        """Forget the distance so far, because it belongs to another motion."""
         self.rise[i] = self.fall[i] = self.longest_rise[i] = self.longest_fall[i] = 0.0
 
     cdef void c_update(self, const double* target) noexcept nogil:
@@ -102,13 +103,13 @@ cdef class TargetRange:
                 self.c_high[i] = fmax(self.c_high[i], target[i])
 
     cdef void c_include(self, const double* target) noexcept nogil:
-        """A target that is known ahead: the reference may go as far as that."""
+        """Include a target that is known in advance. The reference may go as far as this target."""
         cdef int i
         for i in range(self.n):
             self.c_low[i], self.c_high[i] = fmin(self.c_low[i], target[i]), fmax(self.c_high[i], target[i])
 
     cdef bint c_stands(self, int i, double target) noexcept nogil:
-        """Whether this is the newest target of a coordinate, and stands still."""
+        """Whether this is the newest target of a coordinate and stands still."""
         return target == self.newest[i] and self.still_s[i] >= self.still_after_s
 
     cdef void c_advance(self) noexcept nogil:
@@ -161,7 +162,7 @@ cdef class PoseRange:
         self.newest[3] = 1.0
 
     cdef void c_begin(self, const double* pose) noexcept nogil:
-        """A new stream begins here."""
+        """Begin a new stream here."""
         cdef double there[6]
         memcpy(self.newest, pose, 7 * sizeof(double))
         memcpy(there, pose, 3 * sizeof(double))
@@ -169,7 +170,7 @@ cdef class PoseRange:
         self.chart.c_begin(there)
 
     cdef void c_open(self) noexcept nogil:
-        """No bounds until the next `begin`."""
+        """Remove the bounds until the next `begin`."""
         self.chart.c_open()
 
     cdef void c_update(self, const double* pose, bint states_motion) noexcept nogil:
@@ -189,7 +190,7 @@ cdef class PoseRange:
         self.chart.c_advance()
 
     cdef bint c_stands(self, const double* pose) noexcept nogil:
-        """Whether this is the newest pose, and stands still."""
+        """Whether this is the newest pose and stands still."""
         cdef int i
         for i in range(7):
             if pose[i] != self.newest[i]:
@@ -200,7 +201,9 @@ cdef class PoseRange:
         return True
 
     cdef void c_room(self, const double* pose, double* low, double* high) noexcept nogil:
-        """How far it is from a pose down and up to the bounds, (6,) each: m, rad about the base's axes."""
+        """The distance of a pose to the lower and upper bounds, (6,) each: m, and rad about the axes of the
+        base frame.
+        """
         cdef double off[6]
         cdef int i
         for i in range(3):

@@ -1,4 +1,4 @@
-"""From where the arm is towards something else, a period at a time, within the limits.
+"""Motion of the arm towards targets or moving requests, one period at a time, within the limits.
 
 States are those of all joints, shape (3, dof): rad, rad/s, rad/s².
 """
@@ -64,11 +64,11 @@ cdef class Tracker:
         return self.c_along(row, row + 3 * n, &rates, share, catch_up, low, NULL if low == NULL else low + n)
 
     def _copy(self, rows):
-        """Rows of all joints in an array of their own, which compiled code can read."""
+        """Rows of all joints in a separate array, for compiled code."""
         return np.array(rows, dtype=np.float64, order="C").reshape(-1, self.dof)
 
     cdef bint c_brake(self, const double* state, const Rates* rates) noexcept nogil:
-        """Towards rest as fast as the limits permit; whether it is reached."""
+        """Brake as fast as the limits permit. Returns whether the arm is at rest."""
         cdef int joint, dof = self.dof
         cdef double* ahead = self.c_ahead
         cdef bint at_rest = True
@@ -90,9 +90,10 @@ cdef class Tracker:
         self, const double* state, const double* target, const double* velocity, const Rates* rates,
         const double* max_velocity, const double* lowest, const double* highest,
     ) noexcept nogil:
-        """Towards a target, to arrive there with this velocity or a lower one.
+        """Move towards a target, to arrive with this velocity or a lower one.
 
-        No faster than can be on the way: there is no going back for a run-up.
+        The arrival velocity is limited to one that can be reached on the way, so that no joint moves back for
+        a run-up.
         """
         cdef int joint
         cdef double way, most, arrival
@@ -125,9 +126,9 @@ cdef class Tracker:
         self, const double* state, const double* request, const Rates* rates, double share, double catch_up,
         const double* low, const double* high,
     ) noexcept nogil:
-        """Towards a request that moves: in a frame that moves with it, the difference goes to zero.
+        """Move towards a moving request. In a frame that moves with it, the difference goes to zero.
 
-        low, high: the positions between which each joint must be able to stop afterwards, or NULL.
+        low, high: positions between which each joint must be able to stop afterwards, or NULL.
         """
         cdef int joint, dof = self.dof
         cdef double* ahead = self.c_ahead
@@ -167,8 +168,9 @@ cdef class Tracker:
         return True
 
     cdef bint _overshoots_bound(self, int joint, Motion frame, double low, double high) noexcept nogil:
-        """Whether a joint's gentle way to rest at a bound leads beyond it: the joint would brake too hard,
-        because it takes the overshoot for granted, and swing back."""
+        """Whether a joint that stops gently at a bound would overshoot it. The joint would then brake too
+        hard against an overshoot that is already planned, and swing back.
+        """
         return (
             not low < frame.position < high
             and frame.velocity == 0.0
@@ -178,8 +180,9 @@ cdef class Tracker:
     cdef bint c_overruns(
         self, int joint, const double* state, const Rates* rates, double low, double high
     ) noexcept nogil:
-        """Whether a joint of this state, (3, dof), on its way up can stop only above `high`, or on its way
-        down only below `low`."""
+        """Whether a joint in this state, (3, dof), moves up and can stop only above `high`, or moves down and
+        can stop only below `low`.
+        """
         cdef double velocity = state[self.dof + joint], acceleration = state[2 * self.dof + joint]
         cdef double extrema[2]
         cdef Profile stop
@@ -196,10 +199,10 @@ cdef class Tracker:
     cdef void _stop_at_bound(
         self, int joint, const double* state, const Rates* rates, double share, double bound
     ) noexcept nogil:
-        """A joint's way to rest at a position, with all of the limits; if there is none, it brakes.
+        """Plan a joint's motion to rest at a bound, with the full limits. If there is none, the joint brakes.
 
-        A joint that is late, and would stop beyond it, brakes harder from now on: it aims at a position so
-        much before the bound.
+        A late joint that would stop beyond the bound brakes harder from now on: its target is moved back by
+        the overshoot.
         """
         cdef Problem* problem = &self.problem[joint]
         cdef double beyond = 0.0
@@ -221,14 +224,16 @@ cdef class Tracker:
         self._step(joint)
 
     cdef double _beyond(self, int joint, double bound) noexcept nogil:
-        """How far a joint's way to a bound leads beyond it and the joint's position; negative downwards."""
+        """The overshoot of a joint's motion beyond both a bound and the joint's position; negative
+        downwards.
+        """
         cdef double position = self.problem[joint].position
         cdef double extrema[2]
         profile_extrema(&self.profile[joint], extrema)
         return fmax(extrema[1] - fmax(bound, position), 0.0) + fmin(extrema[0] - fmin(bound, position), 0.0)
 
     cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil:
-        """The problem of a joint from its state to rest: a position and its velocities are the caller's."""
+        """Fill in the problem of a joint from its state to rest. The caller sets position and velocities."""
         cdef Problem* problem = &self.problem[joint]
         problem.position, problem.velocity = state[joint], state[self.dof + joint]
         problem.acceleration = state[2 * self.dof + joint]
@@ -239,7 +244,7 @@ cdef class Tracker:
         problem.max_jerk = rates.jerk[joint]
 
     cdef bint _reach(self) noexcept nogil:
-        """Whether there is a way for all joints."""
+        """Plan all joints. Returns whether all have a motion."""
         cdef int joint
         for joint in range(self.dof):
             if otg_position(&self.problem[joint], &self.profile[joint]) != OTG_OK:
@@ -247,7 +252,7 @@ cdef class Tracker:
         return True
 
     cdef bint _leaves(self, const double* lowest, const double* highest) noexcept nogil:
-        """Whether the way leads beyond these positions."""
+        """Whether the motion leaves these positions."""
         cdef int joint
         cdef double extrema[2]
         for joint in range(self.dof):
@@ -257,7 +262,7 @@ cdef class Tracker:
         return False
 
     cdef void _step(self, int joint) noexcept nogil:
-        """Where the profile is one period later."""
+        """Set a joint's state to that of its profile one period later."""
         cdef double there[3]
         profile_at(&self.profile[joint], self.period_s, there)
         self.c_ahead[joint] = there[0]

@@ -1,4 +1,4 @@
-"""What the service asks of rtloop through shared memory."""
+"""Requests and commands from the service to rtloop, through shared memory."""
 
 from libc.stdint cimport uint64_t
 
@@ -10,21 +10,21 @@ from cobot.ipc.shm import encoded
 from rtloop.results import Accepted, Rejected
 
 UNREADABLE_CYCLES = 100
-"""After so many tries a command is given up: its writer died while writing it."""
+"""Number of attempts after which a command is dropped. Its writer has then died while writing it."""
 
 # No clock gets there, and differences of what lies within cannot overflow.
 cdef long long FAR_NS = 1LL << 62
 
 
 cdef class CommandInbox:
-    """Reads requests, heartbeat and commands; each costs next to nothing while it does not change.
+    """Reads requests, heartbeat and commands. While they do not change, this costs almost nothing.
 
-    Real-time safe. A read that is torn is counted and repeated in the next cycle.
+    Real-time safe. An inconsistent (torn) read is counted and repeated in the next cycle.
 
     Attributes:
-        stops, estops: the counters of requests seen so far: those of the service and those from outside.
-        command_seen: the number of the last command taken.
-        torn_reads: how often a block was not consistent.
+        stops, estops: numbers of requests read so far, from the service and from outside.
+        command_seen: number of the last command that was read.
+        torn_reads: number of inconsistent reads.
     """
 
     def __init__(self, memory):
@@ -54,16 +54,16 @@ cdef class CommandInbox:
         return self.c_torn_reads()
 
     def poll_requests(self):
-        """Whether a stop, whether an e-stop was requested since the last call."""
+        """Whether a stop, and whether an e-stop, was requested since the last call."""
         cdef int asked = self.c_poll_requests()
         return bool(asked & STOP), bool(asked & ESTOP)
 
     def service_silence_s(self, long long now_ns):
-        """How long ago the service gave a sign of life."""
+        """Time since the last heartbeat of the service, s."""
         return self.c_service_silence_s(now_ns)
 
     def next_command(self):
-        """The next command, or None. It is taken when it is acknowledged."""
+        """The next command, or None. It counts as read once it is acknowledged."""
         if not self.c_has_command():
             return None
         number = max(self.command_seen + 1, int(self._newest) - RING + 1)
@@ -79,7 +79,9 @@ cdef class CommandInbox:
         return None
 
     def refuse_pending(self, reason):
-        """Answer what was sent to an rtloop that has died: it was meant for where the arm was then."""
+        """Reject a command that was sent to an earlier rtloop, which has died. It was based on the arm's
+        position then.
+        """
         if self._head.block.c_try_read():
             newest = int(self._newest_id[0])
             for number in range(max(self.command_seen + 1, newest - RING + 1), newest + 1):
@@ -95,7 +97,7 @@ cdef class CommandInbox:
         ack.c_publish()
 
     def answer(self, number, result):
-        """Acknowledge a command with its result. `Later` is none yet."""
+        """Acknowledge a command with its result. `Later` sends no acknowledgement yet."""
         if isinstance(result, Rejected):
             self.acknowledge(number, Ack.REJECTED, result.reason)
         elif isinstance(result, Accepted):

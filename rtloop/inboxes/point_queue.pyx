@@ -1,4 +1,4 @@
-"""The points of a servo session, in the order in which the service has put them into shared memory."""
+"""The points of a servo session, in the order in which the service has written them into shared memory."""
 
 from libc.stdint cimport uint64_t
 from libc.stdlib cimport calloc, free
@@ -11,7 +11,9 @@ from rtloop.inboxes.stream cimport Inbox
 from cobot.ipc import layout
 
 UNREADABLE_CYCLES = 100
-"""After so many tries a point is given up: its writer died while writing it, or another one is wild."""
+"""Number of attempts after which a point is dropped. Its writer has then died while writing it, or another
+writer is out of control.
+"""
 
 cdef int _unreadable_cycles = UNREADABLE_CYCLES
 cdef uint64_t POINTS = layout.POINTS
@@ -22,15 +24,15 @@ cdef class PointQueue:
 
     Attributes:
         newest: the number of the newest point.
-        seen: the number of the point read last.
-        lost: points that could not be read.
-        torn_reads: how often a block was not consistent.
+        seen: number of the last read point.
+        lost: number of points that could not be read.
+        torn_reads: number of inconsistent reads.
     """
 
     def __init__(self, memory):
         """
         Raises:
-            InputError: more joints than a `ServoPoint` has.
+            InputError: the robot has more joints than a `ServoPoint`.
         """
         self._dof = checked_dof(memory.dof)
         self._head = Inbox(memory.point_head)
@@ -51,7 +53,7 @@ cdef class PointQueue:
         return self.c_waiting()
 
     def begin(self, unsigned long long session):
-        """Points of this session count from now on."""
+        """Read only points of this session from now on."""
         self._session = session
         self.newest = self.seen = self.lost = 0
         self._unreadable = 0
@@ -61,7 +63,7 @@ cdef class PointQueue:
         return self.c_poll()
 
     def next(self):
-        """The next point, valid until the next call; None if there is none, or none that can be read now."""
+        """The next point, valid until the next call; None if there is none, or if it cannot be read now."""
         return self._point.data if self._next() else None
 
     cdef bint c_poll(self) noexcept nogil:
@@ -109,7 +111,7 @@ cdef class PointQueue:
         return False
 
     cdef int _take_places(self) except -1:
-        """Where the points lie. One private copy for all of them: the caches know it."""
+        """Find the places of the points. All points share one private copy, which stays in the caches."""
         cdef Block first = self._points[0], each
         self._point = Block(bytearray(Block.size(first.data.dtype)), 0, first.data.dtype, "servo point")
         cdef Block own = self._point

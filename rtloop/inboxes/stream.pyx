@@ -1,4 +1,4 @@
-"""What a streaming client asks of rtloop through shared memory."""
+"""Requests of a streaming client to rtloop, through shared memory."""
 
 from libc.stdint cimport uint64_t
 
@@ -10,11 +10,11 @@ from rtloop.results import Rejected
 
 
 cdef class Inbox:
-    """A block that another process writes, read when it has changed. Real-time safe.
+    """A block that another process writes. It is read when it has changed. Real-time safe.
 
     Attributes:
         readable: whether `data` is complete; if not, the next cycle tries again.
-        torn_reads: how often it was not consistent.
+        torn_reads: number of inconsistent reads.
     """
 
     def __init__(self, Block block not None):
@@ -27,7 +27,7 @@ cdef class Inbox:
         return self.block.data
 
     def take_news(self):
-        """Whether there is news, which is then in `data`."""
+        """Read the block if it has changed. Returns whether there are new data, which are then in `data`."""
         return self.c_take_news()
 
     cdef int c_look(self) noexcept nogil:
@@ -49,7 +49,7 @@ cdef class StreamInbox:
     """The blocks of the streaming client. Real-time safe.
 
     Attributes:
-        session, setpoint, chunk: what it wants, see `cobot.ipc.layout`.
+        session, setpoint, chunk: its requests, see `cobot.ipc.layout`.
         session_seen: number of the session that was answered last.
     """
 
@@ -72,15 +72,15 @@ cdef class StreamInbox:
 
     @property
     def finishes(self):
-        """Whether the session is to end when its points do."""
+        """Whether the session is to end after its last point."""
         return self.c_finishes()
 
     def asks(self):
-        """Whether a client asks for a new session, described in `session`."""
+        """Whether a client requests a new session, which `session` describes."""
         return self.c_asks()
 
     def wants(self, unsigned long long number):
-        """Whether the client still wants this session, as far as one can read."""
+        """Whether the client still wants this session, as far as this can be read."""
         return self.c_wants(number)
 
     def take_estop(self):
@@ -88,7 +88,7 @@ cdef class StreamInbox:
         return self.c_take_estop()
 
     def answer(self, result):
-        """Answer the session that asks."""
+        """Answer the request for a session."""
         self.session_seen = self._number[0]
         self._ack.data["session"] = self.session_seen
         rejected = isinstance(result, Rejected)

@@ -1,4 +1,6 @@
-"""A condition of a motion, evaluated in the cycles in which it is watched; see `cobot.motions.signals`."""
+"""A condition of a motion. It is evaluated in the cycles in which it is active; see
+`cobot.motions.signals`.
+"""
 
 from libc.math cimport fabs, isnan, sqrt
 
@@ -18,12 +20,12 @@ cdef int JOINT = Quantity.JOINT
 
 
 cdef class CycleCondition:
-    """Real-time safe, but for an input of a device that is asked in Python."""
+    """A condition in the cycle. Real-time safe, except for inputs of a device that is called in Python."""
 
     def __init__(self, Chain chain, read):
         """
         Args:
-            chain: of the arm, for directions that turn with the tool.
+            chain: kinematic chain of the arm, for directions that turn with the tool.
             read: returns the value of an input.
         """
         self._chain, self._read, self._dof = chain, read, chain.dof
@@ -31,13 +33,13 @@ cdef class CycleCondition:
         self.active = False
 
     def set(self, record):
-        """Watch another condition.
+        """Set a new condition.
 
         Args:
-            record: as `cobot.ipc.layout.CONDITION`, as it was found in shared memory.
+            record: record of the type `cobot.ipc.layout.CONDITION`, from shared memory.
 
         Raises:
-            ValueError: it is no condition.
+            ValueError: the record is not a valid condition.
         """
         quantity = int(record["quantity"])
         self.active = False
@@ -46,7 +48,7 @@ cdef class CycleCondition:
         if quantity == NONE:
             return
         if not self._joint < self._dof:
-            raise ValueError(f"a condition is about joint {self._joint + 1} of {self._dof}")
+            raise ValueError(f"a condition refers to joint {self._joint + 1}, but there are only {self._dof}")
         self._name = text(record["name"])
         self._edge, self._in_tool = bool(record["edge"]), bool(record["in_tool"])
         self._low, self._high = float(record["low"]), float(record["high"])
@@ -66,8 +68,8 @@ cdef class CycleCondition:
         self.active = True
 
     def go_on_with(self, record):
-        """Watch the same condition between other path times, with the zero and the edge as they are; or watch
-        another one.
+        """Continue with the same condition between other path times, keeping its zero and its edge; or set a
+        new one.
 
         Raises:
             ValueError: see `set`.
@@ -84,15 +86,17 @@ cdef class CycleCondition:
         self._from_s, self._to_s = times_s
 
     def holds(self, measured):
-        """Whether it holds for `rtloop.backends.Measured.values`."""
+        """Whether the condition is met for `rtloop.backends.Measured.values`."""
         return self.c_holds(doubles(measured, count_measured(self._dof)))
 
     cdef bint c_watches(self, double path_time_s) noexcept nogil:
-        """Whether it counts at this path time."""
+        """Whether the condition is active at this path time."""
         return self.active and self._from_s <= path_time_s <= self._to_s
 
     cdef bint c_holds(self, const double* measured) except -1:
-        """Evaluate it. The first call takes the zero of a force, and finds an edge's first value."""
+        """Evaluate the condition. The first call stores the zero of a force, and the first value for an
+        edge.
+        """
         cdef bint inside
         if self._quantity == INPUT:
             self.value = self._read(self._name)
@@ -110,7 +114,7 @@ cdef class CycleCondition:
         return inside
 
     cdef void c_relative(self, const double* measured, double* wrench6) noexcept nogil:
-        """Force and torque at the TCP, without the zero where this condition has one."""
+        """Force and torque at the TCP, minus the zero if this condition has one."""
         cdef const double* wrench = measured + MEASURED_ROWS * self._dof
         cdef bint has_zero = self._zeroed and self._quantity != INPUT and self._quantity != JOINT
         cdef int axis
@@ -147,7 +151,7 @@ cdef class CycleCondition:
 
 
 cdef void _turn(const double* quaternion, const double* vector, double* out) noexcept nogil:
-    """A vector turned by a unit quaternion (w, x, y, z)."""
+    """Rotate a vector by a unit quaternion (w, x, y, z)."""
     cdef double w = quaternion[0], x = quaternion[1], y = quaternion[2], z = quaternion[3]
     cdef double tx = 2.0 * (y * vector[2] - z * vector[1])
     cdef double ty = 2.0 * (z * vector[0] - x * vector[2])

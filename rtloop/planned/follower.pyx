@@ -1,7 +1,7 @@
-"""A planned motion under way: where its path wants the arm in each cycle.
+"""The execution of a planned motion: the position on its path in each cycle.
 
-Most devices get a position in each cycle. One that moves by itself is given the whole path, and asked
-how far it is.
+Most devices get a position in each cycle. A device that executes motions itself gets the whole path, and
+reports its progress.
 """
 
 from libc.math cimport fmin
@@ -19,16 +19,16 @@ cdef double FENCE_AHEAD_S = 0.5
 
 
 cdef class PathFollower:
-    """Follows one path at a time. Real-time safe, but for what a device is asked.
+    """Follows one path at a time. Real-time safe, except for calls of a device.
 
     Attributes:
-        path, clock, watch: what is followed, how far it is, and whether it keeps to its fence.
-        by_itself: whether the device moves along the path by itself; it never changes.
-        left: whether the arm has left the path, to stop next to it.
+        path, clock, watch: the path, the progress along it, and the check of its fence.
+        by_itself: whether the device executes the path itself. Never changes.
+        left: whether the arm has left the path in order to stop off it.
     """
 
     def __init__(self, model, capacity, period_s, backend, desired):
-        """desired: where it writes what it wants, shape (3, dof): rad, rad/s, rad/s²."""
+        """desired: array for the result, shape (3, dof): rad, rad/s, rad/s²."""
         limits = model.limits
         self.path = Path(capacity, limits.dof)
         self.clock = PathClock(limits, period_s)
@@ -48,19 +48,20 @@ cdef class PathFollower:
             self._mover.begin(times_s.copy(), coefficients.copy(), self.clock.share)
 
     def check_continuation(self, Path path not None, double offset_s):
-        """Whether the arm can go on with another path, which begins at a time of this one.
+        """Check whether the arm can continue with another path, which begins at a path time of this one.
 
-        Both must be the same up to here, and as far as a change of the rate under way relies on the path.
+        Both must be equal at the arm's place, and as far ahead as the present change of the rate relies on
+        the path.
         """
         cdef double here_s = self.clock.path_time_s - offset_s
         if not path.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
             return Rejected(
-                f"it differs from the motion under way, which is at {self.clock.path_time_s:.3f} s already"
+                f"it differs from the present motion, which is already at {self.clock.path_time_s:.3f} s"
             )
         return ACCEPTED
 
     def go_on_with(self, Path path not None, double offset_s):
-        """Follow this path at the same place and rate. What the motion is fenced by stays."""
+        """Follow this path from the same place at the same rate. The fence of the motion stays."""
         self.path = path
         self.clock.c_shift(offset_s)
 
@@ -72,24 +73,26 @@ cdef class PathFollower:
             self.clock.c_request(0.0)
 
     def is_halted(self):
-        """Whether the device comes to rest because it was told to."""
+        """Whether the device is stopping because this was requested."""
         return self._mover.is_halted()
 
     def place(self):
-        """Want the arm where the device reports it on the path, at rest as far as is known."""
+        """Set the result to the place on the path that the device reports, with zero velocity as far as is
+        known.
+        """
         self.clock.path_time_s = max(self.clock.path_time_s, self._mover.done_s())
         self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, 0.0, self._desired)
         memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
 
     def result(self):
-        """What has become of a motion that has settled."""
+        """The result of a motion that has settled."""
         if self.left:
             return MotionResult.STOPPED_ASIDE
         at_end = self.clock.path_time_s >= self.path.duration_s
         return MotionResult.ARRIVED if at_end else MotionResult.STOPPED
 
     cdef Way c_follow(self, bint stopping) noexcept nogil:
-        """Where the path is in this cycle, until its end, or until it has come to rest."""
+        """Advance along the path, until its end or until it has come to rest."""
         self.clock.c_advance(self.path)
         if stopping and self.clock.c_stuck():
             return NO_ROOM
@@ -100,13 +103,13 @@ cdef class PathFollower:
         return UNDER_WAY
 
     cdef Way follow_device(self) except *:
-        """Where the device says it is on the path that it was given."""
+        """Set the result to the place on the path that the device reports."""
         self.place()
         return DONE if self.clock.path_time_s >= self.path.duration_s else UNDER_WAY
 
     cdef bint c_leaves_fence(self, double* place4) noexcept nogil:
-        """Whether the path leaves the motion's fence within what is enough to come to rest, or already has;
-        where, and with which speed.
+        """Whether the path leaves the motion's fence within the distance that is needed to stop, or already
+        has. If so, gives the place and the speed there.
         """
         cdef double rows[3 * MAX_DOF]
         cdef Py_ssize_t index = self.path.index

@@ -1,4 +1,4 @@
-"""A trajectory on its way from the service into the cycle, while the arm goes on with what it does."""
+"""Loads a trajectory from the service into the cycle, while the arm continues its present activity."""
 
 from rtloop.planned.path cimport Path
 
@@ -11,22 +11,23 @@ START_TOLERANCE_RAD = 1e-3
 
 
 cdef class Handover:
-    """Loads one trajectory at a time into a path of its own, a piece in each cycle. Real-time safe.
+    """Loads one trajectory at a time into a separate path, a piece in each cycle. Real-time safe.
 
     Attributes:
-        load: whether it loads, and what for; `begin_start`, `begin_replacement` and `end` change it.
-        path: what it loads into, whole once `step` has said so.
-        number: of the command that asks for it.
-        motion_id, slot: what it loads, and where from.
-        offset_s: path time of the motion under way at which a replacement begins.
+        load: whether it is loading, and for which purpose; `begin_start`, `begin_replacement` and `end`
+            change it.
+        path: the path into which it loads. It is complete once `step` has returned True.
+        number: number of the command that requests it.
+        motion_id, slot: the motion that is loaded, and its slot.
+        offset_s: path time of the present motion at which a replacement begins.
     """
 
     def __init__(self, model, capacity, slots):
         """
         Args:
-            model: with its limits and its tool, for which a motion has to be planned.
-            capacity: segments of a path.
-            slots: of shared memory, where trajectories are read from.
+            model: the model. A motion must have been planned for its limits and its tool.
+            capacity: maximum number of segments of a path.
+            slots: slots of shared memory from which trajectories are read.
         """
         self.path = Path(capacity, model.limits.dof)
         self._slots, self._model, self._loader = slots, model, None
@@ -56,27 +57,27 @@ cdef class Handover:
         return LATER
 
     def step(self):
-        """A piece; whether it was the last one.
+        """Load a piece. Returns whether it was the last one.
 
         Raises:
-            RefusedError: it is no trajectory that may be followed.
+            RefusedError: the trajectory is invalid.
         """
         return next(self._loader, _WHOLE) is _WHOLE
 
     def end(self):
-        """Whatever has come of it; the number of its command."""
+        """End the loading, with any result. Returns the number of its command."""
         self._loader, self.load = None, NO_LOAD
         return self.number
 
     def fence(self):
-        """What the motion must not leave, as it stands in the slot."""
+        """The fence of the motion, as it is in the slot."""
         return self._slots[self.slot].head.data["fence"]
 
     def signals(self):
-        """The actions and conditions of the motion, as they stand in the slot."""
+        """The actions and conditions of the motion, as they are in the slot."""
         return self._slots[self.slot].head.data["signals"]
 
     def swap(self, Path path not None):
-        """Give what has been loaded for the path that was followed so far."""
+        """Return the loaded path, and take the previous path for the next loading."""
         loaded, self.path = self.path, path
         return loaded

@@ -15,12 +15,14 @@ from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
 PIECE_TIMES = 4096
-"""Breakpoints that are copied and checked in one cycle: as many bytes as the segments of one cycle."""
+"""Number of breakpoints that are copied and checked in one cycle. They have as many bytes as the segments of
+one cycle.
+"""
 PLACES = np.linspace(0.0, 1.0, 9)
 """Shares of a segment at which an error message evaluates its positions; `Path.stays_within` is the fast
 check."""
 REST_TOLERANCE = 1e-3
-"""Largest velocity (rad/s) and acceleration (rad/s²) that a motion may have at its ends."""
+"""Maximum velocity (rad/s) and acceleration (rad/s²) of a motion at its ends."""
 
 
 class RefusedError(Exception):
@@ -32,7 +34,8 @@ def load(
 ) -> Iterator[None]:
     """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
 
-    Excessive velocities and accelerations can be caught during the motion, but a joint stop ahead cannot.
+    Positions must be checked in advance. Excessive velocities and accelerations can be caught during the
+    motion, but at a joint limit it may be too late to stop.
 
     Args:
         start: where the motion must begin, at rest, shape (dof,), rad; None: the caller ensures it.
@@ -99,7 +102,7 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
 
 
 def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
-    """Check that both ends are at rest and that the start is where the arm is."""
+    """Check that both ends are at rest and that the motion starts at the arm's position."""
     found = np.zeros((3, path.coefficients.shape[1]))
     ends = {"end": path.duration_s} if start is None else {"end": path.duration_s, "start": 0.0}
     for where, path_time_s in ends.items():
@@ -113,6 +116,6 @@ def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
     joint = int(off.argmax())
     if not off[joint] <= tolerance_rad:
         raise RefusedError(
-            f"the trajectory starts {off[joint]:.4f} rad from where joint {joint + 1} is, "
-            f"allowed are {tolerance_rad} rad"
+            f"the trajectory starts {off[joint]:.4f} rad from the position of joint {joint + 1}, allowed "
+            f"are {tolerance_rad} rad"
         )

@@ -1,4 +1,4 @@
-"""The planned path that is being followed: piecewise quintics P(s) of the path time s."""
+"""The planned path that is being executed: piecewise quintics P(s) of the path time s."""
 
 from libc.math cimport fabs, fmin, isfinite
 from libc.string cimport memcmp
@@ -80,7 +80,7 @@ cdef class Path:
         return True
 
     cdef void c_evaluate(self, double path_time_s, double rate, double slope, double* out) noexcept nogil:
-        """Where the joints are at a path time not before the last one: P, P' r and P'' r² + P' r'."""
+        """The joints at a path time that is not before the last one: P, P' r and P'' r² + P' r'."""
         cdef int joint
         cdef double u, first, second
         cdef double* c
@@ -109,7 +109,9 @@ cdef class Path:
             out[2 * self.dof + joint] = _third(c, u) if path_time_s < self.duration_s else 0.0
 
     cdef bint c_continues(self, Path old, double offset_s, double from_s, double until_s) noexcept nogil:
-        """Whether from one of its path times until another it is what `old` is so much later, bit for bit."""
+        """Whether this path, from one of its path times to another, equals `old` at times that are later by
+        the offset, bit for bit.
+        """
         cdef Py_ssize_t here = max(self._breakpoints_before(from_s, True) - 1, 0), there
         cdef size_t piece = self.dof * ORDER
         cdef double* mine = self.c_breakpoints_s
@@ -144,7 +146,7 @@ cdef class Path:
         return count
 
     cdef Py_ssize_t _breakpoints_before(self, double path_time_s, bint including) noexcept nogil:
-        """How many breakpoints are before a path time; with those that are just there."""
+        """The number of breakpoints before a path time, optionally including those exactly at it."""
         cdef Py_ssize_t low = 0, high = self.segments + 1, middle
         cdef double found
         while low < high:
@@ -179,7 +181,7 @@ cdef inline double _third(const double* c, double u) noexcept nogil:
 
 
 cdef inline double _reach(const double* c, double u) noexcept nogil:
-    """A quick upper bound for the way from the segment's start to u."""
+    """A fast upper bound of the distance from the segment's start to u."""
     return u * (
         fabs(c[1]) + u * (fabs(c[2]) + u * (fabs(c[3]) + u * (fabs(c[4]) + u * fabs(c[5]))))
     )

@@ -1,4 +1,4 @@
-"""Path time: how far the arm is along its motion, and how fast it moves on.
+"""Path time: the progress of the arm along its motion, and its rate.
 
 The joints are at q = P(s) for the path time s, and s advances at a rate r = ds/dt in [0, 1]. Stop,
 pause, resume and speed override change r and nothing else, so none of them leaves the path. With
@@ -6,7 +6,7 @@ derivatives of P by s,
 
     dq/dt = P' r      d²q/dt² = P'' r² + P' r'      d³q/dt³ = P''' r³ + 3 P'' r r' + P' r''
 
-so a change of the rate must itself be smooth, and slow enough for what the path is doing meanwhile.
+so a change of the rate must itself be smooth, and slow enough for the motion along the path.
 """
 
 from libc.math cimport fabs, fmax, fmin, sqrt
@@ -109,7 +109,7 @@ cdef class PathClock:
         return self.c_stuck()
 
     cdef void c_reset(self) noexcept nogil:
-        """Back to the beginning of a path, at full rate: of that what the device permits."""
+        """Return to the beginning of a path, at full rate as far as the device permits."""
         self.asked_rate = 1.0
         self.held = self.urgent = False
         self.path_time_s, self.rate, self.rate_slope = 0.0, self.share, 0.0
@@ -120,27 +120,29 @@ cdef class PathClock:
         self.waited_s = 0.0
 
     cdef bint c_at_rest(self) noexcept nogil:
-        """Whether path time stands still, and nothing is about to change that."""
+        """Whether path time stands still, and no change of this is pending."""
         return self.rate == 0.0 and self.profile_s < 0.0 and not self.pending
 
     cdef bint c_slowing(self) noexcept nogil:
-        """Whether a profile towards the target rate is under way."""
+        """Whether a profile towards the target rate is active."""
         return self.profile_s >= 0.0
 
     cdef bint c_stuck(self) noexcept nogil:
-        """Whether the path has left no room to change the rate for as long as a joint at its limits would
-        have taken to come to rest. Only a path beyond the limits should do that.
+        """Whether the path has left no room to change the rate for the time that a joint at its limits would
+        need to stop. This should only occur on a path beyond the limits.
         """
         return self.pending and self.waited_s > self.patience_s
 
     cdef double c_committed_s(self) noexcept nogil:
-        """Up to which path time a profile that is under way relies on the path; where there is none, now."""
+        """The path time up to which the active profile relies on the path; without a profile, the present
+        path time.
+        """
         if self.profile_s < 0.0:
             return self.path_time_s
         return fmax(self.path_time_s, self.profile.end_position)
 
     cdef void c_shift(self, double offset_s) noexcept nogil:
-        """The same place on a path that has begun so much later."""
+        """Move to the same place on a path that began later by the offset."""
         cdef int phase
         self.path_time_s -= offset_s
         for phase in range(self.profile.count):
@@ -148,7 +150,7 @@ cdef class PathClock:
         self.profile.end_position -= offset_s
 
     cdef void c_request(self, double rate) noexcept nogil:
-        """Go over to another rate, as soon and as fast as the joints permit."""
+        """Change to another rate, as soon and as fast as the joints permit."""
         self.asked_rate = rate
         rate *= 0.0 if self.held else self.share
         if rate != self.target_rate:
@@ -158,29 +160,29 @@ cdef class PathClock:
             self.waited_s = 0.0
 
     cdef void c_scale(self, double share) noexcept nogil:
-        """Have all rates be so much of what is asked for."""
+        """Scale all requested rates by this share."""
         self.share = share
         self.c_request(self.asked_rate)
 
     cdef void c_hold(self, bint held) noexcept nogil:
-        """Come to rest on the path whatever is requested, or go on as requested."""
+        """Stop on the path, whatever rate is requested; or continue with the requested rate."""
         self.held = held
         self.c_request(self.asked_rate)
 
     cdef void c_end_urgently(self) noexcept nogil:
-        """Come to rest on the path as soon as the joints permit, however slowly they move."""
+        """Stop on the path as fast as the joints permit, however slowly they move."""
         self.urgent = True
         self._begin_search()
         self.c_request(0.0)
 
     cdef void c_begin(self) noexcept nogil:
-        """Be at the requested rate at once, at the beginning of a path, where the arm rests."""
+        """Set the requested rate at once, at the beginning of a path, where the arm is at rest."""
         self.rate = self.target_rate
         self.rate_slope, self.profile_s = 0.0, -1.0
         self.pending = False
 
     cdef void c_advance(self, Path path) noexcept nogil:
-        """One period on."""
+        """Advance by one period."""
         cdef double there[3]
         if self.pending:
             self._try_rung(path)
@@ -197,7 +199,7 @@ cdef class PathClock:
         self.path_time_s = fmin(self.path_time_s, path.duration_s)
 
     cdef void _try_rung(self, Path path) noexcept nogil:
-        """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
+        """Use this cycle's candidate if it keeps the limits. If not, the next cycle tries a gentler one."""
         cdef bint found
         self.waited_s += self.period_s
         if self.urgent and self.rung == 0:
@@ -215,9 +217,9 @@ cdef class PathClock:
             self._lower_aim()
 
     cdef bint _find_steepest(self, Path path) noexcept nogil:
-        """Make the steepest profile that holds the candidate; whether there is one.
+        """Make the steepest profile that keeps the limits the candidate. Returns whether there is one.
 
-        Each percent below it takes the arm half a percent further into what it touches.
+        Each percent below the steepest one takes the arm half a percent further into the contact.
         """
         cdef double share = 1.0, too_steep = 1.0, middle
         cdef int _attempt
@@ -238,14 +240,14 @@ cdef class PathClock:
         return self._plan(path, share)
 
     cdef bint _try(self, Path path, double share) noexcept nogil:
-        """Whether there is a candidate with this share of the steepest profile, and it holds."""
+        """Whether there is a candidate with this share of the steepest profile that keeps the limits."""
         return self._plan(path, share) and self._admissible(path)
 
     cdef void _lower_aim(self) noexcept nogil:
-        """Aim at a lower rate for now, at rest, where all candidates have failed.
+        """Temporarily aim at a lower rate, if all candidates have failed at rest.
 
-        Where the path itself needs all the acceleration of a joint, no profile leads up to full rate, and the
-        arm would stay there for ever. A low rate leaves room, and takes it to where there is more.
+        Where the path itself needs the full acceleration of a joint, no profile leads to full rate, and the
+        arm would stay there for ever. A low rate leaves room, and moves the arm to a place with more room.
         """
         cdef double lower = GENTLER_AIM * self.aim
         self.aim, self.failed_at_rest = lower if lower > MIN_AIM else self.target_rate, 0
@@ -256,7 +258,7 @@ cdef class PathClock:
         self.pending, self.aim, self.failed_at_rest = self.aim != self.target_rate, self.target_rate, 0
 
     cdef void _try_sooner(self, Path path) noexcept nogil:
-        """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
+        """Replace a gentle profile by one that arrives sooner, as soon as the path leaves room for it."""
         cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
         if self.urgent:
             self._try_shorter(path)
@@ -268,12 +270,12 @@ cdef class PathClock:
             self.profile, self.profile_s = self.candidate, 0.0
 
     cdef void _try_shorter(self, Path path) noexcept nogil:
-        """A stop at contact gives way to each one that ends before it.
+        """Replace a stop at contact by any profile that ends before it.
 
-        The shares of the steepest profile that hold are several intervals, of which the first cycle has found
-        one. So all are tried, some in each cycle, and then all with flatter crests, which are longer but hold
-        more often. The order matters: a share that is tried late leads less far, because the arm has slowed
-        down with a gentler one meanwhile.
+        The shares of the steepest profile that keep the limits form several intervals, of which the first
+        cycle has found one. So all shares are tried, some in each cycle. Then all are tried with flatter
+        crests, which take longer but keep the limits more often. The order matters: a share that is tried
+        late gains less, because the arm has meanwhile slowed down with a gentler one.
         """
         cdef int _attempt
         for _attempt in range(SHORTER_TRIES):
@@ -292,8 +294,8 @@ cdef class PathClock:
         self.tried, self.crest = 1.0 + FINER, 0
 
     cdef bint _plan(self, Path path, double share, double crest=1.0) noexcept nogil:
-        """Whether there is a candidate with this share of the steepest profile, and this share of the slope
-        that it comes to.
+        """Whether there is a candidate with this share of the steepest profile, and at most this share of the
+        slope that it would reach.
         """
         cdef int joint
         cdef double steepest = URGENT_ACCELERATION if self.urgent else MAX_ACCELERATION
@@ -321,9 +323,9 @@ cdef class PathClock:
         return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= MAX_PROFILE_S
 
     cdef bint _admissible(self, Path path) noexcept nogil:
-        """Whether the joints' acceleration and jerk hold all along the candidate.
+        """Whether the joints' acceleration and jerk keep their limits along the whole candidate.
 
-        Most candidates that do not hold fail at the end of a phase or at a breakpoint, so these come first.
+        Most candidates that fail do so at the end of a phase or at a breakpoint, so these are checked first.
         """
         cdef Place places[MAX_PHASES * SAMPLES]
         cdef int count = _places(&self.candidate, places)
@@ -336,7 +338,7 @@ cdef class PathClock:
     cdef bint _hold_samples(
         self, Path path, const Place* places, int count, int begin, int end
     ) noexcept nogil:
-        """Whether the limits hold at these samples of each phase, counted in their order."""
+        """Whether the limits are kept at these samples of each phase, counted in their order."""
         cdef Place at
         cdef int sample, phase
         for sample in range(begin, end):
@@ -347,7 +349,7 @@ cdef class PathClock:
         return True
 
     cdef bint _hold_breakpoints(self, Path path, const Place* places, int count) noexcept nogil:
-        """Whether the limits hold on both sides of each breakpoint, where the path's jerk steps."""
+        """Whether the limits are kept on both sides of each breakpoint, where the path's jerk steps."""
         cdef Place at
         cdef double breaks[MAX_BREAKPOINTS]
         cdef int i
@@ -364,9 +366,9 @@ cdef class PathClock:
     cdef bint _holds(
         self, Path path, double path_time_s, double rate, double slope, double bend
     ) noexcept nogil:
-        """Whether all joints keep their limits here.
+        """Whether all joints keep their limits at this place.
 
-        Where the path by itself exceeds the share at this rate, it may, but not by more.
+        If the path itself exceeds the share at this rate, it may do so, but not by more.
         """
         cdef int joint
         cdef double own_acceleration, own_jerk, acceleration, jerk, first, second
@@ -387,7 +389,7 @@ cdef class PathClock:
 
 
 cdef int _places(const Profile* profile, Place* places) noexcept nogil:
-    """The places of a candidate that are looked at; how many."""
+    """The places of a candidate that are checked. Returns their number."""
     cdef int phase, sample, count = 0
     cdef double t, velocity, acceleration, jerk
     for phase in range(profile.count):
@@ -408,7 +410,7 @@ cdef int _places(const Profile* profile, Place* places) noexcept nogil:
 
 
 cdef Place _interpolated(const Place* places, int count, double path_time_s) noexcept nogil:
-    """Linearly between the places on both sides of a path time."""
+    """Interpolate linearly between the places on both sides of a path time."""
     cdef int low = 0, high = count - 1, middle
     cdef double share
     cdef Place at, after

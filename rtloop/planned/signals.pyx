@@ -1,7 +1,7 @@
-"""The signals of the motion under way: actions that fire at a path time, and conditions.
+"""The signals of the present motion: actions that fire at a path time, and conditions.
 
-The slot of the trajectory holds them, and a block of shared memory reports what became of them. Each action
-fires in the first cycle whose path time has reached its own, once.
+The slot of the trajectory contains them, and a block of shared memory reports their results. Each action
+fires once, in the first cycle whose path time has reached the action's path time.
 """
 
 from cobot.arrays cimport doubles
@@ -23,21 +23,21 @@ assert MAX_ACTIONS == CAPACITY
 
 
 cdef class Signals:
-    """Those of one motion at a time.
+    """The signals of one motion at a time.
 
     Attributes:
-        active: whether a cycle of the motion has anything to do here.
+        active: whether the motion has any signals to process.
         waiting: whether the motion waits for `start_when`.
-        paused: whether `pause_while` holds.
+        paused: whether `pause_while` is met.
         met: whether `until` was met.
-        fast: whether each joint then stops as fast as it can.
+        fast: whether each joint then stops as fast as its limits permit.
     """
 
     def __init__(self, Chain chain, Block report, device):
         """
         Args:
-            chain: of the arm, with the tool's TCP.
-            report: the block of shared memory in which they are reported.
+            chain: kinematic chain of the arm, with the tool's TCP.
+            report: block of shared memory for the report.
             device: sets outputs and reads inputs, a `rtloop.device.DeviceWatch`.
         """
         self._chain, self._report, self._device = chain, report, device
@@ -49,13 +49,13 @@ cdef class Signals:
         self._offset_s = 0.0
 
     def begin(self, motion_id, record):
-        """Take over those of a motion that begins.
+        """Set the signals of a motion that begins.
 
         Args:
-            record: as `cobot.ipc.layout.SIGNALS`, as it was found in the slot.
+            record: record of the type `cobot.ipc.layout.SIGNALS`, from the slot.
 
         Raises:
-            ValueError: it is nothing that can be followed.
+            ValueError: the record is invalid.
         """
         self.active = self.waiting = self.paused = self.met = False
         self._count = self._next = 0
@@ -74,14 +74,14 @@ cdef class Signals:
         self._report.publish()
 
     def go_on_with(self, motion_id, record, double offset_s):
-        """Take over those of the trajectory that the motion goes on with. What has fired stays fired, and a
-        condition that is still given keeps its zero and its edge. `start_when` stays.
+        """Set the signals of the trajectory with which the motion continues. Actions that have fired do not
+        fire again, and a condition that stays keeps its zero and its edge. `start_when` stays.
 
         Args:
             offset_s: path time at which that trajectory begins.
 
         Raises:
-            ValueError: they are nothing that can be followed.
+            ValueError: the record is invalid.
         """
         self._require_order(record)
         for name in GOING_ON:
@@ -116,10 +116,10 @@ cdef class Signals:
         self._report.publish()
 
     def fire(self, position, double path_time_s, double robot_time_s):
-        """Do all that is due at a path time.
+        """Fire all actions that are due at a path time.
 
         Args:
-            position: as measured, shape (dof,), rad.
+            position: measured joint positions, shape (dof,), rad.
 
         Returns:
             `Rejected` if the motion has to stop, because the device has rejected an output.
@@ -147,11 +147,11 @@ cdef class Signals:
         return done
 
     def end(self):
-        """The motion has ended: nothing is watched any more."""
+        """Stop checking, because the motion has ended."""
         self.active = self.met = False
 
     def publish(self):
-        """Write the report once more."""
+        """Write the report again."""
         self._report.publish()
 
     def _clear_report(self, motion_id):
@@ -170,7 +170,7 @@ cdef class Signals:
             raise ValueError("the path times of the motion's actions do not increase")
         numbers = record["numbers"][:count].tolist()
         if len(set(numbers)) != count:
-            raise ValueError("two actions of the motion have one number")
+            raise ValueError("two actions of the motion have the same number")
 
     def _take_actions(self, record):
         self._record = record.copy()
@@ -185,7 +185,7 @@ cdef class Signals:
             self._path_times_s[row] = self._record["path_times_s"][row]
 
     def _list_actions(self):
-        """Report all of them as pending."""
+        """Report all actions as pending."""
         report = self._report.data
         report["count"] = self._count
         report["numbers"][:self._count] = self._record["numbers"][:self._count]
@@ -196,7 +196,9 @@ cdef class Signals:
         return self._next < self._count and self._path_times_s[self._next] <= path_time_s
 
     cdef Verdict c_look(self, const double* measured, double path_time_s, double robot_time_s) except *:
-        """What the conditions ask for, given the values that were measured in this cycle."""
+        """Evaluate the conditions with the values that were measured in this cycle. Returns what they
+        require.
+        """
         cdef bint holds
         if self.waiting:
             if not self.start_when.c_holds(measured):

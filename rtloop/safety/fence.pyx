@@ -1,4 +1,4 @@
-"""The fence of a motion, watched in every cycle of it; see `cobot.motions.fence`."""
+"""The fence of a motion. It is checked in every cycle of the motion; see `cobot.motions.fence`."""
 
 from libc.math cimport sqrt
 
@@ -15,10 +15,10 @@ cdef double TOLERANCE = 0.01
 
 
 cdef class Watch:
-    """Whether the TCP is where the motion's fence permits it to be.
+    """Checks whether the TCP is within the motion's fence.
 
     Attributes:
-        fence: of the motion; None for none.
+        fence: fence of the motion; None without one.
     """
 
     def __init__(self, Chain chain):
@@ -26,13 +26,13 @@ cdef class Watch:
         self.set(None)
 
     def set(self, values):
-        """Watch over another fence.
+        """Set another fence.
 
         Args:
-            values: as `Fence.values`, as they were found in shared memory; None, or nothing but NaN: none.
+            values: `Fence.values`, from shared memory. None, or only NaN: no fence.
 
         Raises:
-            ValueError: some of them are NaN.
+            ValueError: some of the values are NaN.
         """
         missing = values is None or np.isnan(values)
         self.active = not np.all(missing)
@@ -48,11 +48,13 @@ cdef class Watch:
         self._speed_m_s = rows[6] * (1.0 + TOLERANCE)
 
     def said(self, row):
-        """What `c_beyond` has found, in words."""
+        """The findings of `c_beyond` in words."""
         return f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
 
     cdef bint c_beyond(self, const double* rows, double* place4) noexcept nogil:
-        """Whether the TCP is beyond it at these joint positions and velocities; its place and speed."""
+        """Whether the TCP is outside the fence at these joint positions and velocities. Gives its place and
+        speed.
+        """
         cdef double pose[7]
         cdef double jacobian[6 * MAX_DOF]
         cdef double velocity

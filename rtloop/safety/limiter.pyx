@@ -1,15 +1,15 @@
-"""The last thing before a command is written: the same code in every mode and for every backend.
+"""The safety layer: the last check before a command is written. It is the same code in every mode and for
+every backend.
 
-A command within the limits passes bit for bit. What is not finite is refused and latches an e-stop;
-what goes beyond position, velocity, acceleration or jerk is caught: from then on the output is a
-jerk-limited pursuit of the request that stays within all limits, until the request can be reached
-in one step again. What is streamed may change its mind at any time: there the limits are tighter, the
-pursuit goes along with the request's velocity, and a joint that could no longer stop before its limit
-slows down before it gets there.
+A command within the limits passes unchanged, bit for bit. A command that is not finite is rejected and
+latches an e-stop. A command beyond the limits of position, velocity, acceleration or jerk is caught: from
+then on the output is a jerk-limited pursuit of the request within all limits, until the request can be
+reached in one step again. A streamed motion can change at any time. So its limits are tighter, the pursuit
+follows the request's velocity, and a joint slows down early enough to stop before its limit.
 
 Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad and s.
 
-All kinds of excess are handled by the same pursuit, which begins in `_catch`.
+The same pursuit handles all kinds of excess. It begins in `_catch`.
 """
 
 from libc.math cimport INFINITY, copysign, fabs, fmax, fmin, isfinite, sqrt
@@ -64,8 +64,9 @@ cdef int[ROWS] KINDS = [POSITION, VELOCITY, ACCELERATION, JERK, VELOCITY, ACCELE
 
 
 cdef inline Motion _motion(double oldest, double last, double newest, double rate) noexcept nogil:
-    """Of three positions in a row: the velocity is that of half a period ago, the acceleration that of a
-    period ago."""
+    """The motion from three consecutive positions. The velocity is that of half a period ago, the
+    acceleration that of a period ago.
+    """
     cdef Motion motion
     motion.position = newest
     motion.velocity = rate * (newest - last)
@@ -95,7 +96,7 @@ cdef class Safety:
 
     @property
     def motion(self):
-        """What the arm really does, whatever was stated, shape (3, dof)."""
+        """The real motion of the commands, whatever motion was stated, shape (3, dof)."""
         rows = np.zeros((3, self.dof))
         self.c_motion(doubles(rows, 3 * self.dof))
         return rows
@@ -155,13 +156,13 @@ cdef class Safety:
         self.counted += 1
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil:
-        """Let a command through, or the nearest that is safe; the result is in `c_command`.
+        """Pass a command on, or the nearest safe one. The result is in `c_command`.
 
         Args:
-            streamed: what comes next is unknown.
+            streamed: whether the following commands are unknown.
 
         Returns:
-            False when the request is not finite: the caller has to latch an e-stop.
+            False if the request is not finite. Then the caller must latch an e-stop.
         """
         cdef int excess, ahead
         memcpy(self.c_command, request, 3 * self.dof * sizeof(double))
@@ -177,10 +178,10 @@ cdef class Safety:
         return self._catch(request, excess, ahead, streamed)
 
     cdef bint c_brake(self) noexcept nogil:
-        """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.
+        """Brake from the present state, each joint on its own, as fast as the limits permit.
 
         Returns:
-            Whether it is at rest.
+            Whether the arm is at rest.
         """
         cdef double state[3 * MAX_DOF]
         self.c_motion(state)
@@ -189,9 +190,9 @@ cdef class Safety:
         return at_rest
 
     cdef int _excess(self) noexcept nogil:
-        """The first row in which the command is beyond its limits at some joint, ROWS if there is none.
+        """The first row in which the command of a joint is beyond its limits; ROWS if there is none.
 
-        What is not a number is beyond every limit.
+        NaN is beyond every limit.
         """
         cdef int joint, row, first = ROWS
         cdef double rate = 1.0 / self.period_s, most = 1.0 + TOLERANCE
@@ -221,8 +222,8 @@ cdef class Safety:
         return first
 
     cdef int _foresee(self) noexcept nogil:
-        """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
-        or one whose acceleration could not be taken back before its velocity limit.
+        """The future excess to which the command would lead: a joint that could stop only beyond its limit,
+        or one whose acceleration could not be reduced before its velocity limit.
         """
         cdef int joint, found = NOTHING
         cdef double rate = 1.0 / self.period_s, most = (1.0 + 0.5 * TOLERANCE) * self.share
@@ -245,7 +246,7 @@ cdef class Safety:
         return found
 
     cdef bint _overruns(self) noexcept nogil:
-        """Whether the command, as it states its motion, leads a joint beyond the range of the targets."""
+        """Whether the stated motion of the command leads a joint beyond the range of the targets."""
         cdef int joint
         for joint in range(self.dof):
             if self.tracker.c_overruns(
@@ -255,7 +256,9 @@ cdef class Safety:
         return False
 
     cdef bint _is_calm(self) noexcept nogil:
-        """Whether the command is where there is nothing to foresee, whatever comes next."""
+        """Whether the command is in the calm region, in which no future excess is possible whatever comes
+        next.
+        """
         cdef int joint
         cdef double rate = 1.0 / self.period_s
         cdef Motion motion
@@ -270,7 +273,7 @@ cdef class Safety:
         return True
 
     cdef bint _meets(self) noexcept nogil:
-        """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
+        """Whether the pursuit is so close that a step to the request keeps the jerk limits."""
         cdef int joint
         cdef double rate = 1.0 / self.period_s, acceleration, most
         for joint in range(self.dof):
@@ -286,7 +289,9 @@ cdef class Safety:
         return True
 
     cdef bint _catch(self, const double* request, int excess, int ahead, bint streamed) noexcept nogil:
-        """Pursue what may not pass. Returns whether it is finite: what is not is braked for."""
+        """Begin to pursue a request that may not pass. Returns whether it is finite; if not, the arm
+        brakes.
+        """
         cdef int i
         cdef bint finite = True
         if not self.pursuing:
@@ -309,14 +314,15 @@ cdef class Safety:
         return True
 
     cdef void _catch_kind(self, int kind) noexcept nogil:
-        """Count a kind once in each pursuit."""
+        """Count each kind once per pursuit."""
         if not self.caught & (<unsigned int>1 << kind):
             self.caught |= <unsigned int>1 << kind
             self.c_count(kind)
 
     cdef void _approach(self, const double* request, bint streamed) noexcept nogil:
-        """Pursue a request as a place: to arrive with its velocity if it is streamed and can be stopped after
-        that, else to rest."""
+        """Pursue a request as a place. If it is streamed and leaves room to stop, arrive with its velocity;
+        otherwise come to rest there.
+        """
         cdef int joint
         cdef double state[3 * MAX_DOF]
         cdef double target[MAX_DOF]
@@ -343,7 +349,7 @@ cdef class Safety:
         self._let_through_pursuit()
 
     cdef bint _pursue_along(self, const double* request) noexcept nogil:
-        """Pursue a request that moves, if that keeps the limits; if not, nothing has been let through."""
+        """Pursue a moving request, if this keeps the limits. If not, no command has been passed on."""
         cdef int joint
         cdef double state[3 * MAX_DOF]
         cdef double wanted[3 * MAX_DOF]
@@ -366,8 +372,9 @@ cdef class Safety:
         return True
 
     cdef void _keep_in_range(self, int joint, double* wanted) noexcept nogil:
-        """A request beyond the range of the targets stands at its bound: an arm that took on the velocity
-        with which the request comes back would swing away from the bound again."""
+        """Limit a request beyond the range of the targets to its bound, at rest. With the velocity of a
+        request that returns, the arm would swing away from the bound again.
+        """
         cdef double bound = fmin(fmax(wanted[joint], self.targets.c_low[joint]), self.targets.c_high[joint])
         if bound != wanted[joint]:
             wanted[joint] = bound
@@ -387,7 +394,7 @@ cdef class Safety:
             self._come_back()
 
     cdef void _come_back(self) noexcept nogil:
-        """The limits of a joint that was beyond them hold again once it is within."""
+        """Restore the limits of joints that were beyond them and are now within."""
         cdef int joint
         self.beyond = False
         for joint in range(self.dof):
@@ -398,7 +405,9 @@ cdef class Safety:
         self._find_calm()
 
     cdef void _find_calm(self) noexcept nogil:
-        """The positions, velocities and accelerations from which there is nothing to foresee."""
+        """Calculate the calm region: positions, velocities and accelerations from which no future excess is
+        possible.
+        """
         cdef int joint
         cdef double speed, acceleration, way
         for joint in range(self.dof):
@@ -409,9 +418,10 @@ cdef class Safety:
             self.calm_speed[joint], self.calm_acceleration[joint] = speed, acceleration
 
     cdef void c_motion(self, double* state) noexcept nogil:
-        """What the arm really does, 3 × dof, whatever was stated.
+        """The real motion of the commands, 3 × dof, whatever motion was stated.
 
-        Of the last three positions, which give the velocity half a period ago; a pursuit knows it exactly.
+        It is calculated from the last three positions, which give the velocity half a period ago. During a
+        pursuit it is known exactly.
         """
         cdef int joint
         cdef double rate = 1.0 / self.period_s
@@ -426,14 +436,14 @@ cdef class Safety:
             state[2 * self.dof + joint] = motion.acceleration
 
     cdef double _step_of(self, int joint) noexcept nogil:
-        """The largest step of a joint's acceleration from cycle to cycle."""
+        """The maximum change of a joint's acceleration from cycle to cycle."""
         return self.used.jerk[joint] * self.period_s
 
     cdef double _way(self, int joint, double speed, double acceleration) noexcept nogil:
-        """How far a joint gets until it rests: a bound that is simple and never too short.
+        """The stopping distance of a joint: a simple upper bound.
 
-        The acceleration is taken back to zero, which may add speed; then the joint brakes. For the largest
-        speed v, the limits a and j, v²/2a + va/2j holds for short and for long ways.
+        The acceleration is first reduced to zero, which may increase the speed; then the joint brakes. With
+        the maximum speed v and the limits a and j, the bound v²/2a + va/2j holds for all distances.
         """
         cdef double jerk = self.used.jerk[joint], most = self.used.acceleration[joint]
         cdef double peak = speed + 1.5 * self.period_s * acceleration

@@ -1,10 +1,11 @@
-"""Cartesian targets, made joint references: motion along some axes, force along the others.
+"""Conversion of Cartesian targets into joint references, with motion along some axes and force along the
+others.
 
 Poses are x, y, z in m and a quaternion (w, x, y, z), errors and twists linear before angular, all in the base
 frame.
 
-Along axes with force control, the missing force replaces the pose error; one least-squares step then solves
-for all axes (`c_step_joints`).
+Along axes with force control, the force error replaces the pose error. One least-squares step then solves for
+all axes (`c_step_joints`).
 """
 
 from libc.math cimport cbrt, fabs, isfinite, sqrt
@@ -57,7 +58,7 @@ cdef inline double low_pass(double* first, double* second, double value, double 
 
 
 cdef inline bint c_moves(const double* twist) noexcept nogil:
-    """Whether a stated twist is not rest."""
+    """Whether a stated twist is not zero."""
     cdef int axis
     for axis in range(TASK):
         if twist[axis] != 0.0:
@@ -72,21 +73,21 @@ cdef inline double norm3(const double* v) noexcept nogil:
 cdef class CartesianSource(Source):
     """Poses of the TCP, interpolated, within the Cartesian limits, and followed by the joints.
 
-    Along an axis with force control the arm moves in proportion to what is missing of the force.
+    Along an axis with force control the arm moves in proportion to the force error.
 
     Attributes:
-        move_running: whether a `move_to_pose` is under way.
+        move_running: whether a `move_to_pose` is running.
     """
 
     def __init__(self, kind, model, limits, within, double period_s, double command_s, request):
         """
         Args:
-            kind: how it goes from one pose to the next.
-            model: of the robot.
-            limits, within: of the joints and of the TCP.
-            period_s: of the cycle.
-            command_s: between two poses.
-            request: of the session, `cobot.ipc.layout.session_dtype`.
+            kind: kind of interpolation between poses.
+            model: model of the robot.
+            limits, within: limits of the joints and of the TCP.
+            period_s: period of the cycle.
+            command_s: interval between two poses.
+            request: request for the session, a record of `cobot.ipc.layout.session_dtype`.
         """
         super().__init__(limits.dof)
         self.chain = model.chain
@@ -147,19 +148,21 @@ cdef class CartesianSource(Source):
         return "a streamed pose, wrench or velocity is not finite"
 
     def press(self, wrench):
-        """Exert this from now on, shape (6,), in the force frame; what is not finite is not taken."""
+        """Exert this wrench from now on, shape (6,), in the force frame. A wrench that is not finite is
+        ignored.
+        """
         wanted = np.array(wrench, float)
         self.c_press(doubles(wanted, TASK))
 
     def start_move(self, pose, double duration_s):
-        """Go to a pose by a minimum-jerk motion, one that is under way to the same pose goes on; what is
-        wrong with it, or None.
+        """Move to a pose by a minimum-jerk motion. A running motion to the same pose continues. Returns the
+        flaw of the pose, or None.
         """
         goal = np.array(pose, float)
         return flaw_of(self.c_start_move(doubles(goal, 7), duration_s))
 
     def cancel_move(self):
-        """Forget the move; where the arm goes next is for the next target to say."""
+        """Cancel the move. The next target determines the further motion."""
         self.c_cancel_move()
 
     cdef void c_begin(self, const double* command) noexcept nogil:
@@ -200,7 +203,7 @@ cdef class CartesianSource(Source):
         return FINE
 
     cdef bint c_is_pose(self, const double* pose, const double* wrench, const double* twist) noexcept nogil:
-        """Whether all is finite, and the quaternion a unit one."""
+        """Whether all values are finite, and the quaternion has unit length."""
         cdef double norm
         self.spoilt_norm = 0.0
         if not (c_is_finite(pose, 7) and c_is_finite(wrench, TASK) and c_is_finite(twist, TASK)):
@@ -212,8 +215,8 @@ cdef class CartesianSource(Source):
         return False
 
     cdef void c_find_fastest(self, double interval_s, double* fastest) noexcept nogil:
-        """Of what the specification and the joints' own velocity limits let the TCP do, m/s and rad/s; the
-        latter with the slack that a sender's jitter is granted.
+        """The maximum speed of the TCP, m/s and rad/s: the smaller one of the specification's limit and that
+        from the joints' velocity limits. The latter includes slack for jitter of the client.
         """
         cdef double slack = 1.0 + SLACK_S / c_clamped_interval(interval_s)
         cdef double reach[TASK]
@@ -226,12 +229,12 @@ cdef class CartesianSource(Source):
         fastest[1] = min(MAX_ANGULAR, norm3(reach + 3) * slack)
 
     cdef void c_press(self, const double* wrench) noexcept nogil:
-        """`press`."""
+        """Like `press`, for compiled code."""
         if c_is_finite(wrench, TASK):
             memcpy(self.force.wrench, wrench, sizeof(self.force.wrench))
 
     cdef int c_start_move(self, const double* pose, double duration_s) noexcept nogil:
-        """`start_move`."""
+        """Like `start_move`, for compiled code."""
         cdef bint same = self.move_running
         cdef int index
         if not self.c_is_pose(pose, self.force.wrench, self.force.wrench) or not isfinite(duration_s):
@@ -246,13 +249,13 @@ cdef class CartesianSource(Source):
         return FINE
 
     cdef void c_cancel_move(self) noexcept nogil:
-        """`cancel_move`."""
+        """Like `cancel_move`, for compiled code."""
         self.move_running = False
         self.poses.c_begin(self.last)
 
     cdef double c_shortest_move_s(self, const double* pose) noexcept nogil:
-        """In which the limits hold: the largest velocity of a minimum-jerk motion of length l in time t is
-        15/8 l/t, its largest acceleration 10/√3 l/t², its jerk 60 l/t³.
+        """The shortest duration of a move within the limits. For a minimum-jerk motion of length l in time t,
+        the maximum velocity is 15/8 l/t, the maximum acceleration 10/√3 l/t², the jerk 60 l/t³.
         """
         cdef double way[TASK]
         cdef double length, shortest_s = 0.0
@@ -278,7 +281,7 @@ cdef class CartesianSource(Source):
         self.c_step_joints(self.c_next_pose(external_effort, wrench), wrench)
 
     cdef const double* c_next_pose(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """Where the TCP should be in this cycle."""
+        """The commanded pose of the TCP in this cycle."""
         if not self.move_running:
             self.poses.c_advance()
             self.interpolator.c_advance()
@@ -297,7 +300,9 @@ cdef class CartesianSource(Source):
         memcpy(self.commanded, command, self.dof * sizeof(double))
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """Computed when it is asked for: only a stream that was held because of a collision needs it."""
+        """Calculate the heading. This is done on request only, because only a stream that was held because of
+        a collision needs it.
+        """
         cdef double here[7]
         cdef double error[TASK]
         cdef double jacobian[TASK * MAX_DOF]
@@ -310,8 +315,8 @@ cdef class CartesianSource(Source):
                 step[joint] += jacobian[axis * self.dof + joint] * error[axis]
 
     cdef void c_step_joints(self, const double* pose, const double* wrench) noexcept nogil:
-        """The joint step that closes the distance to the pose, in the least squares sense, with the posture
-        pulled at in the null space: z + J⁺ (e - J z).
+        """The joint step that reduces the distance to the pose, by least squares. In the null space the
+        posture is pulled towards its reference: z + J⁺ (e - J z).
         """
         cdef double here[7]
         cdef double error[TASK]
@@ -342,7 +347,7 @@ cdef class CartesianSource(Source):
             self.ref[joint] = target
 
     cdef void c_pull_at_posture(self, double* step) noexcept nogil:
-        """The joint step that the null space may have, rad."""
+        """The joint step for the null space, rad."""
         cdef double wanted
         cdef int joint
         for joint in range(self.dof):
@@ -356,7 +361,9 @@ cdef class CartesianSource(Source):
     cdef void c_distance_to(
         self, const double* pose, double* here, double* error, double* jacobian
     ) noexcept nogil:
-        """From where the reference puts the TCP, in the base frame: m, rad; and the Jacobian there."""
+        """The distance from the reference's TCP pose to a pose, in the base frame: m, rad. Also calculates
+        the Jacobian there.
+        """
         cdef int axis
         self.chain.c_forward_jacobian(self.ref, here, jacobian)
         for axis in range(3):
@@ -381,7 +388,7 @@ cdef class CartesianSource(Source):
     cdef void c_replace_by_force(
         self, const double* here, const double* wrench, double* error
     ) noexcept nogil:
-        """Along the force axes, a step in proportion to what is missing of the force."""
+        """Along the force axes, replace the step by one in proportion to the force error."""
         cdef ForceControl* force = &self.force
         cdef double orientation[4]
         cdef double moment[3]
@@ -423,7 +430,7 @@ cdef inline void subtract3(double* from_, const double* other) noexcept nogil:
 
 
 cdef void into_frame(const double* turn, const double* rows, double* in_frame) noexcept nogil:
-    """Two vectors of the base frame, in the frame whose axes are the columns of `turn`."""
+    """Transform two vectors from the base frame into the frame whose axes are the columns of `turn`."""
     cdef int part, axis, index
     for part in range(2):
         for axis in range(3):
@@ -435,7 +442,9 @@ cdef void into_frame(const double* turn, const double* rows, double* in_frame) n
 cdef void replace_axes(
     const ForceControl* force, double* rows, const double* velocity, double period_s
 ) noexcept nogil:
-    """Of a step in the base frame: along the force axes, what these velocities make in a period."""
+    """Replace a step in the base frame along the force axes by the motion of these velocities in one
+    period.
+    """
     cdef double in_frame[TASK]
     cdef int part, axis, index
     into_frame(force.turn, rows, in_frame)

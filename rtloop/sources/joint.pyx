@@ -1,4 +1,4 @@
-"""Joint targets, made a joint reference for every cycle."""
+"""Conversion of joint targets into a joint reference for every cycle."""
 
 from libc.math cimport fabs
 from libc.string cimport memcpy
@@ -29,20 +29,21 @@ cdef enum:
     MAX_CHUNK = 64
 cdef double MAX_CHUNK_S = 600.0
 
-assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout holds other chunks than this module"
+assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout has another format than this module"
 
 
 cdef class JointSource(Source):
-    """Joint targets, interpolated, or chunks of timed ones; whichever came last counts."""
+    """Joint targets with interpolation, or chunks of timed targets. The one that came last is followed."""
 
     def __init__(self, kind, limits, safe_velocity, double period_s, double command_s):
         """
         Args:
-            kind: how it goes from one target to the next.
-            limits: that the reference keeps.
-            safe_velocity: what the robot itself can do, shape (dof,), rad/s: what needs more is a jump.
-            period_s: of the cycle.
-            command_s: between two targets.
+            kind: kind of interpolation between targets.
+            limits: limits of the reference.
+            safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs more
+                is a jump.
+            period_s: period of the cycle.
+            command_s: interval between two targets.
         """
         super().__init__(limits.dof)
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
@@ -66,16 +67,16 @@ cdef class JointSource(Source):
 
     @property
     def late(self):
-        """Waypoints that were dropped because their time had passed."""
+        """Number of waypoints that were dropped because their time had passed."""
         return self.c_late()
 
     @property
     def starved(self):
-        """How often the waypoints of a chunk ran out."""
+        """Number of times that the waypoints of a chunk ran out."""
         return self.c_starved()
 
     def take_chunk(self, Block chunk not None, double robot_time_s):
-        """Timed targets, in a block's private copy, from now on; what is wrong with them, or None."""
+        """Follow the timed targets in a block's private copy from now on. Returns their flaw, or None."""
         cdef Chunk fields = chunk_fields(chunk)
         return flaw_of(self.c_take_chunk(&fields, robot_time_s))
 
@@ -118,7 +119,9 @@ cdef class JointSource(Source):
         return FINE
 
     cdef void c_bound(self, const double* target, bint moves) noexcept nogil:
-        """A sender that states how its target moves answers for what is beyond it."""
+        """Set the range of the targets. If the client states the motion of its target, the reference may
+        follow it beyond the target.
+        """
         if moves:
             self.targets.c_open_at(target)
         else:
@@ -126,7 +129,7 @@ cdef class JointSource(Source):
         self.states_motion = moves
 
     cdef int c_take_chunk(self, const Chunk* chunk, double robot_time_s) noexcept nogil:
-        """Timed targets from now on; or what is wrong with them."""
+        """Follow timed targets from now on. Returns their flaw, or FINE."""
         cdef double points[MAX_CHUNK * MAX_DOF]
         cdef int dof = self.dof, joint, index
         cdef int count = <int>min(chunk.count[0], <unsigned long long>MAX_CHUNK)
@@ -155,7 +158,7 @@ cdef class JointSource(Source):
         return FINE
 
     cdef bint c_chunk_jumps(self, const double* times_s, const double* points, int count) noexcept nogil:
-        """Whether the targets that are still ahead would take a joint faster than it can be."""
+        """Whether the future targets would require more than a joint's maximum velocity."""
         cdef double at_s = self.time_s - SLACK_S
         cdef const double* here = self.ref
         cdef const double* there
@@ -172,9 +175,9 @@ cdef class JointSource(Source):
         return False
 
     cdef void c_settle(self) noexcept nogil:
-        """From the last reference towards rest on the last waypoint.
+        """Move from the last reference to rest at the last waypoint.
 
-        A wild chunk may have led far beyond the limits.
+        The state is limited first, because an erratic chunk may have led far beyond the limits.
         """
         cdef double state[3 * MAX_DOF]
         cdef int joint, dof = self.dof
@@ -187,7 +190,7 @@ cdef class JointSource(Source):
         self.settles = True
 
     cdef void c_bound_chunk(self) noexcept nogil:
-        """The range of the waypoints: all that are ahead are known, and the next one is the target."""
+        """Set the range of the waypoints. All future ones are known, and the next one is the target."""
         cdef const double* waypoint = self.chunks.c_waypoint(0)
         cdef int ahead = 0
         if waypoint != NULL and self.chunks.entered != self.entered:
@@ -218,7 +221,7 @@ cdef class JointSource(Source):
         self.c_copy_reference()
 
     cdef void c_copy_reference(self) noexcept nogil:
-        """The reference is that of whichever is followed."""
+        """Copy the reference from the source that is being followed."""
         cdef const double* followed = self.chunks.ref if self.chunked else self.interpolator.ref
         memcpy(self.ref, followed, 3 * self.dof * sizeof(double))
 
@@ -226,9 +229,9 @@ cdef class JointSource(Source):
         memcpy(step, self.heading, self.dof * sizeof(double))
 
     cdef long long c_late(self) noexcept nogil:
-        """`late`."""
+        """Like `late`, for compiled code."""
         return self.chunks.late
 
     cdef long long c_starved(self) noexcept nogil:
-        """`starved`."""
+        """Like `starved`, for compiled code."""
         return self.chunks.starved

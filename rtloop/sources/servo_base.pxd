@@ -1,4 +1,4 @@
-"""What all servo modes share: a source that fetches its points itself."""
+"""The common base of all servo modes: a source that fetches its points itself."""
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint

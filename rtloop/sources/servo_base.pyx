@@ -1,4 +1,4 @@
-"""What all servo modes share: how a point is read and checked, and what is counted."""
+"""The common base of all servo modes: reading and checking points, and the counters."""
 
 from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy
@@ -14,14 +14,16 @@ cdef class ServoSource(Source):
     """A source that fetches its points itself. Real-time safe.
 
     Attributes:
-        taken: points that the reference has gone for.
-        dropped: points that were jumps.
-        underruns: how often it had to wait for a point.
-        buffered: points that it has read and not gone for yet.
+        taken: number of points that became targets of the reference.
+        dropped: number of points that were jumps.
+        underruns: number of times that it had to wait for a point.
+        buffered: number of points that it has read but that are not targets yet.
     """
 
     def __init__(self, limits, safe_velocity, double period_s):
-        """safe_velocity: what the robot itself can do, shape (dof,), rad/s: what needs more is a jump."""
+        """safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs more is
+        a jump.
+        """
         super().__init__(limits.dof)
         self.period_s = self.time_s = period_s
         for joint in range(self.dof):
@@ -39,19 +41,19 @@ cdef class ServoSource(Source):
         return self.c_buffered()
 
     def fetch(self, PointQueue queue not None):
-        """Read what this cycle needs; NOT_FINITE if it makes no sense, None if it does."""
+        """Read the points for this cycle. Returns NOT_FINITE if a point is invalid, otherwise None."""
         return flaw_of(self.c_fetch(queue))
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
-        """`fetch`."""
+        """Like `fetch`, for compiled code."""
         return FINE
 
     cdef long long c_buffered(self) noexcept nogil:
-        """`buffered`."""
+        """Like `buffered`, for compiled code."""
         return 0
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """A joint step to the point read last."""
+        """A joint step towards the last read point."""
         cdef int joint
         for joint in range(self.dof):
             step[joint] = self.last[joint] - self.ref[joint]
@@ -64,7 +66,7 @@ cdef class ServoSource(Source):
         self.waits = ahead > LEAD_RAD
 
     cdef bint c_read(self, const ServoPoint* point) noexcept nogil:
-        """Take over `target` and `time_s`; whether they make sense."""
+        """Copy a point into `target` and `time_s`. Returns whether its values are valid."""
         cdef int joint
         if not (isfinite(point.time_s) and isfinite(point.lookahead_s) and isfinite(point.gain)):
             return False
@@ -77,7 +79,9 @@ cdef class ServoSource(Source):
         return True
 
     cdef bint c_jumps(self, double interval_s) noexcept nogil:
-        """Whether the target is further from the last one than an arm can get; if not, it is the last one."""
+        """Whether the target is further from the last one than an arm can move. If not, it becomes the last
+        one.
+        """
         if c_joint_jump(self.target, self.last, self.dof, interval_s, self.safe_velocity) >= 0:
             self.dropped += 1
             return True

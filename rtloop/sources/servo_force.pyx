@@ -10,9 +10,9 @@ from cobot.ipc.layout import Interpolation
 
 
 cdef class ForceServo(CartesianSource):
-    """Follows the pose of a joint source's reference, and in the null space its posture.
+    """Follows the pose of a joint source's reference, and in the null space the source's posture.
 
-    Where no force turns it aside, the arm's joints are those of the source, which keeps the joints' limits.
+    Where no force deflects the arm, its joints equal those of the source, which keeps the joints' limits.
     """
 
     def __init__(self, ServoSource points, model, limits, within, double period_s, request):
@@ -30,7 +30,7 @@ cdef class ForceServo(CartesianSource):
         return self.pose
 
     cdef void c_pull_at_posture(self, double* step) noexcept nogil:
-        """The source's own step: what of it moves the TCP is taken out again where it is not wanted."""
+        """The source's own step. The part of it that moves the TCP is removed along force axes."""
         cdef double toward[MAX_DOF]
         cdef int joint
         memcpy(self.posture, self.points.ref, self.dof * sizeof(double))

@@ -1,11 +1,11 @@
-"""How a pass-through servo mode follows its targets: the law of lookahead time and gain.
+"""The law with which pass-through servo modes follow their targets, with a look-ahead time and a gain.
 
     q'' = gain (target - (q + lookahead q'))
 
-The position that the arm would have after the lookahead time is drawn to the target, as UR documents its
+The position that the arm would have after the look-ahead time is drawn to the target, as UR documents for its
 servoj: the higher the gain (1/s²), the faster the reaction; the longer the lookahead time (s), the less
-overshoot. With ω = √gain it is a filter of second order with the damping ratio ω lookahead / 2: it follows
-a ramp with a lag of the lookahead time, and reaches a target without error.
+overshoot. With ω = √gain it is a filter of second order with the damping ratio ω lookahead / 2: it follows a
+ramp with a lag of the lookahead time, and reaches a target without error.
 """
 
 from libc.math cimport cos, cosh, exp, fabs, sin, sinh, sqrt
@@ -17,7 +17,7 @@ import numpy as np
 
 
 cdef class ServoLaw:
-    """The law, solved exactly for a target that stands still within a cycle. Real-time safe.
+    """The law, solved exactly for a target that is constant within a cycle. Real-time safe.
 
     Attributes:
         reference: shape (3, n): rad, rad/s, rad/s².
@@ -37,11 +37,11 @@ cdef class ServoLaw:
         np.copyto(self.reference, state)
 
     def tune(self, double lookahead_s, double gain):
-        """Follow like this from now on; zero for none."""
+        """Use these parameters from now on; zero: no law."""
         self.c_tune(lookahead_s, gain)
 
     def follow(self, target):
-        """One period on, towards a target, shape (3, n)."""
+        """Advance by one period towards a target, shape (3, n)."""
         rows = np.array(target, float)
         self.c_follow(doubles(rows, 3 * self.n))
 
@@ -74,15 +74,17 @@ cdef class ServoLaw:
 
 
 def transition(double lookahead_s, double gain, double time_s):
-    """What becomes of (q - target, q') within a time, shape (2, 2): the exponential of the law's matrix."""
+    """The transition matrix of (q - target, q') for a time, shape (2, 2): the exponential of the law's
+    matrix.
+    """
     step = np.zeros((2, 2))
     find_transition(lookahead_s, gain, time_s, doubles(step, 4))
     return step
 
 
 cdef void find_transition(double lookahead_s, double gain, double time_s, double* step) noexcept nogil:
-    """With A = [[0, 1], [-gain, -gain lookahead]], half its trace m and D = m² - gain,
-    exp(A t) = exp(m t) (cosh(√D t) 1 + sinh(√D t) / √D (A - m 1)).
+    """Calculate the transition matrix. With A = [[0, 1], [-gain, -gain lookahead]], half its trace m and D =
+    m² - gain, exp(A t) = exp(m t) (cosh(√D t) 1 + sinh(√D t) / √D (A - m 1)).
     """
     cdef double half = -0.5 * gain * lookahead_s
     cdef double discriminant = half * half - gain

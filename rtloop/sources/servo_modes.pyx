@@ -1,4 +1,4 @@
-"""The servo modes: what the points of a servo session become, a joint reference for every cycle."""
+"""The servo modes, which convert the points of a servo session into a joint reference for every cycle."""
 
 from libc.math cimport fabs, rint
 from libc.string cimport memcpy, memset
@@ -21,10 +21,12 @@ cdef double BEFORE_TIMEOUT = 2.0
 
 
 cdef class Newest(ServoSource):
-    """Modes 1 and 2: what has come before the newest point does not count any more."""
+    """Modes 1 and 2: only the newest point counts."""
 
     def __init__(self, limits, safe_velocity, double period_s, *, bint planned):
-        """planned: whether targets are gone to by a profile of their own (mode 1), or are the reference."""
+        """planned: whether a profile leads to each target (mode 1), or the targets are the reference (mode
+        2).
+        """
         super().__init__(limits, safe_velocity, period_s)
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
         self.planned = planned
@@ -77,7 +79,9 @@ cdef class Newest(ServoSource):
         return FINE
 
     cdef void c_step_to(self, double time_s) noexcept nogil:
-        """Aim at the last target, as long after the one before; a stream has the rates of its differences."""
+        """Aim at the last target, to be reached in the time since the previous target. A stream's rates are
+        calculated from differences.
+        """
         cdef double velocity
         cdef int joint, dof = self.dof
         for joint in range(dof):
@@ -87,7 +91,9 @@ cdef class Newest(ServoSource):
             self.aim[joint] = self.last[joint]
 
     cdef void c_accept_far(self, double interval_s) noexcept nogil:
-        """A target that no stream could have is one to go to, not one of a motion."""
+        """Move to a target that is too far away to belong to a stream, without treating it as part of a
+        motion.
+        """
         cdef double time_s = 2.0 * max(interval_s, self.time_s)
         cdef int joint
         for joint in range(self.dof):
@@ -107,14 +113,14 @@ cdef class Newest(ServoSource):
 
 
 cdef class Buffered(ServoSource):
-    """Modes 3 and 4: one point after the other, each in its time, on straight lines.
+    """Modes 3 and 4: one point after the other, each in its own time, on straight lines.
 
-    Each cycle takes what is due, so the time between two points need not be one of whole cycles. The points
-    wait in the queue.
+    Each cycle takes the points that are due, so the time between two points need not be a multiple of the
+    period. The points wait in the queue.
     """
 
     def __init__(self, limits, safe_velocity, double period_s, double fixed_s):
-        """fixed_s: of every point, whatever it says itself; 0 for what it says."""
+        """fixed_s: time of every point, whatever the point states; 0: the time that it states."""
         super().__init__(limits, safe_velocity, period_s)
         self.fixed_s = fixed_s
         self.law = ServoLaw(limits.dof, period_s)
@@ -139,7 +145,7 @@ cdef class Buffered(ServoSource):
         self.playing = False
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
-        """The point whose time this cycle is in."""
+        """Take points from the queue up to the one whose time contains this cycle."""
         cdef ServoPoint point
         cdef double stated_s
         cdef int _count
@@ -177,7 +183,7 @@ cdef class Buffered(ServoSource):
         return FINE
 
     cdef void c_turn_to_last(self) noexcept nogil:
-        """From the start to the last point, in its time."""
+        """Begin the segment from the start to the last point, which takes the point's time."""
         cdef double velocity
         cdef int joint, dof = self.dof
         for joint in range(dof):
@@ -187,7 +193,7 @@ cdef class Buffered(ServoSource):
             self.line[dof + joint] = velocity
 
     cdef bint c_may_begin(self, PointQueue queue) noexcept nogil:
-        """Whether so many points wait that the sender's jitter will not show, or none come any more."""
+        """Whether enough points wait to hide the client's jitter, or no more points arrive."""
         cdef double time_s = self.fixed_s if self.fixed_s > 0.0 else self.time_s
         cdef long long waiting = queue.c_waiting()
         if not waiting:
@@ -215,7 +221,7 @@ cdef class Buffered(ServoSource):
 
 
 def make_servo(mode, limits, safe_velocity, double period_s):
-    """The joint source of a mode; the modes with force control have the same as those without."""
+    """The joint source of a mode. The modes with force control have the same sources as those without."""
     match mode:
         case ServoMode.NONE:
             return None

@@ -1,14 +1,15 @@
-"""Mode 5: through all points in their order, as fast as they say, or as fast as the limits permit.
+"""Mode 5: through all points in their order, at the times that they state, or as fast as the limits permit.
 
-The points are joined by a curve q(σ) that is continuous to the second derivative; σ is the time that the
-points state, made longer where a joint could not be so fast. σ moves on at a rate r from 0 to 1 that is
-continuous to its derivative, as on a planned path (`rtloop.planned.path_clock`): so is the whole, and what
-changes the rate leaves neither the curve nor any point out. The curve's own share of acceleration and
-jerk, q'' r² and q''' r³, bounds r on each piece, and the share that its changes may take, q' r' and
-q' r'', bounds these.
+A curve q(σ), continuous up to the second derivative, connects the points. σ is the time that the points
+state, extended where a joint could not be that fast. σ advances at a rate r from 0 to 1 that is continuous up
+to its derivative, as on a planned path (`rtloop.planned.path_clock`). So the whole motion has the same
+continuity, and a change of the rate neither leaves the curve nor omits a point. The curve's own part of
+acceleration and jerk, q'' r² and q''' r³, limits r on each piece. The part for changes of the rate, q' r' and
+q' r'', limits these changes.
 
-The curve is known up to the last point but one, for the next one decides about the direction at the last.
-What lies ahead of that is braked for at all times: a stream that ends ends at rest in its last point.
+The curve is known up to the last point but one, because the direction at a point depends on the next one. The
+reference can always stop at the end of the known curve, so a stream that ends comes to rest at its last
+point.
 """
 
 from libc.math cimport INFINITY, cbrt, fabs, sqrt
@@ -44,7 +45,7 @@ cdef int AHEAD = 32
 
 
 cdef class ThroughPoints(ServoSource):
-    """The curve ahead, and how far the arm is along it. Real-time safe."""
+    """The known part of the curve, and the progress of the arm along it. Real-time safe."""
 
     def __init__(self, limits, double period_s):
         super().__init__(limits, limits.max_velocity, period_s)
@@ -65,7 +66,7 @@ cdef class ThroughPoints(ServoSource):
         return self.count - self.first + (self.pending_span > 0.0)
 
     cdef void c_begin(self, const double* command) noexcept nogil:
-        """The arm may be moving: then the safety layer brings it to rest here."""
+        """Begin here. If the arm is still moving, the safety layer brings it to rest."""
         memset(self.ref, 0, 3 * self.dof * sizeof(double))
         memcpy(self.ref, command, self.dof * sizeof(double))
         memset(self.knot, 0, sizeof(self.knot))
@@ -121,7 +122,7 @@ cdef class ThroughPoints(ServoSource):
             self.first = self.count
 
     cdef void c_bound(self) noexcept nogil:
-        """The range of the points: those ahead are known, and the next one is the target."""
+        """Set the range of the points. Those ahead are known, and the next one is the target."""
         cdef int piece, joint
         cdef const double* following = NULL
         if self.enters:
@@ -146,14 +147,14 @@ cdef class ThroughPoints(ServoSource):
                 self.targets.c_low[joint], self.targets.c_high[joint] = -INFINITY, INFINITY
 
     cdef void c_rest(self) noexcept nogil:
-        """At the end of the curve."""
+        """Rest at the end of the curve."""
         memset(self.ref + self.dof, 0, 2 * self.dof * sizeof(double))
         if self.hungry and self.pending_span == 0.0:
             self.hungry = False
             self.underruns += 1
 
     cdef void c_move_on(self, double end) noexcept nogil:
-        """One period on along the curve, so that it can come to rest at its end."""
+        """Advance by one period along the curve, so that the arm can stop at its end."""
         cdef Problem problem
         cdef Profile profile
         cdef double there[3]
@@ -180,7 +181,7 @@ cdef class ThroughPoints(ServoSource):
             self.distance, self.rate, self.slope = end, 0.0, 0.0
 
     cdef double c_max_rate(self, double slope, double bend) noexcept nogil:
-        """The highest rate on all pieces that the arm may come to before it could be slower."""
+        """The maximum rate on all pieces that the arm could reach before it could slow down."""
         cdef double rate = self.rate + 0.5 * self.slope * fabs(self.slope) / bend
         cdef double way = rate * (self.period_s + rate / slope + slope / bend)
         cdef double most = self.highest_rates[self.first]
@@ -194,7 +195,7 @@ cdef class ThroughPoints(ServoSource):
         return max(most, MIN_RATE)
 
     cdef void c_extend(self) noexcept nogil:
-        """One more point, `target`: the curve is known up to the one before."""
+        """Add a point, `target`. The curve is then known up to the previous point."""
         cdef const double* here = &self.pending[0] if self.pending_span > 0.0 else &self.knot[0]
         cdef double span = self.time_s
         cdef int joint
@@ -210,7 +211,7 @@ cdef class ThroughPoints(ServoSource):
         self.pending_span, self.pending_time_s, self.pending_age_s = span, self.time_s, 0.0
 
     cdef void c_close(self, const double* following, double following_span) noexcept nogil:
-        """The curve goes on to the pending point, in a direction that the following one decides about."""
+        """Extend the curve to the pending point. The following point determines the direction there."""
         cdef double start[3 * MAX_DOF]
         cdef double span = self.pending_span, begin
         cdef int joint, number, dof = self.dof
@@ -236,7 +237,7 @@ cdef class ThroughPoints(ServoSource):
         self.pending_span = 0.0
 
     cdef void c_find_knot(self, const double* following, double following_span) noexcept nogil:
-        """The knot goes over to the pending point; without a following one it is the last."""
+        """Move the knot to the pending point. Without a following point it is the last one."""
         cdef double span = self.pending_span, both = span + following_span
         cdef double before, after
         cdef int joint, dof = self.dof
@@ -252,7 +253,7 @@ cdef class ThroughPoints(ServoSource):
                 self.knot[2 * dof + joint] = 2.0 * (after - before) / both
 
     cdef void c_measure(self, int number, double span) noexcept nogil:
-        """How fast the arm may go along a piece, and what the changes of that have to reckon with."""
+        """Calculate the maximum rate along a piece, and the speeds that limit changes of the rate."""
         cdef double peaks[3 * MAX_DOF]
         cdef double first = 0.0, second = 0.0, third = 0.0
         cdef double* speeds = self.speeds[number]
@@ -273,7 +274,7 @@ cdef class ThroughPoints(ServoSource):
         self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))
 
     cdef void c_make_room(self) noexcept nogil:
-        """Forget the pieces that lie behind; σ begins again where the arm is."""
+        """Remove the passed pieces. σ then starts at the arm's present piece."""
         cdef int first = self.first, kept = self.count - self.first, piece
         cdef Py_ssize_t row = ORDER * self.dof
         cdef double origin = self.ends[first] - self.spans[first]

@@ -1,4 +1,4 @@
-"""What a streaming session makes of its client's targets: a joint reference for every cycle."""
+"""Sources convert a client's streamed targets into a joint reference for every cycle."""
 
 from cobot.ipc.seqlock cimport Block
 from rtloop.generators.target_range cimport TargetRange

@@ -1,4 +1,4 @@
-"""What a streaming session makes of its client's targets: a joint reference for every cycle."""
+"""Sources convert a client's streamed targets into a joint reference for every cycle."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ cdef double LEAD_RAD = 0.2
 
 
 cdef Setpoint setpoint_fields(Block block):
-    """Where a reader of the setpoint block finds its fields."""
+    """Pointers to the fields of the setpoint block."""
     cdef Setpoint fields
     fields.session = <unsigned long long*>block.c_field("session")
     fields.number = <unsigned long long*>block.c_field("number")
@@ -32,7 +32,7 @@ cdef Setpoint setpoint_fields(Block block):
 
 
 cdef Chunk chunk_fields(Block block):
-    """Where a reader of the chunk block finds its fields."""
+    """Pointers to the fields of the chunk block."""
     cdef Chunk fields
     fields.session = <unsigned long long*>block.c_field("session")
     fields.number = <unsigned long long*>block.c_field("number")
@@ -44,46 +44,50 @@ cdef Chunk chunk_fields(Block block):
 
 
 cdef object flaw_of(int code):
-    """What is wrong with a target, for Python: an `Intervention`, or None."""
+    """The flaw of a target, for Python: an `Intervention`, or None."""
     return None if code == FINE else Intervention(code - 1)
 
 
 cdef class Source:
-    """Follows a stream of targets. Everything that begins with `c_` is real-time safe.
+    """Follows a stream of targets. Methods with the prefix `c_` are real-time safe.
 
     Attributes:
-        reference: where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s².
-        heading: a joint step towards the last target, shape (dof,), rad: only its direction counts.
+        reference: joint reference of this cycle, shape (3, dof): rad, rad/s, rad/s².
+        heading: a joint step towards the last target, shape (dof,), rad. Only its direction matters.
     """
 
     def __init__(self, int dof):
         if dof > MAX_DOF:
-            raise InputError(f"{dof} joints are too many for a stream, possible are {MAX_DOF}")
+            raise InputError(f"{dof} joints are too many for a stream, allowed are up to {MAX_DOF}")
         self.dof = dof
         self.reference = np.zeros((3, dof))
         self.ref = doubles(self.reference, 3 * dof)
 
     def explain(self):
-        """Why the last target was NOT_FINITE: what streamed it was no number."""
+        """The reason why the last target was NOT_FINITE: the name of the streamed value."""
         return ""
 
     def begin(self, command):
-        """Go on from what is commanded, shape (3, dof)."""
+        """Continue from the commanded state, shape (3, dof)."""
         rows = np.array(command, float)
         self.c_begin(doubles(rows, 3 * self.dof))
 
     def take(self, Block setpoint not None, double interval_s):
-        """The target in a block's private copy, so long after the last; what is wrong with it, or None."""
+        """Take the target in a block's private copy, at this interval after the last one. Returns its flaw,
+        or None.
+        """
         cdef Setpoint fields = setpoint_fields(setpoint)
         return flaw_of(self.c_take(&fields, interval_s))
 
     def advance(self, external_effort, wrench):
-        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """Advance by one period. Arguments: external torques on the joints (dof,), N·m, and the external
+        wrench at the TCP (6,) in the base frame.
+        """
         torques, exerted = np.array(external_effort, float), np.array(wrench, float)
         self.c_advance(doubles(torques, self.dof), doubles(exerted, 6))
 
     def follow(self, command):
-        """What the safety layer has made of the reference, shape (3, dof)."""
+        """Note the command that the safety layer has made of the reference, shape (3, dof)."""
         rows = np.array(command, float)
         self.c_follow(doubles(rows, 3 * self.dof))
 
@@ -94,22 +98,24 @@ cdef class Source:
         return step
 
     cdef void c_begin(self, const double* command) noexcept nogil:
-        """Go on from what is commanded, shape (3, dof)."""
+        """Continue from the commanded state, shape (3, dof)."""
 
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
-        """A new target, so long after the last one; what is wrong with it, or FINE."""
+        """Take a new target, at this interval after the last one. Returns its flaw, or FINE."""
         return FINE
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """Advance by one period. Arguments: external torques on the joints (dof,), N·m, and the external
+        wrench at the TCP (6,) in the base frame.
+        """
 
     cdef void c_follow(self, const double* command) noexcept nogil:
-        """What the safety layer has made of the reference, shape (3, dof)."""
+        """Note the command that the safety layer has made of the reference, shape (3, dof)."""
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """A joint step towards the last target, shape (dof,), rad: only its direction counts."""
+        """A joint step towards the last target, shape (dof,), rad. Only its direction matters."""
 
     cdef void c_exert(self, double* rows) noexcept nogil:
-        """Fill in what the client wants exerted besides its motion, in zeros: torques of the joints (dof,),
-        N·m, or a wrench at the TCP (6,) in the base frame, N and N·m.
+        """Fill in the effort that the client requests in addition to its motion: torques of the joints
+        (dof,), N·m, or a wrench at the TCP (6,) in the base frame, N and N·m. The rows are zeros before.
         """

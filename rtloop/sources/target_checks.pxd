@@ -10,7 +10,7 @@ cdef enum:
 cdef double SLACK_S
 
 cdef inline bint c_is_finite(const double* values, int count) noexcept nogil:
-    """Whether all values are numbers; of none at all they are."""
+    """Whether all values are finite. True if there are none."""
     cdef int index
     for index in range(count):
         if not isfinite(values[index]):

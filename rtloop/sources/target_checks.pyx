@@ -1,4 +1,4 @@
-"""What a streamed command has to pass.
+"""Checks of streamed commands.
 
 A pose is shape (7,): x, y, z in m and a quaternion (w, x, y, z) of any sign.
 """
@@ -29,7 +29,9 @@ cdef double _MAX_INTERVAL_S = MAX_INTERVAL_S
 
 
 cdef double c_clamped_interval(double interval_s) noexcept nogil:
-    """The interval that thresholds are made of: neither a burst nor a pause makes them extreme."""
+    """The interval from which thresholds are calculated. It is limited, so that bursts and pauses give no
+    extreme thresholds.
+    """
     return min(max(interval_s, _MIN_INTERVAL_S), _MAX_INTERVAL_S)
 
 
@@ -40,10 +42,10 @@ cdef double joint_threshold(double interval_s, double max_velocity) noexcept nog
 cdef int c_joint_jump(
     const double* target, const double* last, int dof, double interval_s, const double* max_velocity
 ) noexcept nogil:
-    """The first joint that would have to jump from the last target to this one, -1 if none has to.
+    """The first joint that would have to jump from the last target to this one; -1 if there is none.
 
-    max_velocity: the robot's own, shape (dof,), rad/s, or NULL. It is allowed `SLACK_S` more time: that a
-    sender is not punctual is no jump.
+    max_velocity: maximum velocity of the robot itself, shape (dof,), rad/s, or NULL. `SLACK_S` is added to
+    the interval, because an unpunctual client does not mean a jump.
     """
     cdef double within_s = c_clamped_interval(interval_s)
     cdef double most
@@ -69,7 +71,7 @@ cdef double angle_between(const double* first, const double* second) noexcept no
 cdef int c_pose_jump(
     const double* pose, const double* last, double interval_s, double max_linear, double max_angular
 ) noexcept nogil:
-    """Whether the TCP would have to jump, or to turn at once, from the last pose to this one."""
+    """Whether the TCP would have to jump, or to turn abruptly, from the last pose to this one."""
     cdef double within_s = c_clamped_interval(interval_s)
     if not distance_between(pose, last) <= max_linear * within_s:
         return POSE_JUMPS
@@ -85,24 +87,26 @@ def angular_distance(first, second):
 
 
 def is_finite(values):
-    """Whether all values are numbers; of none at all they are."""
+    """Whether all values are finite. True if there are none."""
     return bool(np.isfinite(values).all())
 
 
 def clamped_interval(double interval_s):
-    """The interval that thresholds are made of: neither a burst nor a pause makes them extreme."""
+    """The interval from which thresholds are calculated. It is limited, so that bursts and pauses give no
+    extreme thresholds.
+    """
     return c_clamped_interval(interval_s)
 
 
 def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, names=()):
-    """Whether no joint would have to jump from the last target to this one.
+    """Check that no joint would have to jump from the last target to this one.
 
     Args:
         target, last: shape (dof,), rad.
-        interval_s: between the two commands.
-        max_velocity: the robot's own, shape (dof,), rad/s. It is allowed `SLACK_S` more time: that a sender
-            is not punctual is no jump.
-        names: of the joints, for the text.
+        interval_s: time between the two commands, s.
+        max_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. `SLACK_S` is added to the
+            interval, because an unpunctual client does not mean a jump.
+        names: names of the joints, for the error.
     """
     if target.shape != last.shape:
         return Rejected(f"{target.size} joints instead of {last.size}")
@@ -125,7 +129,9 @@ def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=N
 def check_pose_step(
     pose, last, interval_s=DEFAULT_INTERVAL_S, max_linear=LINEAR_VELOCITY, max_angular=ANGULAR_VELOCITY
 ):
-    """Whether the TCP would not have to jump from the last pose to this one, `interval_s` between the two."""
+    """Check that the TCP would not have to jump from the last pose to this one, with `interval_s` between the
+    two.
+    """
     if pose.shape != (7,) or last.shape != (7,):
         return Rejected(f"{pose.size} numbers instead of 7")
     pose, last = np.array(pose, float), np.array(last, float)

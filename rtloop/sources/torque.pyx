@@ -1,4 +1,4 @@
-"""Joint torques, made a joint reference for every cycle."""
+"""Conversion of joint torques into a joint reference for every cycle."""
 
 from libc.math cimport copysign, sqrt
 from libc.string cimport memcpy
@@ -15,11 +15,12 @@ cdef inline double clamped(double value, double bound) noexcept nogil:
 
 
 cdef class TorqueSource(Source):
-    """Joint torques, on top of what gravity and motion take: the arm moves as they would move it.
+    """Joint torques, in addition to those for gravity and motion. The arm moves as these torques would move
+    it.
 
-    The reference is a model of the arm, M(q) q'' = torque + what the surroundings exert - its damping,
-    within the limits of velocity, acceleration and jerk; the drives follow it softly. So every limit holds
-    in this mode too, and a torque against an obstacle becomes that torque on the obstacle.
+    The reference comes from a model of the arm, M(q) q'' = torque + external torque - damping, within the
+    limits of velocity, acceleration and jerk. The drives follow it with soft springs. So all limits hold in
+    this mode too, and the arm exerts the commanded torque on an obstacle.
     """
 
     def __init__(self, model, limits, double period_s):
@@ -80,5 +81,7 @@ cdef class TorqueSource(Source):
         memcpy(rows, self.torque, self.dof * sizeof(double))
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """The mass matrix is positive: the torque is never more than a right angle off."""
+        """The heading is the torque. The mass matrix is positive definite, so the torque is within a right
+        angle of the motion.
+        """
         memcpy(step, self.torque, self.dof * sizeof(double))

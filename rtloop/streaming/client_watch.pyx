@@ -1,4 +1,4 @@
-"""Whether the process of a streaming client still lives, as the kernel tells."""
+"""Watches whether the process of a streaming client is alive, according to the kernel."""
 
 import os
 
@@ -28,7 +28,7 @@ cdef class ClientWatch:
         return ACCEPTED
 
     def end(self):
-        """Let go of the process."""
+        """Stop watching the process."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
@@ -38,7 +38,7 @@ cdef class ClientWatch:
         return self.c_gone()
 
     cdef bint c_gone(self) noexcept nogil:
-        """`gone`."""
+        """Like `gone`, for compiled code."""
         cdef pollfd asked
         asked.fd = self.descriptor
         asked.events = POLLIN

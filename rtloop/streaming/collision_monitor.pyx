@@ -47,16 +47,16 @@ cdef double LINK_ROOM = 0.5
 
 
 cdef class CollisionMonitor:
-    """Looks at the place where the arm could come to rest, and at two on the way there. Real-time safe.
+    """Checks the place where the arm could come to rest, and two places on the way there. Real-time safe.
 
     Attributes:
-        share: of the velocities that is permitted, from `MIN_SHARE` to 1.
-        blocked: whether the arm would come to rest nearer than the margin, or has come nearer inside it.
-        inside: whether something is nearer than the margin.
+        share: permitted share of the velocities, from `MIN_SHARE` to 1.
+        blocked: whether the arm would come to rest within the margin, or approaches further inside it.
+        inside: whether an obstacle is nearer than the margin.
     """
 
     def __init__(self, model, section, double period_s, mj=None, apart=frozenset()):
-        """mj: the model with what else stands around it; apart: pairs of names that may touch."""
+        """mj: model that includes the surroundings; apart: pairs of names that may touch."""
         cdef int room
         self._mj = mj or model.mj
         self._dof = take_rates(model.limits, &self._rates)
@@ -86,11 +86,11 @@ cdef class CollisionMonitor:
         self.blocked = self.inside = False
 
     def begin(self, command, *, touching):
-        """A session begins.
+        """Begin a session.
 
         Args:
-            command: where the arm is, shape (3, dof).
-            touching: force control is on, so the tool may touch the surroundings: that is what it is for.
+            command: state of the arm, shape (3, dof).
+            touching: whether force control is on. Then the tool may touch the surroundings.
         """
         watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
         links = [not self._has_world(pair) for pair in watched]
@@ -114,7 +114,7 @@ cdef class CollisionMonitor:
             self._see_inside()
 
     def blocking(self):
-        """What would come too near to what, in words; "" if nothing has."""
+        """The parts that would come too near to each other, in words; "" if there are none."""
         found = dict.fromkeys(
             " and ".join(body_or_geom(self._mj, geom) for geom in pair)
             for index, pair in enumerate(self._watched)
@@ -123,12 +123,12 @@ cdef class CollisionMonitor:
         return ", ".join(found)
 
     def look(self, command):
-        """See where the command leads, shape (3, dof)."""
+        """Check where the command leads, shape (3, dof)."""
         rows = np.array(command, dtype=np.float64)
         self.c_look(doubles(rows, 3 * self._dof))
 
     cdef void c_look(self, const double* command) noexcept nogil:
-        """See where the command, 3 × dof, leads."""
+        """Like `look`, for compiled code; 3 × dof."""
         self._cycle += 1
         # One place in a cycle, so that no cycle has all of the work.
         cdef int phase = self._cycle % LOOK_CYCLES
@@ -145,7 +145,7 @@ cdef class CollisionMonitor:
             self._judge()
 
     cdef void _find_way_to_rest(self, const double* command) noexcept nogil:
-        """Where the arm comes to rest if it brakes from now on, and where it is on the way there."""
+        """Calculate the place where the arm comes to rest if it brakes now, and places on the way there."""
         cdef Profile profiles[MAX_DOF]
         cdef double there[3]
         cdef double longest_s = 0.0
@@ -172,10 +172,10 @@ cdef class CollisionMonitor:
                 self._way[1][joint] = there[0]
 
     cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil:
-        """Where a joint may be before what is seen now has an effect.
+        """The state that a joint may reach before the result of this check has an effect.
 
-        One that speeds up goes on with that, and its acceleration may grow: by no more than what it is, so
-        that joints keep their shares in a motion that begins.
+        An accelerating joint continues to accelerate, and its acceleration may grow. It can at most double,
+        so that the joints keep their proportions at the beginning of a motion.
         """
         cdef double velocity = command[self._dof + joint], acceleration = command[2 * self._dof + joint]
         cdef double most = self._rates.acceleration[joint], time_s = self._late_s
@@ -189,7 +189,7 @@ cdef class CollisionMonitor:
             problem.acceleration = fmax(-most, fmin(2.0 * acceleration, most))
 
     cdef void _judge(self) noexcept nogil:
-        """What follows from the distances here and where the arm could come to rest."""
+        """Evaluate the distances at the present place and where the arm could come to rest."""
         cdef const double* here = self._c_here
         cdef double share = 1.0
         cdef double nearest_m, left_m, zone_m
@@ -217,9 +217,11 @@ cdef class CollisionMonitor:
                     self._c_floor[index] = here[index]
 
     cdef bint _see_inside(self) noexcept nogil:
-        """See what is inside the margin, and whether any of it has come nearer since it was farthest away.
+        """Check which pairs are inside the margin, and whether any of them has approached since its largest
+        distance.
 
-        A slow arm comes nearer by less than `APPROACH_M` from one look to the next.
+        The largest distance is used because a slow arm approaches by less than `APPROACH_M` between two
+        checks.
         """
         cdef double here
         cdef bint nearer = False
@@ -241,13 +243,13 @@ cdef class CollisionMonitor:
         return fmin(self._c_there[index], fmin(self._c_first[index], self._c_second[index]))
 
     def leads_away(self, position, heading):
-        """`c_leads_away`, for a position and a joint step of shape (dof,), rad."""
+        """Like `c_leads_away`, for a position and a joint step of shape (dof,), rad."""
         here, step = np.array(position, dtype=np.float64), np.array(heading, dtype=np.float64)
         return self.c_leads_away(doubles(here, self._dof), doubles(step, self._dof))
 
     cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil:
-        """Whether a joint step in this direction comes no nearer to what has blocked the way, nor to anything
-        that is as near as that.
+        """Whether a joint step in this direction approaches neither the blocking obstacle nor others that are
+        as near.
         """
         cdef double before
         cdef int index
@@ -261,13 +263,13 @@ cdef class CollisionMonitor:
         return True
 
     def leads_deeper(self, position, heading):
-        """`c_leads_deeper`, for a position and a joint step of shape (dof,), rad."""
+        """Like `c_leads_deeper`, for a position and a joint step of shape (dof,), rad."""
         here, step = np.array(position, dtype=np.float64), np.array(heading, dtype=np.float64)
         return self.c_leads_deeper(doubles(here, self._dof), doubles(step, self._dof))
 
     cdef bint c_leads_deeper(self, const double* position, const double* heading) noexcept nogil:
-        """Whether a joint step in this direction brings parts nearer that are inside the margin already.
-        Then these are `blocking`.
+        """Whether a joint step in this direction brings parts nearer that are already inside the margin.
+        These parts are then `blocking`.
         """
         cdef bint deeper = False
         cdef double longest = 0.0
@@ -290,8 +292,8 @@ cdef class CollisionMonitor:
         return deeper
 
     cdef bint _probe(self, const double* position, const double* heading, double near_m) noexcept nogil:
-        """Find the distances before and after a joint step in this direction, of pairs that the last look saw
-        nearer than `near_m`. False if the step is not finite.
+        """Calculate the distances before and after a joint step in this direction, for pairs whose last
+        distance was below `near_m`. Returns False if the step is not finite.
         """
         cdef double there[MAX_DOF]
         cdef double longest = 0.0, scale = 0.0
@@ -318,8 +320,8 @@ cdef class CollisionMonitor:
 
 
 def _stand(mj):
-    """Names of the bodies that the first joint stands on, with what is fixed to it: they are the arm's own,
-    although they stand still like the world. What is below them is not.
+    """Names of the bodies on which the first joint is mounted, including bodies fixed to them. They belong to
+    the arm, although they stand still like the world. Bodies below them do not.
     """
     first = int(mj.body_parentid[mj.jnt_bodyid[0]])
     bodies = {first} if first else set()

@@ -1,4 +1,4 @@
-"""How hard the surroundings may push before a session ends."""
+"""Limits of the external efforts, above which a session ends."""
 
 from libc.math cimport INFINITY, fabs
 
@@ -10,34 +10,36 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 cdef class ContactMonitor:
-    """Compares what the surroundings exert with what a session permits."""
+    """Compares the external efforts with the limits of a session."""
 
     def __init__(self, names):
-        """names: of the joints, for the words."""
+        """names: names of the joints, for messages."""
         self.names = tuple(names)
         self.dof = checked_dof(len(self.names))
         self.worst = 0
         self.found = 0.0
 
     def begin(self, torques, wrench):
-        """From now on permit so much on the joints, shape (dof,), N·m, and at the TCP, (6,), N and N·m."""
+        """Set the limits for the joints, shape (dof,), N·m, and for the TCP, (6,), N and N·m."""
         for index, value in enumerate((*torques, *wrench)):
             self.largest[index] = value
 
     def words(self):
-        """What was exceeded last."""
+        """The last exceeded limit, in words."""
         joint = self.worst < self.dof
         where = f"on {self.names[self.worst]}" if joint else f"along {AXES[self.worst - self.dof]} at the TCP"
         unit = "N·m" if joint else "N or N·m"
         return f"contact: {self.found:.1f} {unit} {where}, allowed are {self.largest[self.worst]:g}"
 
     def check(self, external):
-        """Whether the torques (dof,) and the wrench (6,) that stand in a row exceed what is permitted."""
+        """Whether the torques (dof,) and the wrench (6,), one after the other in an array, exceed the
+        limits.
+        """
         row = np.array(external, float)
         return self.c_check(doubles(row, self.dof + 6))
 
     cdef bint c_check(self, const double* external) noexcept nogil:
-        """`check`."""
+        """Like `check`, for compiled code."""
         cdef double excess, most = -INFINITY
         cdef int index, worst = 0
         for index in range(self.dof + 6):

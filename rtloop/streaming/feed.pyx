@@ -1,7 +1,7 @@
-"""How a session's targets reach its source: as the newest setpoint, or as points in a queue.
+"""Feeds pass a session's targets to its source: the newest setpoint, or points from a queue.
 
-A target that makes no sense, silence, and an arm that would come to rest too near to something hold the arm
-where it is: a stream of setpoints goes on with the next target, a servo session ends.
+The arm is held in three cases: an invalid target, no target for too long, and a stopping place too near to an
+obstacle. Then a stream of setpoints continues with the next target; a servo session ends.
 """
 
 import numpy as np
@@ -27,12 +27,12 @@ cdef double DEFAULT_INTERVAL_S = 0.01
 
 
 cdef class Feed:
-    """What both kinds of session share. Everything that begins with `c_` is real-time safe.
+    """The common part of both kinds of session. Methods with the prefix `c_` are real-time safe.
 
     Attributes:
-        holding: whether the arm is to stop and wait for the next target.
-        not_finite: whether the client has streamed what is no number; `source.explain` has the words.
-        problem: why the session cannot go on, 0 while it can; see `Problem` in feed.pxd.
+        holding: whether the arm must stop and wait for the next target.
+        not_finite: whether a streamed value is not finite; `source.explain` names it.
+        problem: reason why the session cannot continue, 0 while it can; see `Problem` in feed.pxd.
     """
 
     def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
@@ -46,20 +46,22 @@ cdef class Feed:
         self.holding = self.not_finite = self.blocked = self.slowed = False
 
     def advance(self, external_effort, wrench, double robot_time_s):
-        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """Advance by one period. Arguments: external torques on the joints (dof,), N·m, and the external
+        wrench at the TCP (6,) in the base frame.
+        """
         torques, exerted = np.array(external_effort, float), np.array(wrench, float)
         self.c_advance(doubles(torques, self.source.dof), doubles(exerted, 6), robot_time_s)
 
     def watch_surroundings(self):
-        """Slow down near the surroundings, and hold where the arm would come to rest too near to them."""
+        """Slow down near obstacles, and hold the arm if it would come to rest too near to them."""
         self.c_watch_surroundings()
 
     cdef void c_advance(self, const double* external_effort, const double* wrench,
                         double robot_time_s) noexcept nogil:
-        """`advance`; then `holding`, `problem` and `source.reference` say what to do."""
+        """Like `advance`. Afterwards `holding`, `problem` and `source.reference` determine what happens."""
 
     cdef void c_watch_surroundings(self) noexcept nogil:
-        """`watch_surroundings`."""
+        """Like `watch_surroundings`, for compiled code."""
         cdef double share
         cdef double state[3 * MAX_DOF]
         self.safety.c_motion(state)  # The velocities of the command are those that the client states.
@@ -74,7 +76,7 @@ cdef class Feed:
             self.c_hold(COUNT_COLLISION)
 
     cdef void c_judge(self, int flaw) noexcept nogil:
-        """Follow the target that was just taken, or not."""
+        """Follow the last target or hold, depending on its flaw."""
         cdef double heading[MAX_DOF]
         if flaw == NOT_FINITE:
             self.safety.c_count(COUNT_NOT_FINITE)
@@ -95,10 +97,10 @@ cdef class Feed:
             self.holding = False
 
     cdef void c_follow_unless_deeper(self, const double* heading) noexcept nogil:
-        """Inside the margin: hold if a joint step in this direction leads deeper.
+        """Inside the margin, hold if a joint step in this direction leads deeper.
 
-        The surroundings are watched too, but they stop an arm that moves already. A client that begins again
-        and again would come a little nearer each time.
+        Watching the surroundings alone would stop the arm only after it has begun to move. A client that
+        begins again and again would come a little nearer each time.
         """
         if self.monitor.c_leads_deeper(self.safety.c_command, heading):
             self.blocked = True
@@ -112,21 +114,21 @@ cdef class Feed:
         self.holding = True
 
     cdef void c_end(self, Problem problem) noexcept nogil:
-        """The session cannot go on; the first reason counts."""
+        """Mark the session as unable to continue. If called several times, the first reason counts."""
         if self.problem == NO_PROBLEM:
             self.problem = problem
 
 
 cdef class TargetFeed(Feed):
-    """The newest setpoint every few cycles, moves to a pose, and chunks of timed targets.
+    """The feed for setpoints: the newest one every few cycles, moves to a pose, and chunks of timed targets.
 
     Attributes:
-        setpoint_seen, move_seen, chunk_seen: the numbers of those taken last.
+        setpoint_seen, move_seen, chunk_seen: numbers of the last processed setpoint, move and chunk.
     """
 
     def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
                  double period_s, request, long long timeout_cycles):
-        """request: of the session, `cobot.ipc.layout.session_dtype`."""
+        """request: request for the session, a record of `cobot.ipc.layout.session_dtype`."""
         super().__init__(source, safety, monitor, box, period_s)
         self.has_joints = isinstance(source, JointSource)
         self.has_poses = isinstance(source, CartesianSource)
@@ -169,7 +171,7 @@ cdef class TargetFeed(Feed):
         return self.has_poses and self.poses.move_running
 
     cdef void c_read_setpoint(self) noexcept nogil:
-        """Whatever is new in what the client has written: moves at once, a target when it is time for one."""
+        """Read new data of the client: moves at once, a setpoint when one is due."""
         if self.box.setpoint.c_take_news():
             self.target_waits = True
             if self.has_poses and self.setpoint.session[0] == self.session:
@@ -226,16 +228,16 @@ cdef class TargetFeed(Feed):
             self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)
 
     cdef void c_go_on(self) noexcept nogil:
-        """A target ends the waiting, from wherever the arm is by now."""
+        """End the waiting, because there is a target. The source continues from the arm's present state."""
         if self.holding:
             self.source.c_begin(self.safety.c_command)
 
 
 cdef class PointFeed(Feed):
-    """The points of a servo session, none of which is left out.
+    """The feed for servo sessions. It omits no point.
 
     Attributes:
-        points: the source that fetches them; `source` puts force control on top of it, or is the same.
+        points: the source that fetches the points. `source` adds force control to it, or is the same object.
     """
 
     def __init__(self, Source source, ServoSource points, Safety safety, CollisionMonitor monitor,
@@ -285,7 +287,7 @@ cdef class PointFeed(Feed):
             self.source.c_advance(external_effort, wrench)
 
     cdef bint c_done(self) noexcept nogil:
-        """Whether all points have been gone to."""
+        """Whether all points have been used."""
         cdef int index, dof = self.source.dof
         if self.queue.c_waiting() or self.points.c_buffered():
             return False

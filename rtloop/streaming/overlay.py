@@ -11,13 +11,15 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""Time in which a force rises from zero to its maximum, or falls back, so that it does not jump."""
+"""Time in which a force rises from zero to its maximum, or falls back, s, so that it does not jump."""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
-"""Maximum force and torque, N and N·m. With compliant drives only the surroundings limit the motion."""
+"""Maximum force and torque, N and N·m. With compliant drives, only the surroundings limit the motion that a
+force causes.
+"""
 
 
 class Overlay:
-    """Ramps what a session adds.
+    """Ramps the force or torque that a session adds.
 
     Attributes:
         exerted: present value, shape (dof,) or (6,).
@@ -27,7 +29,7 @@ class Overlay:
         """
         Args:
             write: the backend's method.
-            most: maximum of each row.
+            most: maximum of each value.
         """
         self._write, self._most, self._step = write, most, most * period_s / RISE_S
         self.exerted = np.zeros(len(most))

@@ -38,13 +38,14 @@ TORQUE_FREQUENCY_RAD_S = 12.0
 
 
 cdef class Session:
-    """Follows one client's targets. Methods with `c_` are real-time safe, the others run at rest.
+    """A session, which follows one client's targets. Methods with the prefix `c_` are real-time safe, the
+    others run at rest.
 
     Attributes:
         box: the blocks of the client.
         session: number of the session that moves the arm, 0 for none.
         mode: rtloop's mode for this session.
-        t1_share: share of the joints' speed in T1, None if it was not begun in T1.
+        t1_share: share of the joints' speed in T1, None if the session was not begun in T1.
         overlay: adds forces or torques to positions, a `rtloop.streaming.overlay.Overlay`; None if positions
             and an impedance suffice.
     """
@@ -88,7 +89,7 @@ cdef class Session:
         return self.targets is not None and self.targets.c_move_running()
 
     def explain_end(self):
-        """Describe why the feed ends the session; only after it has a `problem`."""
+        """The reason why the feed ends the session. Call it only if the feed has a `problem`."""
         cdef int problem = self.feed.problem
         if problem == CONTACT:
             return self._contact_monitor.words()
@@ -102,7 +103,7 @@ cdef class Session:
         }[problem]
 
     def explain_not_finite(self):
-        """Name the streamed value that is not finite; only after the feed has found one."""
+        """Name the streamed value that is not finite. Call it only if the feed has found one."""
         return (self.points.points if self.has_points else self.feed.source).explain()
 
     def watch(self, CollisionMonitor monitor):
@@ -140,7 +141,7 @@ cdef class Session:
         """End the session and switch the arm, which is at rest, to position control.
 
         Returns:
-            `ACCEPTED`, or `Rejected` if the robot refuses; the session has ended all the same.
+            `ACCEPTED`, or `Rejected` if the robot refuses; the session has ended in both cases.
         """
         self.session = 0
         self._client.end()
@@ -225,18 +226,18 @@ cdef class Session:
         return Impedance(False, request["stiffness"].copy(), request["damping_ratio"].copy())
 
     def lay_over(self, bint streaming):
-        """Add the client's force or torque, or none while the arm stops."""
+        """Apply the client's force or torque, or none while the arm stops."""
         memset(self._c_exerted, 0, len(self._exerted) * sizeof(double))
         if streaming:
             self.feed.source.c_exert(self._c_exerted)
         self.overlay.follow(self._exerted[:len(self.overlay.exerted)])
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil:
-        """Advance by one period; then the feed decides what to do.
+        """Advance by one period. Afterwards the feed determines what happens.
 
         Args:
-            external: torques that the surroundings exert on the joints (dof,), N·m, followed by their wrench
-                at the TCP (6,), N and N·m.
+            external: external torques on the joints (dof,), N·m, followed by the external wrench at the TCP
+                (6,), N and N·m.
         """
         self._cycle += 1
         if not self.box.c_wants(self.session):
@@ -271,11 +272,11 @@ cdef class Session:
             state.underruns = self.points.points.underruns
 
     cdef long long c_torn_reads(self) noexcept nogil:
-        """How often a block of the client was inconsistent."""
+        """Number of inconsistent reads of the client's blocks."""
         return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
-        """Whether it is a servo session, whose points wait here: they come from the service, and no other
-        client can end it.
+        """Whether this is a servo session. Its points come from the service, so no other client can end
+        it.
         """
         return self.session != 0 and self.has_points

@@ -1,4 +1,6 @@
-"""Checks of a session request for this robot, because any client may write to shared memory."""
+"""Checks of a session request for this robot. They are needed because any client may write to shared
+memory.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,10 @@ UNIT_TOLERANCE = 1e-2
 
 
 def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted | Rejected:
-    """Whether a session request, a record of `cobot.ipc.layout.session_dtype`, suits this robot.
+    """Check whether a session request, a record of `cobot.ipc.layout.session_dtype`, suits this robot.
 
     Args:
-        name: name of the backend, for people.
+        name: name of the backend, for messages.
     """
     return first_rejection(_results(request, backend, name))
 
@@ -82,7 +84,7 @@ def _check_servo(request: np.ndarray) -> Accepted | Rejected:
 
 
 def _check_capabilities(request: np.ndarray, device: Capabilities, name: str) -> Accepted | Rejected:
-    """Whether the device has what the session needs."""
+    """Check whether the device has the capabilities that the session needs."""
     torques = request["stream"] == Stream.JOINT_TORQUE
     force = bool(request["force_axes"].any())
     wrench = bool(np.isfinite(request["max_contact_wrench"]).any())

@@ -10,10 +10,11 @@ from cobot.types import CartesianLimits, JointLimits
 from rtloop.backends.agreement import REDUCED_M_S
 
 MIN_SHARE = 0.01
-"""A session needs at least this share of the joints' speed."""
+"""Minimum share of the joints' speed for a session."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
-"""Shares of the reduced speed for following poses, and for force control across them. Both together, with the
-arm's catching up, stay within the reduced speed."""
+"""Shares of the reduced speed for following poses, and for force control in addition. Together, and with the
+correction of deviations, they stay within the reduced speed.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +22,9 @@ class SessionLimits:
     """The limits for each kind of stream.
 
     Attributes:
-        joints: for joint positions and servo points.
-        torques: for the motion that streamed torques cause.
-        tcp: for poses.
+        joints: limits for joint positions and servo points.
+        torques: limits for the motion that streamed torques cause.
+        tcp: limits for poses.
         force_m_s: maximum speed of force control along an axis.
     """
 
@@ -33,8 +34,8 @@ class SessionLimits:
     force_m_s: float = np.inf
 
     def in_t1(self, share: float) -> SessionLimits:
-        """The limits in T1. Joint streams get this share of the joints' speed, as planned motions do. Pose
-        streams get the reduced speed of the TCP, and turn more slowly by the same factor.
+        """The limits in T1. Joint streams get this share of the joints' speed, like planned motions. Pose
+        streams get the reduced speed of the TCP; their angular speed is reduced by the same factor.
         """
         most = share * self.torques.max_velocity
         linear = min(self.tcp.max_linear_velocity, POSES_SHARE * REDUCED_M_S)

@@ -1,7 +1,7 @@
-"""Obstacles for streams that are not in the model: the scene's objects and the tool's shapes, from their
+"""Obstacles for streams that are not in the model: the scene's objects and the tool's shapes, read from their
 files.
 
-A thread reads and compiles them while the arm is at rest and nothing begins; the cycle only takes the
+A thread reads and compiles them while the arm is at rest and no session begins. The cycle only takes the
 finished monitor.
 """
 
@@ -21,7 +21,7 @@ from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
-"""How long the thread may keep the interpreter from the cycle while it runs Python."""
+"""Maximum time for which the thread may block the cycle while it runs Python, s."""
 
 
 class Surroundings:
@@ -29,7 +29,7 @@ class Surroundings:
 
     Attributes:
         busy: whether a monitor is being made.
-        version: version of the scene that was read last.
+        version: version of the last read scene.
     """
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
@@ -63,14 +63,14 @@ class Surroundings:
         )
 
     def begin(self) -> None:
-        """Start to make a monitor in a thread."""
+        """Begin to make a monitor in a thread."""
         self._switch_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         self._thread = threading.Thread(target=self._make, name="surroundings", daemon=True)
         self._thread.start()
 
     def take(self) -> CollisionMonitor | Later | Rejected:
-        """The monitor that the thread has made, once; `Later` while there is none."""
+        """The finished monitor of the thread, returned once; `Later` while there is none."""
         if self._thread is None or self._thread.is_alive():
             return LATER
         self._thread = None
@@ -89,8 +89,8 @@ class Surroundings:
 
 
 def _be_ordinary() -> None:
-    """Give up the thread's real-time priority, which it inherits from its process: otherwise the cycle would
-    wait while MuJoCo compiles.
+    """Drop the real-time priority that the thread inherits from its process. Otherwise the cycle would wait
+    while MuJoCo compiles.
     """
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

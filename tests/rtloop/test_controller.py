@@ -327,7 +327,7 @@ def test_a_trajectory_that_starts_elsewhere_is_refused(rig: Rig) -> None:
     coefficients[:, 0, 0] += 0.01
     shifted = Trajectory(off.breakpoints_s, coefficients)
     assert rig.start(shifted) == (
-        "the trajectory starts 0.0100 rad from where joint 1 is, allowed are 0.001 rad"
+        "the trajectory starts 0.0100 rad from the position of joint 1, allowed are 0.001 rad"
     )
     assert rig.mode is LoopMode.HOLD
 

@@ -115,7 +115,7 @@ def test_what_does_not_fit_the_model_is_named(robot: RobotDescription) -> None:
     position = np.array(robot.positions["home"].joints)
     position[1] = np.radians(150.0)
     found = first_contact(robot.model, position)
-    assert "joint2 is beyond the model's range of -120.3 degrees to 120.3 degrees" in found
+    assert "joint2 is outside the model's range of -120.3 degrees to 120.3 degrees" in found
     assert place(np.array([-0.1, -0.2, -0.3])) == "0.10 m behind, 0.20 m right, 0.30 m below"
 
 

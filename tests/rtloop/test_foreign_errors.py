@@ -136,7 +136,7 @@ class ForeignRig(Rig):
     [
         ("read", "reading from the robot failed: "),
         ("write", "writing to the robot failed: "),
-        ("wait", "the robot gives no beat: "),
+        ("wait", "no packets from the robot, which clocks the cycle: "),
         ("status", ""),
         ("io", ""),
     ],
@@ -182,7 +182,7 @@ def test_any_exception_whatever_its_text_does_is_a_fault_in_printable_words(
         rig.arm.raised[method] = raised
         rig.step(500)
         assert rig.mode is LoopMode.FAULT
-        assert rig.reason.endswith(f"{method}() raised {said}; a backend reports with BackendError")
+        assert rig.reason.endswith(f"{method}() raised {said}; a backend must raise BackendError")
         assert rig.reason.isprintable()
         rig.arm.raised.clear()
         assert rig.recovers()

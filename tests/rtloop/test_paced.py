@@ -96,7 +96,7 @@ def test_silence_is_a_fault_and_the_arm_goes_on_from_where_it_is(rig: PacedRig) 
     rig.arm.beats = itertools.repeat(False, silent)
     rig.step(silent)
     assert rig.mode is LoopMode.FAULT
-    assert rig.reason == "the robot has given no beat for 0.020 s"
+    assert rig.reason == "no packet from the robot, which clocks the cycle, for 0.020 s"
     assert len(rig.arm.written) == written, "nothing is written without a beat"
     rig.step(3000)
     stayed = np.array(rig.arm.written[written:])
@@ -111,7 +111,7 @@ def test_a_connection_that_is_gone_is_a_fault_with_its_reason(rig: PacedRig) -> 
     rig.arm.gone = "no route to 192.0.2.1"
     rig.step(3)
     assert rig.mode is LoopMode.FAULT
-    assert rig.reason == "the robot gives no beat: no route to 192.0.2.1"
+    assert rig.reason == "no packets from the robot, which clocks the cycle: no route to 192.0.2.1"
     rig.arm.gone = ""
     rig.step(10)
     assert rig.reset() == ""

@@ -129,7 +129,7 @@ def test_one_that_differs_where_the_arm_is_is_refused_and_the_motion_goes_on(rig
     whole = begun(rig, 500)
     here = int(np.searchsorted(whole.breakpoints_s, rig.loop.controller.clock.path_time_s)) - 1
     refusal = replace(rig, deviating(whole, here - 5))
-    assert refusal.startswith("it differs from the motion under way, which is at 0.5")
+    assert refusal.startswith("it differs from the present motion, which is already at 0.5")
     assert rig.loop.controller.slot == 0
     rig.run()
     assert rig.result is MotionResult.ARRIVED
@@ -171,7 +171,7 @@ def test_while_the_rate_changes_nothing_may_differ_that_this_relies_on(rig: Rig)
 @pytest.mark.parametrize(
     ("fields", "refusal"),
     [
-        ({"motion_id": 7}, "motion 1 is under way, not 7"),
+        ({"motion_id": 7}, "motion 1 is running, not 7"),
         ({"slot": 2}, "there is no slot 2"),
         ({"tool": 3}, "the motion was planned with version 3 of the tool, the arm has version 0"),
         ({"value": 5.0}, "it would begin at 5.0 s of a motion that is at 0.40"),
@@ -201,7 +201,7 @@ def test_one_that_does_not_end_at_rest_is_refused(rig: Rig) -> None:
 
 def test_without_a_motion_there_is_nothing_to_replace(rig: Rig) -> None:
     whole = in_pieces(motion(rig), 10)
-    assert replace(rig, whole) == "no motion is under way on its path, the arm is in mode HOLD"
+    assert replace(rig, whole) == "no motion is following a path, the arm is in mode HOLD"
     assert rig.start(whole) == ""
     rig.request("stops")
     rig.step(30)
@@ -224,7 +224,7 @@ def test_one_that_comes_too_late_is_refused(rig: Rig) -> None:
     whole = begun(rig, 100)
     while rig.loop.controller.clock.path_time_s < whole.duration_s - 0.008:
         rig.step()
-    assert replace(rig, long_one(rig, whole)) == "the motion has come to its end meanwhile"
+    assert replace(rig, long_one(rig, whole)) == "the motion has ended meanwhile"
     rig.run()
     assert rig.result is MotionResult.ARRIVED
     np.testing.assert_allclose(rig.commanded[-1], whole.end, atol=1e-12)

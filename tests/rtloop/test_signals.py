@@ -298,7 +298,7 @@ def test_a_condition_whose_input_cannot_be_read_stops_the_motion(
     arm.broken = "the field bus is silent"
     rig.run()
     assert rig.result is MotionResult.STOPPED
-    assert rig.reason == "a condition of the motion cannot be watched: the field bus is silent"
+    assert rig.reason == "a condition of the motion cannot be checked: the field bus is silent"
 
 
 @pytest.mark.parametrize("fast", [False, True])
@@ -453,7 +453,7 @@ def test_an_arm_at_its_goal_fires_its_actions_all_the_same(
         ("count", 65, "the motion has 65 actions, at most 64 are possible"),
         ("path_times_s", [0.5, 0.2], "the path times of the motion's actions do not increase"),
         ("path_times_s", [0.5, np.nan], "the path times of the motion's actions do not increase"),
-        ("numbers", [3, 3], "two actions of the motion have one number"),
+        ("numbers", [3, 3], "two actions of the motion have the same number"),
     ],
 )
 def test_what_are_no_actions_is_refused(
@@ -475,7 +475,7 @@ def test_what_are_no_actions_is_refused(
     ("field", "value", "refusal"),
     [
         ("quantity", 9, "9 is not a valid Quantity"),
-        ("joint", 7, "a condition is about joint 8 of 7"),
+        ("joint", 7, "a condition refers to joint 8, but there are only 7"),
         ("low", np.nan, "a condition has a bound that is not a number"),
     ],
 )

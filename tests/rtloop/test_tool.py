@@ -181,7 +181,7 @@ def test_the_tool_does_not_change_while_the_arm_moves_or_streams(rig: Rig) -> No
         ({"inertia": [0.1, np.nan, 0.0, 0.1, 0.0, 0.1]}, "finite"),
         ({"tcp": [0.0] * 7}, "the quaternion's length"),
         ({"gravity": [0.0, 0.0, 50.0]}, "must be the model file's 9.81"),
-        ({"version": 9}, "version 9 of the tool stands there, not 4"),
+        ({"version": 9}, "shared memory has version 9 of the tool, not 4"),
     ],
 )
 def test_what_a_wild_writer_leaves_is_refused_and_nothing_changes(

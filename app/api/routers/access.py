@@ -1,7 +1,7 @@
 """Access tokens: list, create and delete them.
 
-Changes need a token of an administrator even where clients need none. Otherwise any program on this computer
-could create one for the time when they do.
+Changes need an administrator's token even if clients need no token. Otherwise any program on this computer
+could create a token, and use it once tokens are required.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ async def create_access_token(body: CreateToken, request: Request, response: Res
 async def delete_access_token(
     name: Annotated[str, Path(description="Name of the token.")],
     request: Request,
-    own: Annotated[bool, Query(description="Also if this request uses the token.")] = False,
+    own: Annotated[bool, Query(description="true: delete the token even if this request uses it.")] = False,
 ) -> TokenEntry:
-    """Delete an access token, which is invalid at once; its open WebSockets are closed.
+    """Delete an access token. It is invalid at once, and its open WebSockets are closed.
 
-    The last token of an administrator stays. The request must use a token of an administrator.
+    The last token of an administrator cannot be deleted. The request must use a token of an administrator.
     """
     audit.add_details(token=shown(name))
     by, tokens = _administrator(request), _tokens_of(request)
@@ -89,7 +89,7 @@ def _administrator(request: Request) -> str:
     """The name of the token that the request uses.
 
     Raises:
-        ConflictError: it uses none, or one that the service has granted to a program.
+        ConflictError: the request has no token, or one that the service has granted to a program.
     """
     identity = identity_of(request)
     if not identity.stored:
@@ -114,9 +114,9 @@ def _listed(request: Request, found: tuple[Token, ...]) -> TokensAnswer:
 
 
 def _hint(request: Request, identity: Identity) -> str:
-    """What a client without a token of the file has to do first."""
+    """What a client without a token of the token file has to do first."""
     if request.app.state.tokens_required:
-        return f"{identity.name} uses no token of the file; use one of an administrator: {FIRST}"
+        return f"{identity.name} uses no token of the token file; use an administrator's token: {FIRST}"
     setting = request.app.state.web.authentication
     return (
         f"this service needs no tokens (web.authentication: {setting}); create the first one on the robot's "

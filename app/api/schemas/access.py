@@ -24,7 +24,7 @@ class CreateToken(RequestModel):
         description="Name of a person or a program, for logs and the audit: letters, digits and . _ @ -",
     )
     role: RoleName = Field(
-        description="The rights of its holder; each role includes those of the one before."
+        description="Role of its holder. Each role includes the rights of the previous one."
     )
     days: float | None = Field(
         None, gt=0, le=MAX_DAYS, description="Lifetime in days; without it, the token never expires."
@@ -32,32 +32,34 @@ class CreateToken(RequestModel):
 
 
 class TokenEntry(BaseModel):
-    """What is known of a token. The token itself is not stored."""
+    """An access token in the list. The token itself is not stored."""
 
     name: str = Field(description="Name of its holder.")
-    role: RoleName = Field(description="The rights of its holder.")
+    role: RoleName = Field(description="Role of its holder.")
     created: Time
-    expires: Time | None = Field(description="Time from which it is invalid; null for never.")
+    expires: Time | None = Field(description="Time of expiry; null: the token never expires.")
 
 
 class KnownToken(TokenEntry):
     """A token of the list."""
 
     last_used: Time | None = Field(
-        description="When the service last accepted it; null: not since the service started."
+        description="Time at which the service last accepted it; null: not since the service started."
     )
-    own: bool = Field(description="Whether this request uses it.")
+    own: bool = Field(description="Whether this request uses the token.")
 
 
 class TokensAnswer(BaseModel):
-    """All tokens."""
+    """All access tokens."""
 
-    tokens: list[KnownToken] = Field(description=f"In the order of their creation, at most {MAX_TOKENS}.")
+    tokens: list[KnownToken] = Field(
+        description=f"The tokens in the order of their creation, at most {MAX_TOKENS}."
+    )
     required: bool = Field(description="Whether clients need a token to use this service.")
-    hint: str = Field(description='What to do before tokens can be created here; "" if nothing.')
+    hint: str = Field(description='What to do before tokens can be created here; "" if they can be created.')
 
 
 class CreatedToken(TokenEntry):
     """A token that was created."""
 
-    token: str = Field(description="The token. It is not stored: this answer alone has it.")
+    token: str = Field(description="The token. It is not stored; only this answer has it.")

@@ -9,10 +9,10 @@ export const CAUSES = [
   [/not finite/, "cause_not_finite"],
   [/^reading from the robot failed/, "cause_reading"],
   [/^writing to the robot failed/, "cause_writing"],
-  [/give[sn]? no beat/, "cause_beat"],
-  [/gives the beat too fast/, "cause_race"],
+  [/which clocks the cycle/, "cause_beat"],
+  [/packets arrive too fast/, "cause_race"],
   [/has reported the same values/, "cause_frozen"],
-  [/from where it is commanded|measured position has jumped/, "cause_tracking"],
+  [/from its commanded position|measured position has jumped/, "cause_tracking"],
 ];
 const LATCHED = { ESTOP: "estop", FAULT: "fault" };
 const element = (id) => document.getElementById(id);

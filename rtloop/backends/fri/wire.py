@@ -21,7 +21,7 @@ class WireError(Exception):
 
 
 def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
-    """The number, below 2**64, and where it ends."""
+    """The number, below 2**64, and the position of its end."""
     value = shift = 0
     for index in range(at, min(end, at + _VARINT_BYTES)):
         byte = data[index]
@@ -33,7 +33,7 @@ def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
 
 
 def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """Number, kind and value of each field: a varint and 0, else the value's start and end."""
+    """Number, kind and value of each field. The value is a varint and 0, or the start and end of the data."""
     while at < end:
         key = data[at]
         if key < 0x80:
@@ -77,7 +77,7 @@ def double_of(data: bytes, number: int, kind: int, at: int) -> float:
 
 
 def need_length(number: int, kind: int) -> None:
-    """Raise unless a field is a message or a string."""
+    """Require that a field is a message or a string."""
     if kind != LENGTH:
         raise WireError(f"field {number} is of kind {kind} instead of a message")
 
@@ -93,10 +93,11 @@ def _packed(count: int) -> struct.Struct:
 
 
 def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tuple[float, ...]:
-    """Doubles of the repeated field `wanted` of a message: each with its key, or packed, or both.
+    """The doubles of the repeated field `wanted` in a message. Each may have its own key, or they may be
+    packed.
 
     Raises:
-        WireError: more than `limit`, or something else in that field.
+        WireError: there are more than `limit`, or the field has another kind.
     """
     count, rest = divmod(end - at, _DOUBLE_FIELD)
     if rest == 0 and 0 < count <= limit:

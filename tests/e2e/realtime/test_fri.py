@@ -210,7 +210,7 @@ def test_five_percent_of_loss_ends_no_motion(run: RunOverFri, cabinet: CabinetPr
         ({"safety_stop": 1}, {"safety_stop": -1}, "safety stop 1"),
         ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
         ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
-        ({"loss": 1.0}, {"loss": 0.0}, "has given no beat for"),
+        ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot, which clocks the cycle, for"),
         ({"mode": "T2"}, {"mode": "AUT"}, "the robot accepts no commands"),
         ({"close": True}, {}, "the robot accepts no commands"),
     ],

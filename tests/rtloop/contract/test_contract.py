@@ -167,7 +167,7 @@ def test_ros2_control_keeps_it_beside_a_controller(capsys: pytest.CaptureFixture
         ("Impatient", "loss", "a packet was lost"),
         ("NeedsARestart", "protective_stop in motion", "a reset is rejected: .*open it again"),
         ("StopsNot", "stop", "a stopped motion ended as ARRIVED"),
-        ("SaysItIsThere", "motion", "is .* from where it is commanded"),
+        ("SaysItIsThere", "motion", "is .* from its commanded position"),
         ("ForgetsOutputs", "io", "gripper closed is reported as 1: not in"),
         ("TakesAnyOutput", "io", "set_output.'no such output'. raises no BackendError"),
         ("HasASlash", "io", "'gripper/closed': a name has"),

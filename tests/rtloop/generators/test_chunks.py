@@ -215,7 +215,7 @@ def test_a_chunk_that_is_all_past_is_refused_and_changes_nothing(player: Player,
         each.take(path, STEP_S, 40)
         each.advance(0.7)
     assert player.take(lambda t: path(t) + 1.0, 0.1, 10) == Rejected(
-        "all 10 waypoints are past, the last by 0.303 s"
+        "all 10 waypoints are in the past, the last one by 0.303 s"
     )
     assert player.chunks.late == 10
     np.testing.assert_array_equal(player.advance(1.2), twin.advance(1.2))

@@ -71,7 +71,9 @@ class ChunkInterpolator:
         first = int(np.searchsorted(times_s, soon_s))
         self.late += first
         if first == len(times_s):
-            return Rejected(f"all {first} waypoints are past, the last by {now_s - times_s[-1]:.3f} s")
+            return Rejected(
+                f"all {first} waypoints are in the past, the last one by {now_s - times_s[-1]:.3f} s"
+            )
         times_s, positions = times_s[first:], positions[first:]
         # Old waypoints remain up to half a step before the first new one: two plans need not agree.
         step_s = times_s[1] - times_s[0] if len(times_s) > 1 else 2.0 * self._period_s

@@ -42,14 +42,14 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
-"""Minimum time in one state of a session."""
+"""Minimum number of periods in one state of a session."""
 REOPEN_MS = 500
-"""Time until the cabinet's program opens a session again."""
+"""Time until the cabinet's program opens a session again, ms."""
 BRAKE_RAD_S2 = 10.0
 DRIVES_MS = 50
-"""Time until the drives are switched on."""
+"""Time until the drives are on, ms."""
 TRACKING_RAD = 0.1
-"""Distance of the arm from its target at which the tracking performance is 0."""
+"""Distance of the arm from its target at which the tracking performance is 0, rad."""
 EVENTS = 200
 
 
@@ -58,11 +58,11 @@ class Cabinet:
 
     Attributes:
         arm: the arm.
-        options: given at its start.
+        options: its options.
         connection: quality of the connection to its client.
-        state, safety, mode: of session, safety controller and operator's switch.
+        state, safety, mode: states of the session, the safety controller and the operator's key switch.
         events: descriptions of events, the newest last.
-        motions: number of times that its overlay has become active.
+        motions: number of motions so far in which its overlay became active.
         below_good: number of times that the quality of a session has fallen below GOOD.
         io: its inputs and outputs, by name.
     """
@@ -148,7 +148,7 @@ class Cabinet:
             self.events.append(f"safety: {self.safety.name}")
 
     def switch_mode(self, mode: OperationMode) -> None:
-        """Turn the operator's key: the running motion ends."""
+        """Turn the operator's key switch. The running motion ends."""
         if mode == self.mode:
             return
         self.mode = mode
@@ -187,7 +187,7 @@ class Cabinet:
             self._drives = DriveState.ACTIVE
 
     def _go_on(self) -> None:
-        """Go to the next state of the session."""
+        """Change to the next state of the session."""
         state, good = self.state, self.quality >= Quality.GOOD
         if state == SessionState.IDLE:
             if self._periods >= self._open_after:
@@ -218,8 +218,9 @@ class Cabinet:
         return ready and self._periods >= STAGE_PERIODS
 
     def _take(self, command: CommandMessage, elapsed: int) -> None:
-        """Process a command for a motion that waits or runs; `elapsed` is the number of periods since the
-        last."""
+        """Process a command for a motion that waits or runs. `elapsed` is the number of periods since the
+        last one.
+        """
         if not usable(command, self.options.command_mode, self.arm.limits.dof):
             return
         position = np.array(command.position)
@@ -252,7 +253,7 @@ class Cabinet:
         return result
 
     def _move(self) -> None:
-        """Move the arm to the command, straight on without one, or brake."""
+        """Move the arm to the command. Without a command, continue at constant velocity or brake."""
         if self.state == SessionState.COMMANDING_ACTIVE:
             target = self.arm.setpoint + self._velocity * self.period_s
             if self._left and self._commanded is not None:

@@ -1,4 +1,4 @@
-"""What a cabinet thinks of its connection: quality from answers that are missing or late."""
+"""The cabinet's evaluation of its connection: a quality, calculated from missing and late answers."""
 
 from __future__ import annotations
 
@@ -8,25 +8,23 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import Quality
 
 WINDOW = 100
-"""Answers that the quality is judged by."""
+"""Number of answers from which the quality is calculated."""
 MIN_PACKETS = 10
 """Minimum number of packets for a quality better than POOR."""
 LATE = 0.5
-"""What an answer that is one period late is worth."""
+"""Weight of an answer that is one period late."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
-"""Least mean worth of the answers for a quality."""
+"""Minimum mean weight of the answers for each quality."""
 CLOSE_AFTER_MS = 100
 MIN_CLOSE_AFTER = 10
-"""Answers in a row that have to be missing, at least, before a session is closed."""
+"""Minimum number of consecutive missing answers before a session is closed."""
 _COUNTER = 1 << 32
 
 
 class ClientConnection:
-    """Attributes:
-    reflected: the newest of the cabinet's messages that an answer belongs to.
-    newest: the client's newest message.
-    silent: answers in a row that are missing.
-    late, missing, answered: answers of each kind since the beginning.
+    """Attributes: reflected: the newest message of the cabinet that was answered. newest: the client's newest
+    message. silent: number of consecutive missing answers. late, missing, answered: number of answers of each
+    kind since the beginning.
     """
 
     def __init__(self, period_ms: int, multiplier: int) -> None:
@@ -36,7 +34,7 @@ class ClientConnection:
         self.forget(0)
 
     def forget(self, sequence: int) -> None:
-        """A session begins with the message of this number: nothing is known of the client."""
+        """Begin a session with the message of this number. Nothing is known of the client yet."""
         self._worth: deque[float] = deque(maxlen=WINDOW)
         self._since = 0
         self.silent = 0
@@ -44,9 +42,9 @@ class ClientConnection:
         self.newest: int | None = None
 
     def take_answer(self, sequence: int, reflected: int, now: int) -> bool:
-        """An answer has come; False for one that is older than the last.
+        """Process an answer. Returns False for one that is older than the last.
 
-        now: the number of the message that was sent last.
+        now: number of the last sent message.
         """
         if self.newest is not None and ahead(sequence, self.newest) <= 0:
             return False
@@ -61,7 +59,7 @@ class ClientConnection:
         return True
 
     def judge(self, now: int) -> None:
-        """A period has ended, which began with the message `now`."""
+        """End a period that began with the message `now`."""
         self._since += 1
         if self._since < self._multiplier:
             return
@@ -88,5 +86,5 @@ class ClientConnection:
 
     @property
     def lost(self) -> bool:
-        """Whether the client has been silent for so long that the session ends."""
+        """Whether so many answers are missing that the session ends."""
         return self.silent >= self._close_after

@@ -23,12 +23,12 @@ Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
 
 
 class ControlRequest(StrictModel):
-    """Changes from now on. Fields that are left out stay unchanged.
+    """Changes to the cabinet. Omitted fields stay unchanged.
 
     Attributes:
-        safety_stop: its level, -1 for none.
+        safety_stop: level of a safety stop, -1 for none.
         drop: number of next messages to the client that are lost.
-        spoil: how measured values are falsified on their way to the client.
+        spoil: how measured values are corrupted on their way to the client.
         close: whether the program ends the session, to open another one.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
         io: values of inputs and outputs by name.
@@ -52,12 +52,12 @@ class ControlServer(LineServer):
     def __init__(
         self, port: int, cabinet: Cabinet, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
-        """more: adds the server's data to each answer."""
+        """more: adds data of the server to each answer."""
         super().__init__(port)
         self._cabinet, self._network, self._more = cabinet, network, more
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Execute the request of a line; the state after it, or an error."""
+        """Execute the request in a line. Returns the state after it, or an error."""
         try:
             request = ControlRequest.model_validate_json(line)
         except ValidationError as exc:

@@ -20,20 +20,20 @@ from rtloop.backends.fri.simulator.server import AnyCabinet
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
-"""Fraction of the packets that are lost or overtaken."""
+"""Fraction of the packets that are lost or arrive out of order."""
 EVERY = round(1.0 / UNLUCKY)
 RESTART_S = 1.0
-"""Time until rtloop has started, in which the cabinet gets no answer."""
+"""Time for the start of rtloop, during which the cabinet gets no answer, s."""
 
 
 class LockStep(Generic[AnyCabinet]):
-    """A `PacketChannel` whose other end is a cabinet: each wait is its next period.
+    """A `PacketChannel` to a cabinet. Each wait runs the cabinet's next period.
 
     Attributes:
-        time_s: the cabinet's, which the backend uses as its own.
-        off: whether the cable is pulled.
+        time_s: time of the cabinet, which the backend uses as its own.
+        off: whether the cable is disconnected.
         strangers: always 0, because there is no other sender.
-        busy: whether one wait in `EVERY` finds two packets in place of one.
+        busy: whether one in `EVERY` waits finds two packets instead of one.
         pause: number of periods that pass before the next packet is read, as on a busy computer.
     """
 
@@ -81,8 +81,9 @@ class LockStep(Generic[AnyCabinet]):
 
 
 class FriRig:
-    """The backend `fri` and a simulated cabinet, a `ContractRig` that the contract drives and injects
-    faults in."""
+    """The backend `fri` and a simulated cabinet. It is a `ContractRig`, which the contract drives and into
+    which it injects faults.
+    """
 
     faults = frozenset(FAULTS)
 

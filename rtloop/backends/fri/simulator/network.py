@@ -1,4 +1,6 @@
-"""A network that loses, delays and reorders packets, counted in periods: the same seed, the same faults."""
+"""A network that loses, delays and reorders packets, counted in periods. The same seed gives the same
+faults.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +14,19 @@ from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import MonitoringMessage
 
 MAX_DELAY = 100
-"""Periods that answers may be late."""
+"""Maximum delay of answers, in periods."""
 
 
 class Network:
     """Both directions between a cabinet and its client.
 
     Attributes:
-        loss, reorder: share of the packets that are lost, or come a period later than the next one.
-        delay: periods that each answer is late.
+        loss, reorder: shares of the packets that are lost, and that arrive one period after their successor.
+        delay: delay of each answer, in periods.
         drop: number of the next packets to the client that are lost.
-        lost: packets that were lost, of both directions.
-        spoil: what becomes of the measured values on their way to the client: "frozen", the same ones come
-            again and again; "nan", they are not numbers; "" for nothing.
+        lost: number of lost packets in both directions.
+        spoil: corruption of the measured values on their way to the client: "frozen": the values do not
+            change; "nan": they are not numbers; "": none.
     """
 
     def __init__(self, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0) -> None:
@@ -38,7 +40,9 @@ class Network:
         self._period = 0
 
     def to_client(self, packet: bytes) -> list[bytes]:
-        """A period begins: what arrives in it, of this packet and of earlier ones."""
+        """Begin a period. Returns the packets that arrive at the client in it: this packet and earlier
+        ones.
+        """
         self._period += 1
         if packet:
             if self.drop > 0:
@@ -49,7 +53,7 @@ class Network:
         return self._take_due(self._out)
 
     def spoil_packet(self, packet: bytes) -> bytes:
-        """What is left of a packet that arrives at the client."""
+        """The packet in the form in which it arrives at the client."""
         message = decode_monitoring(packet) if self.spoil else None
         if not isinstance(message, MonitoringMessage):
             self._known = None
@@ -67,12 +71,12 @@ class Network:
         )
 
     def from_client(self, packet: bytes) -> list[bytes]:
-        """What arrives at the cabinet when its client has sent this."""
+        """Send a packet of the client. Returns the packets that arrive at the cabinet."""
         self._send(self._back, packet, self.delay)
         return self._take_due(self._back)
 
     def arrived(self) -> list[bytes]:
-        """What arrives at the cabinet at the beginning of a period, of what was sent earlier."""
+        """The earlier packets that arrive at the cabinet at the beginning of a period."""
         return self._take_due(self._back)
 
     def _send(self, way: deque[tuple[int, bytes]], packet: bytes, delay: int) -> None:
@@ -83,7 +87,7 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """The due packets. Those that have waited longest come last, because others have overtaken them."""
+        """The due packets. Those that have waited longest come last, because others were faster."""
         due = [entry for entry in way if entry[0] <= self._period]
         if due:
             left = [entry for entry in way if entry[0] > self._period]

@@ -16,13 +16,11 @@ MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 
 @dataclass(frozen=True, slots=True)
 class CabinetOptions:
-    """Attributes:
-    period_ms: between two monitoring messages, 1 to 100.
-    multiplier: number of monitoring messages after which an answer is expected.
-    version: "1.x", "2.x" or "2.7", which decides the fields of the messages and whether they are framed.
-    command_mode: what the overlay of its program takes: positions, wrenches or torques.
-    control_mode: of the drives: position, or an impedance.
-    io: inputs and outputs that its program has registered.
+    """Attributes: period_ms: interval between two monitoring messages, 1 to 100. multiplier: number of
+    monitoring messages after which an answer is expected. version: "1.x", "2.x" or "2.7". It determines the
+    fields of the messages and whether they are framed. command_mode: commands that the overlay of its program
+    accepts: positions, wrenches or torques. control_mode: control mode of the drives: position, or an
+    impedance. io: inputs and outputs that its program has registered.
     """
 
     period_ms: int = 5

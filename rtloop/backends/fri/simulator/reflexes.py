@@ -10,22 +10,22 @@ from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ECHO_RAD = 1e-3
-"""Largest distance of a command from the interpolator while the motion waits."""
+"""Maximum distance of a command from the interpolator while the motion waits, rad."""
 VELOCITY_SHARE = 1.05
-"""Fraction of its velocity limit above which a joint is stopped."""
+"""Share of its velocity limit above which a joint is stopped."""
 JUMP_RAD_S2 = 60.0
-"""Largest change of the commands' velocity: several times that of a planned motion."""
+"""Maximum acceleration of the commands, rad/s²: several times that of a planned motion."""
 SLACK_RAD_S = 1e-3
 LIMIT_RAD = 0.01
-"""Distance of a command from a joint's limits below which it is rejected."""
+"""Minimum distance of a command from a joint's limits, rad. Closer commands are rejected."""
 MAX_WRENCH = 1000.0
-"""Largest wrench, N or N·m at the TCP: several times what such an arm holds."""
+"""Maximum wrench at the TCP, N or N·m: several times what such an arm holds."""
 T1_M_S = 0.25
 """Speed of the TCP in T1: the reduced speed of ISO 10218-1."""
 
 
 def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
-    """Whether a command has everything that the overlay needs."""
+    """Whether a command has all values that the overlay needs."""
     return (
         len(command.position) == dof
         and (mode != CommandMode.TORQUE or len(command.torque) == dof)
@@ -34,8 +34,9 @@ def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
 
 
 def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Rejected:
-    """Whether the overlay is accepted; a motion with another one ends. Torques are clamped to the drives'
-    limits."""
+    """Check whether the overlay of a command is accepted. If not, the motion ends. Torques are clamped to the
+    drives' limits.
+    """
     if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
         return Rejected("the client commands a torque that is not finite")
     if mode != CommandMode.WRENCH:
@@ -49,7 +50,7 @@ def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Reje
 
 
 def check_echo(arm: CabinetArm, position: Array) -> Accepted | Rejected:
-    """Whether a motion that waits may begin."""
+    """Check whether a waiting motion may begin."""
     off = np.abs(position - arm.setpoint)
     if not np.isfinite(off).all():
         return Rejected("the client commands a position that is not finite")
@@ -70,12 +71,12 @@ def check_command(
     time_s: float,
     mode: OperationMode,
 ) -> Accepted | Rejected:
-    """Whether a command is accepted; a running motion with another one ends.
+    """Check whether a command is accepted. If not, the running motion ends.
 
     Args:
-        velocity: from the command before, rad/s.
-        last_velocity: velocity of the command before, rad/s.
-        time_s: between the two.
+        velocity: velocity since the previous command, rad/s.
+        last_velocity: velocity at the previous command, rad/s.
+        time_s: time between the two commands, s.
     """
     if not np.isfinite(position).all():
         return Rejected("the client commands a position that is not finite")

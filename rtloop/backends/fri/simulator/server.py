@@ -18,15 +18,15 @@ from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.times import DurationCounter
 
 MAX_WAIT_S = 0.02
-"""Time between two checks of the control interface while the server waits for a late answer."""
+"""Interval between checks of the control interface while the server waits for a late answer, s."""
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at the end of a period."""
 MIN_SHARE = 0.9
 """Fraction of a period between two messages while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which a client may have restarted and may send from another port."""
+"""Time without a packet after which a client may have restarted and may send from another port, s."""
 _STAMP = 35
-"""Linux's SO_TIMESTAMPNS: arrival time of a packet, whenever this process reads it."""
+"""Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
 _TIMESPEC = struct.Struct("qq")
 
 
@@ -50,8 +50,9 @@ def _is_local(host: str) -> bool:
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
     """The socket to send from.
 
-    A client that was given the controller's name accepts only packets from its own port number there. So
-    port 0 means the client's port. If client and simulator may share an address, the client has it.
+    A client that is configured with the controller's name only accepts packets from its own port number
+    there. So port 0 means the client's port number. If client and simulator may share an address, the client
+    already uses that port, and another one is taken.
     """
     host, port = address
     elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])
@@ -100,8 +101,8 @@ AnyCabinet = TypeVar("AnyCabinet", bound=SteppedCabinet)
 class CabinetServer(Generic[AnyCabinet]):
     """Sends one packet per period, and takes the answers.
 
-    A cabinet is punctual; this process need not be. So an answer is in time if it arrives before the next
-    message is sent, however late this process reads it.
+    A cabinet is punctual, but this process may not be. So an answer counts as in time if it arrives before
+    the next message is sent, however late this process reads it.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class CabinetServer(Generic[AnyCabinet]):
         """
         Args:
             control: makes the control interface.
-            patience_s: how long the server waits for a late answer before it counts as missing.
+            patience_s: maximum wait for a late answer, s, before it counts as missing.
 
         Raises:
             OSError: the client's name is unknown, or an address or port cannot be used.
@@ -186,7 +187,7 @@ class CabinetServer(Generic[AnyCabinet]):
         self._expects = message in sent and self._cabinet.waits_for_answer
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
-        """Take answers until the period is over, or longer if a missing answer may still come."""
+        """Receive answers until the period is over, or longer if a missing answer may still arrive."""
         while not ending:
             now_s = time.monotonic()
             until_s = deadline_s
@@ -202,7 +203,7 @@ class CabinetServer(Generic[AnyCabinet]):
                 self._take()
 
     def _take(self) -> bool:
-        """Process the next packet; whether there was one."""
+        """Process the next packet. Returns whether there was one."""
         try:
             packet, more, _, sender = self._socket.recvmsg(
                 MAX_PACKET + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
@@ -234,7 +235,7 @@ class CabinetServer(Generic[AnyCabinet]):
             self._answer_times.add(took_s)
 
     def _know(self, sender: tuple[str, int]) -> None:
-        """Report once that two programs answer, because each would end the other's motion."""
+        """Report once if two programs send answers, because each would end the other's motion."""
         now_s = time.monotonic()
         if sender == self._sender or self._sender is None or now_s - self._sender_s > ALONE_S:
             self._two = self._two and sender == self._sender

@@ -338,7 +338,7 @@ def test_a_robot_that_cannot_be_held_after_a_session_is_a_fault(rig: Rig) -> Non
     rig.step(5000)
     assert rig.mode is LoopMode.FAULT
     assert "the robot cannot be held at its position: the robot rejects the command" in rig.reason
-    assert "the robot refuses" in reset(rig)
+    assert "the robot rejects the command" in reset(rig)
     rig.arm.refuses = ""
     assert reset(rig) == ""
     rig.step(500)
