@@ -88,7 +88,7 @@ cdef class Pace:
         self._ahead_ns = -CATCH_UP_NS  # before the first beat there may have been a pause
 
     def early_ns(self, long long now_ns, bint beaten):
-        """`c_early`."""
+        """Like `c_early`, for Python."""
         return self.c_early(now_ns, beaten)
 
     cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil:

@@ -169,7 +169,7 @@ def install(app: FastAPI) -> None:
 
 
 def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
-    """The HTTP answer to an error. `explain` replaces the message, which otherwise only has the facts."""
+    """The HTTP answer to an error. `explain` is its explanation; by default the failed checks."""
     headers = next((more for kind, more in HEADERS.items() if isinstance(error, kind)), None)
     return _answer(
         status_of(error), str(error), error.code, headers, explain or explain_of(error), error.details

@@ -135,7 +135,7 @@ def _table(limits: JointLimits) -> list[Row]:
 
 
 def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """The rows that exist: shorter robots have none for the last joints."""
+    """The rows of the robots that have this joint."""
     return [row for row in rows if row is not None]
 
 

@@ -115,7 +115,9 @@ class RunnerInstructions:
 
     def _require(self, waypoint: int, least: int) -> None:
         if self._n_waypoints is not None and not least <= waypoint <= self._n_waypoints:
-            raise InputError(f"waypoint: must be from 1 to {self._n_waypoints}, got {waypoint}")
+            raise InputError(
+                f"waypoint: there are {self._n_waypoints} waypoints, numbered from 1; got {waypoint}"
+            )
 
     def _answer(self, waypoint: int | None) -> None:
         first, self._first = self._first, None

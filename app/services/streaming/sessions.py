@@ -115,9 +115,7 @@ class StreamSession:
         self._writer.estop()
 
     def end(self, reason: str = "the client has ended the session") -> None:
-        """End the session; the arm stops. `ended` is set when it is at rest. Does nothing if the session is
-        over.
-        """
+        """End the session; the arm stops. `ended` is done when it is at rest. Does nothing if it is over."""
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.end()

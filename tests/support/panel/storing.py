@@ -184,7 +184,7 @@ def test_a_stored_program_is_run_with_its_step_cycles_and_a_pause(panel: Panel, 
     assert panel.page.run("document.activeElement.id") == "run-at", "a number is missing"
     set_to(panel, "#run-at", "9")
     panel.page.click("#run-pause-at")
-    said(panel, "must be from 1 to 3, got 9", "run-now-why")
+    said(panel, "there are 3 waypoints, numbered from 1; got 9", "run-now-why")
     forget(panel, "422")
     set_to(panel, "#run-at", "2")
     panel.page.click("#run-pause-at")

@@ -53,7 +53,7 @@ def test_a_runner_goes_on_unless_it_is_to_wait(bench: Bench) -> None:
 def test_it_waits_where_it_is_told_to_and_steps_from_there(bench: Bench) -> None:
     bench.steps.hold(2)  # before it has said how many there are
     assert bench.ask(0) == [None]
-    with pytest.raises(InputError, match="must be from 1 to 4, got 5"):
+    with pytest.raises(InputError, match="there are 4 waypoints, numbered from 1; got 5"):
         bench.steps.hold(5)
     assert bench.ask(1) == [None]
     assert bench.ask(2) == []
@@ -104,7 +104,7 @@ def test_it_goes_on_from_any_waypoint(bench: Bench) -> None:
     bench.steps.hold(NEXT)
     assert bench.ask(1) == []
     for wrong in (0, 5):
-        with pytest.raises(InputError, match=f"there are 4, from 1 on; got {wrong}"):
+        with pytest.raises(InputError, match=f"there are 4 waypoints, numbered from 1; got {wrong}"):
             bench.steps.go_on(wrong)
     bench.steps.go_on(4)
     assert bench.answers() == [4]
