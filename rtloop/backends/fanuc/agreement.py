@@ -1,4 +1,6 @@
-"""Whether controller and model mean the same arm, and what the controller measures joint 3 from."""
+"""Checks that controller and model describe the same arm, and finds the reference of the controller's joint
+3.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,15 @@ from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SAME_DEG = 0.1
-"""Difference of an axis between the two interfaces at rest: more than their rounding."""
+"""Maximum difference of an axis between the two interfaces at rest, degrees. It is more than their
+rounding.
+"""
 
 
 def face_plate(packet: StatusPacket) -> Pose | None:
     """The reported pose of the face plate in the world frame; None if the controller reports none.
 
-    W, P and R turn about the fixed axes x, y and z, one after the other.
+    W, P and R are rotations about the fixed axes x, y and z, one after the other.
     """
     x, y, z, w, p, r = packet.pose[:6]
     if not all(map(math.isfinite, packet.pose[:6])) or not any(packet.pose[:6]):
@@ -35,21 +39,21 @@ def face_plate(packet: StatusPacket) -> Pose | None:
 
 
 class ArmAgreement:
-    """Compares what the controller reports at rest with the model."""
+    """Compares the controller's report at rest with the model."""
 
     def __init__(self, options: FanucOptions, limits: JointLimits, model: RobotModel) -> None:
         self._options, self._limits, self._model = options, limits, model
 
     def units(self, packet: StatusPacket, rmi_axes: tuple[float, ...] | None) -> JointUnits:
-        """The conversion of this controller's joints.
+        """Find the conversion of this controller's joints.
 
         Args:
-            rmi_axes: the axes by the Remote Motion Interface, converted to those of Stream Motion; None if it
-                does not report them.
+            rmi_axes: the axes from the Remote Motion Interface, converted to those of Stream Motion; None if
+                it does not report them.
 
         Raises:
-            BackendError: the controller is not at the pose of the model, or what joint 3 is measured from
-                cannot be found out.
+            BackendError: the controller's pose is not that of the model, or the reference of joint 3 cannot
+                be determined.
         """
         asked = self._options.j3
         kinds = [asked] if asked != "auto" else ["relative", "horizon"]
@@ -73,7 +77,9 @@ class ArmAgreement:
         return check_agreement(self._model, joints, self._in_base(plate, joints))
 
     def _in_base(self, plate: Pose, joints: Array) -> Pose:
-        """In the model's base. The origin of FANUC's world frame is at the height of joint 2."""
+        """The face plate in the model's base frame. The origin of FANUC's world frame is at the height of
+        joint 2.
+        """
         height_m = self._options.world_z_m
         if height_m is None:
             ours = self._model.forward(joints) @ self._model.flange_in_tcp()
@@ -81,7 +87,7 @@ class ArmAgreement:
         return dataclasses.replace(plate, position=plate.position + np.array([0.0, 0.0, height_m]))
 
     def _hint(self, found: dict[str, JointUnits], packet: StatusPacket, plate: Pose) -> str:
-        """What the other meaning of joint 3 would give, if only one was asked for."""
+        """A hint to the other reference of joint 3, if only one was checked and the other one agrees."""
         if len(found) > 1 or self._limits.dof <= J3:
             return ""
         other = "relative" if "horizon" in found else "horizon"

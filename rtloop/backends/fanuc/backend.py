@@ -1,6 +1,6 @@
 """FANUC arms over Stream Motion, with the Remote Motion Interface for power, program and alarms.
 
-This module is long because it holds everything that the cycle asks of this device.
+This module is long because it contains all methods that the cycle calls on this device.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ if TYPE_CHECKING:
     from rtloop.contract import ContractRig
 
 START_S = 0.5
-"""Time after which the controller is asked for its state again."""
+"""Interval at which a silent controller is asked again for its state, s."""
 POLL_S = 1.0
 LAST_S = 0.5
-"""Time for the last command of a motion."""
+"""Timeout for sending the last command of a motion, s."""
 
 
 class FanucBackend:
     """An externally clocked `Backend`: `Paced`, `Reporting`, `Stepwise`, `CarriesTool` and `HasIo`.
 
-    Each of the controller's packets has one answer while the arm is enabled, and none otherwise.
+    While the arm is enabled, each of the controller's packets is answered once. Otherwise none is answered.
 
     Attributes:
-        report_period_s: see `HasIo`; the collaborative speed clamp is followed as quickly.
+        report_period_s: see `HasIo`. The collaborative speed clamp is read at the same interval.
     """
 
     Options = FanucOptions
@@ -133,8 +133,9 @@ class FanucBackend:
         self._meet()
 
     def enable(self) -> None:
-        """Either side may start first: at the start, the first command reports why the robot takes none, and
-        a reset tries again."""
+        """Enable the drives. Either side may start first. At the start, the first command reports why the
+        robot accepts none, and a reset tries again.
+        """
         starts, self._starts = self._starts, False
         while not self.recover_step():
             self._receive(self._options.silence_s)
@@ -175,7 +176,7 @@ class FanucBackend:
         return True
 
     def recover_step(self) -> bool:
-        """End what is left of the last motion. `enable_step` begins a new one where the arm is then."""
+        """End the rest of the last motion. `enable_step` then begins a new one at the arm's position."""
         if self._unended and not self._silence_s > self._options.silence_s:
             if self._answered:
                 return False
@@ -188,7 +189,7 @@ class FanucBackend:
         return True
 
     def disable(self) -> None:
-        """End the motion: the controller holds the arm."""
+        """End the motion. The controller holds the arm."""
         with contextlib.suppress(BackendError):
             deadline_s = self._clock() + LAST_S
             while self._unended and self._answered and self._clock() < deadline_s:
@@ -241,7 +242,9 @@ class FanucBackend:
     # Paced, Reporting, CarriesTool, HasIo
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
+        has accumulated.
+        """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
             self._receive(deadline_s - self._clock())
@@ -295,12 +298,12 @@ class FanucBackend:
     # Its own
 
     def _start(self) -> None:
-        """Ask the controller to send its state, whose numbers begin at 1 again."""
+        """Ask the controller to send its state. Its packet numbers begin at 1 again."""
         self._started_s = self._asked_s = self._clock()
         self._open_channel.send(encode_start(self._version))
 
     def _restart(self, now_s: float) -> bool:
-        """A step of enabling a controller that is silent."""
+        """Execute a step of enabling a silent controller."""
         if now_s - self._asked_s > self._options.connect_s:
             raise BackendError(self._silent())
         if now_s - self._started_s > START_S:
@@ -309,7 +312,7 @@ class FanucBackend:
         return False
 
     def _meet(self) -> None:
-        """Wait for the first packet, and find out how its joints are to be read."""
+        """Wait for the first packet, and find the conversion of its joints."""
         while not self.wait(START_S):
             if self._clock() - self._asked_s > self._options.connect_s:
                 raise BackendError(self._silent())
@@ -341,7 +344,7 @@ class FanucBackend:
         self._enabling = self._worker.begin(self._bring_up.begin)
 
     def _begin(self, command: Array) -> str:
-        """Begin commands where the arm is; why not, if it is not close to the command."""
+        """Begin commands at the arm's position. Returns the reason if the arm is not close to the command."""
         here = self._units.to_model(self._newest.joints)
         off = np.abs(here - command)
         joint = int(off.argmax())
@@ -364,8 +367,9 @@ class FanucBackend:
         self._open_channel.send(encode_command(packet))
 
     def _end_motion(self) -> None:
-        """Answer the newest packet with the last command of the motion: at the present one, or where the arm
-        is if it does not follow commands any more."""
+        """Answer the newest packet with the last command of the motion: the present command, or the arm's
+        position if the arm does not follow commands any more.
+        """
         sent = self._transition.sent
         follows = self._enabled and sent is not None
         self._answered, self._enabled, self._unended = True, False, False
@@ -378,8 +382,9 @@ class FanucBackend:
         require_accepted(table.check(self._limits, self._units.per_unit, load))
 
     def _may_come_back(self, packet: StatusPacket) -> bool:
-        """Whether the program may end and run again without a fault: shortly after enabling, which restarts
-        it, and only while the arm does not move."""
+        """Whether the program may end and run again without a fault. This is so shortly after enabling, which
+        restarts it, and only while the arm does not move.
+        """
         stopped = safety_stop(packet) or packet.robot_status & (RobotFlag.PENDANT | RobotFlag.ERROR)
         return self._clock() < self._join_until_s and not stopped
 

@@ -1,4 +1,5 @@
-"""What the Remote Motion Interface does for the arm: permit motion, and report what the stream does not say.
+"""The tasks of the Remote Motion Interface: permitting motion, and reporting what Stream Motion does not
+report.
 
 These methods run on the worker's thread.
 """
@@ -15,7 +16,7 @@ from rtloop.backends.fanuc.points import MAX_ANALOG, split
 from rtloop.backends.fanuc.rmi import RmiClient, RmiStatus, number_of
 
 SERVO_S, LOOK_S = 2.0, 0.1
-"""Time for the servos to be ready after a reset, and between two looks."""
+"""Timeout for the servos after a reset, and the interval of the checks, s."""
 PORT_TYPES = {"F": "FLAG"}
 PENDANT = "the teach pendant is on (T1 or T2): select AUTO and switch it off"
 
@@ -32,7 +33,7 @@ class RmiReport:
 
 
 class BringUp:
-    """Requests in the order that the controller needs."""
+    """Sends the requests in the order that the controller needs."""
 
     def __init__(
         self,
@@ -44,10 +45,10 @@ class BringUp:
         self._rmi, self._options, self._clock, self._sleep = rmi, options, clock, sleep
 
     def begin(self) -> None:
-        """Clear the alarms, and let the program of Stream Motion run.
+        """Clear the alarms, and start the program of Stream Motion.
 
         Raises:
-            BackendError: the controller does not permit motion, with the reason.
+            BackendError: the controller does not permit motion; the error has the reason.
         """
         rmi = self._rmi
         if self._status().pendant:
@@ -76,7 +77,7 @@ class BringUp:
             self._rmi.disconnect()
 
     def report(self) -> RmiReport:
-        """The present state; a lost connection is part of it."""
+        """The present state. It also reports a lost connection."""
         try:
             if not self._rmi.is_connected:
                 return RmiReport(text="the Remote Motion Interface is not connected; a reset connects it")
@@ -104,7 +105,7 @@ class BringUp:
         return int(value)
 
     def _status(self) -> RmiStatus:
-        """The status, with a new session if the last one is lost."""
+        """The status. Begins a new session if the last one is lost."""
         self._rmi.connect()
         try:
             return self._rmi.status()

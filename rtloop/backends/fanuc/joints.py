@@ -1,8 +1,8 @@
 """Conversion between the model's joints and FANUC's.
 
-The axes of the wire are in degrees, linear ones in mm. FANUC's teach pendant and its Remote Motion Interface
-measure joint 3 from the horizon: it stays the same while joint 2 turns. A model measures it from joint 2, as
-do Stream Motion from version 3 on and FANUC's own ROS driver ("J2/J3 interaction"):
+In packets, axes are in degrees, linear ones in mm. FANUC's teach pendant and its Remote Motion Interface
+measure joint 3 from the horizon: its value stays the same while joint 2 turns. Models measure it from joint
+2, and so do Stream Motion from version 3 on and FANUC's own ROS driver ("J2/J3 interaction"):
 
     relative = horizon + joint 2
 
@@ -48,7 +48,7 @@ class JointUnits:
 
 
 def from_horizon(axes: Sequence[float]) -> tuple[float, ...]:
-    """Axes as Stream Motion has them, of those of the Remote Motion Interface."""
+    """Convert axes of the Remote Motion Interface to those of Stream Motion."""
     return (*axes[:J3], axes[J3] + axes[J2], *axes[J3 + 1 :])
 
 

@@ -1,7 +1,7 @@
 """The controller's own limits: a table for each axis, by payload and by the speed of the TCP.
 
 The controller stops with an alarm if a command exceeds the column of the present speed. A planner does not
-know that speed in advance, so the smallest value of all columns counts here.
+know that speed in advance, so the smallest value of all columns is used here.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ SLACK = 1e-6
 
 
 class LimitsTable:
-    """Attributes:
-    unloaded, loaded: shapes (3, dof, THRESHOLDS), in units of the packets.
-    max_speed: of the TCP, mm/s.
+    """Attributes: unloaded, loaded: shapes (3, dof, THRESHOLDS), in units of the packets. max_speed: maximum
+    speed of the TCP, mm/s.
     """
 
     def __init__(self, dof: int) -> None:
@@ -34,23 +33,23 @@ class LimitsTable:
         self.max_speed = 0
 
     def take(self, packet: LimitsPacket) -> None:
-        """Add a packet; those of axes that the model does not have are ignored."""
+        """Add a packet. Packets of axes that the model does not have are ignored."""
         if packet.axis <= self.unloaded.shape[1]:
             self.unloaded[packet.rate, packet.axis - 1] = packet.unloaded
             self.loaded[packet.rate, packet.axis - 1] = packet.loaded
             self.max_speed = packet.max_speed
 
     def missing(self) -> Iterable[tuple[int, LimitRate]]:
-        """Axes, from 1 on, and rates that no packet has come for."""
+        """The axes, from 1 on, and rates for which no packet has arrived."""
         for rate in LimitRate:
             for axis in range(self.unloaded.shape[1]):
                 if np.isnan(self.loaded[rate, axis]).all():
                     yield axis + 1, rate
 
     def least(self, load: float | None) -> Array:
-        """The limits that hold at each speed of the TCP, shape (3, dof).
+        """The limits that are safe at any speed of the TCP, shape (3, dof).
 
-        load: share of the full payload, 0 to 1; None for the tighter end.
+        load: share of the full payload, 0 to 1; None: the tighter one of both ends.
         """
         ends = self.unloaded.min(axis=2), self.loaded.min(axis=2)
         if load is None:
@@ -60,7 +59,7 @@ class LimitsTable:
         return mixed
 
     def check(self, limits: JointLimits, per_unit: Array, load: float | None) -> Accepted | Rejected:
-        """Whether the model's limits are within the controller's.
+        """Check whether the model's limits are within the controller's.
 
         Args:
             per_unit: see `JointUnits`.
@@ -86,6 +85,6 @@ class LimitsTable:
 
 
 def _floored(values: Array) -> Array:
-    """Rounded down to five digits, so that a value that is typed in is allowed."""
+    """Round down to five digits, so that a value that a user copies from the message is accepted."""
     digits = 10.0 ** (4 - np.floor(np.log10(values)))
     return np.asarray(np.floor(values * digits) / digits)

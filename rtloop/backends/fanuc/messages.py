@@ -10,17 +10,19 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 AXES = 9
-"""Axes in each packet: those of the arm, then extended axes; unused ones are zero."""
+"""Number of axes in each packet: those of the arm, then extended axes. Unused ones are zero."""
 IO_BYTES = 256
 MIN_VERSION, FORCE_VERSION = 3, 4
-"""Oldest version that is spoken here, and the first whose status packets have a force."""
+"""The oldest supported version, and the first version whose status packets have a force."""
 PORT = 60015
 THRESHOLDS = 20
-"""Columns of the limits table: from 5 % to 100 % of the largest speed of the TCP."""
+"""Number of columns of the limits table: from 5 % to 100 % of the maximum speed of the TCP."""
 JOINT_STYLE = 0xFFFF
-"""Data style of a command with joint angles; with 0 the controller takes the same numbers for a pose."""
+"""Data style of a command with joint angles. With style 0 the controller interprets the same numbers as a
+pose.
+"""
 MAX_PACKET = 1024
-"""More bytes than any packet has."""
+"""Maximum size of a packet, bytes. It is larger than any packet."""
 
 
 class PacketType(IntEnum):
@@ -52,7 +54,7 @@ class RobotFlag(IntFlag):
 
 
 class ContactStop(IntEnum):
-    """What the contact stop of a collaborative robot does."""
+    """Reaction of a collaborative robot to a contact."""
 
     NONE = 0
     SAFE = 1
@@ -62,7 +64,7 @@ class ContactStop(IntEnum):
 
 
 class LimitRate(IntEnum):
-    """Derivative whose limits a table has."""
+    """The derivative whose limits a table contains."""
 
     VELOCITY = 0
     ACCELERATION = 1
@@ -91,12 +93,12 @@ class StatusPacket:
 
     Attributes:
         sequence: number of the packet; a command that answers it has the same.
-        time_ms: of the controller's clock.
-        pose: of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
-        joints: degrees, of linear axes mm, shape (AXES,).
-        currents: of the motors, in units of the controller.
-        safety_scale: share of the speed that the collaborative speed clamp leaves.
-        io: bytes of the blocks that were configured.
+        time_ms: time of the controller's clock.
+        pose: pose of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
+        joints: joint positions, degrees, for linear axes mm, shape (AXES,).
+        currents: motor currents, in units of the controller.
+        safety_scale: share of the speed that the collaborative speed clamp permits.
+        io: bytes of the configured blocks.
     """
 
     version: int
@@ -121,10 +123,10 @@ class CommandPacket:
     """A target of all axes.
 
     Attributes:
-        is_last: whether the motion ends with it.
+        is_last: whether this command ends the motion.
         moves: False for a packet that sets outputs only.
         style: `JOINT_STYLE`, or 0 for a pose.
-        position: degrees, of linear axes mm, shape (AXES,).
+        position: target, degrees, for linear axes mm, shape (AXES,).
     """
 
     version: int
@@ -138,13 +140,13 @@ class CommandPacket:
 
 @dataclass(frozen=True, slots=True)
 class CapabilityPacket:
-    """What the controller can, or, with zeros, the request for it.
+    """The capabilities of the controller; with zeros, the request for them.
 
     Attributes:
-        version: newest version that the sender speaks.
-        period_ms: between two status packets.
+        version: newest version that the sender supports.
+        period_ms: interval between two status packets.
         start_move: number of commands that the controller collects before it moves.
-        at_tcp: whether poses are of the TCP instead of the face plate.
+        at_tcp: whether poses refer to the TCP instead of the face plate.
     """
 
     version: int
@@ -162,13 +164,13 @@ class LimitsRequest:
 
 @dataclass(frozen=True, slots=True)
 class LimitsPacket:
-    """Limits of one axis, deg/s, deg/s² or deg/s³ (of linear axes mm).
+    """Limits of one axis, deg/s, deg/s² or deg/s³ (for linear axes mm).
 
     Attributes:
-        axis: from 1 on.
-        max_speed: of the TCP, mm/s, which the last column is for.
-        interval_ms: between two checks of the controller.
-        unloaded, loaded: without payload and with the full one, each shape (THRESHOLDS,).
+        axis: number of the axis, from 1 on.
+        max_speed: speed of the TCP for the last column, mm/s.
+        interval_ms: interval between two checks of the controller.
+        unloaded, loaded: limits without payload and with the full one, each shape (THRESHOLDS,).
     """
 
     version: int
@@ -208,13 +210,13 @@ class IoConfigRequest:
 
 @dataclass(frozen=True, slots=True)
 class IoConfigResult:
-    """result: 0, or the controller's number of an error."""
+    """result: 0, or the controller's error number."""
 
     result: int
     load: int = 0
 
 
 Received = StatusPacket | CapabilityPacket | LimitsPacket | IoConfigResult
-"""What a controller sends."""
+"""Packets that a controller sends."""
 Sent = CommandPacket | CapabilityPacket | LimitsRequest | StartPacket | StopPacket | IoConfigRequest
-"""What its client sends."""
+"""Packets that its client sends."""

@@ -31,23 +31,24 @@ class FanucOptions(BaseModel):
     """Options of a FANUC controller.
 
     Attributes:
-        address: of the controller, an IP address or a name.
-        rmi_port, stream_port: of its Remote Motion Interface (TCP) and of Stream Motion (UDP).
+        address: address of the controller, an IP address or a name.
+        rmi_port, stream_port: ports of its Remote Motion Interface (TCP) and of Stream Motion (UDP).
         program: TP program that the controller runs while it is driven.
-        j3: what joint 3 of the stream is measured from: relative to joint 2, as in ROS models; horizon, as
-            the teach pendant shows it; auto finds it out.
-        limits: table requests the controller's own limits and compares them with the model's; model does not
-            ask, for controllers that have no table.
-        rated_payload_kg: full payload of the limits table; null takes the tighter of its two ends.
-        override: speed override that the controller is set to when it is enabled, per cent; null leaves it.
-        payload_schedule: number of the payload schedule to select when it is enabled; null leaves it.
+        j3: reference of joint 3 in the stream. relative: joint 2, as in ROS models; horizon: the horizon, as
+            on the teach pendant; auto: determine it.
+        limits: table: request the controller's own limits and compare them with the model's; model: use only
+            the model's, for controllers without a table.
+        rated_payload_kg: full payload of the limits table; null: use the tighter one of its two ends.
+        override: speed override to set when the controller is enabled, per cent; null: leave it unchanged.
+        payload_schedule: number of the payload schedule to select when the controller is enabled; null: leave
+            it unchanged.
         io: inputs and outputs to read and set, such as DI[1], DO[3], RO[1], AI[1] or F[2].
         check_pose: whether the pose that the controller reports must be that of the model.
-        world_z_m: height of the controller's world frame above the model's base; null: any height is good.
+        world_z_m: height of the controller's world frame above the model's base; null: accept any height.
         connect_s: timeout for each part of connecting.
         enable_s: timeout for the controller to permit motion.
-        silence_s: time without a packet after which the connection is lost: a fault.
-        entry_rad: largest distance of the arm from the first command.
+        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        entry_rad: maximum distance of the arm from the first command.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

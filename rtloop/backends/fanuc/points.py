@@ -1,8 +1,8 @@
 """Inputs and outputs in the packets of Stream Motion.
 
-Points with consecutive numbers form a block. Blocks follow each other in the packets' bytes, each from a
-multiple of four bytes on; eight boolean points share a byte, an analog one has two. Outputs have a block in
-the status packets, with their present values, and one in the commands.
+Points with consecutive numbers form a block. Blocks follow each other in the packets' bytes; each begins at a
+multiple of four bytes. Eight boolean points share a byte; an analog point has two bytes. Outputs have a block
+in the status packets, with their present values, and another one in the commands.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PointLayout:
     """Where each point is in the bytes of a packet.
 
     Attributes:
-        places: first byte, and bit of a boolean point, by name.
+        places: for each name, the first byte, and the bit of a boolean point.
     """
 
     kind: IoBlockKind
@@ -71,7 +71,7 @@ class PointLayout:
 
 
 def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
-    """The layout of those blocks that are of one kind."""
+    """The layout of the blocks of one kind."""
     found = PointLayout(kind)
     for block in blocks:
         if block.kind == kind:
@@ -80,10 +80,10 @@ def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
 
 
 def blocks_of(names: Sequence[str]) -> tuple[IoBlock, ...]:
-    """The fewest blocks with these points.
+    """The smallest number of blocks that contain these points.
 
     Raises:
-        BackendError: they do not fit into a packet.
+        BackendError: the blocks do not fit into a packet.
     """
     points = sorted({split(name) for name in names})
     starts = [index for index, pair in enumerate(pairwise([(None, 0), *points])) if not _follows(*pair)]
@@ -106,9 +106,9 @@ def _follows(before: tuple[PointType | None, int], after: tuple[PointType | None
 
 
 class Points:
-    """The configured points: what the controller reports, and what is set.
+    """The configured points: the values that the controller reports, and the outputs that are set.
 
-    Real-time safe; almost free if there are none.
+    Real-time safe, and almost free of cost if there are none.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -123,7 +123,7 @@ class Points:
         return [name for name in self.names if name in self._command.places]
 
     def begin(self, values: Mapping[str, int]) -> None:
-        """Continue with the present values of all outputs, so that none changes when commands begin."""
+        """Begin with the present values of all outputs, so that none changes when commands begin."""
         for name, value in values.items():
             self._command.write(self._bytes, name, value)
 

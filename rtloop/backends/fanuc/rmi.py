@@ -1,7 +1,7 @@
 """FANUC's Remote Motion Interface: JSON objects, one per line, over TCP.
 
-A client connects to the well-known port, receives the number of another port, and has its session there. One
-request waits for its reply at a time. The controller may send lines of its own in between, which are skipped.
+A client connects to the well-known port, receives the number of another port, and has its session there. Only
+one request at a time waits for its reply. The controller may send other lines in between, which are skipped.
 Requests are those of the manual B-84184EN and of `rmi/packets.hpp`, which FANUC publishes.
 """
 
@@ -26,7 +26,7 @@ from rtloop.backends.fanuc.words import alarms_in_words, error_in_words
 
 MAX_LINE = 65_536
 MAX_SKIPPED = 100
-"""Lines that are no reply, before the request counts as unanswered."""
+"""Number of lines other than the reply after which a request counts as unanswered."""
 REPLY_S = 2.0
 KINDS = ("Command", "Instruction", "Communication")
 SHOWN = 80
@@ -39,7 +39,7 @@ def number_of(value: object) -> float:
 
 
 class RmiLines(Protocol):
-    """One line after the other, in both directions."""
+    """Exchanges single lines in both directions."""
 
     def send(self, line: bytes) -> None: ...
 
@@ -47,7 +47,7 @@ class RmiLines(Protocol):
         """The next line, without its end.
 
         Raises:
-            OSError: none in time, or the connection is closed.
+            OSError: no line has arrived in time, or the connection is closed.
         """
         ...
 
@@ -58,10 +58,7 @@ class TcpLines:
     """`RmiLines` over TCP."""
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
-        """
-        Raises:
-            OSError: the controller is not there.
-        """
+        """Connect. Raises OSError: the controller does not answer."""
         self._socket = socket.create_connection((host, port), timeout_s)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._rest = b""
@@ -92,7 +89,7 @@ class TcpLines:
 
 @dataclass(frozen=True, slots=True)
 class RmiStatus:
-    """The reply to FRC_GetStatus; what a controller leaves out is None.
+    """The reply to FRC_GetStatus. Fields that a controller omits are None.
 
     Attributes:
         servo_ready: whether the drives can move the arm.
@@ -110,14 +107,14 @@ class RmiStatus:
 
 
 Connect = Callable[[int, float], RmiLines]
-"""Opens the lines of a port, within a timeout; OSError if it cannot."""
+"""Connects to a port within a timeout. Raises OSError if this fails."""
 
 
 class RmiClient:
     """A session with the controller. Each method waits for its reply, at most `REPLY_S`.
 
     Raises:
-        BackendError: by each method: not connected, no reply, a reply that cannot be used, or an error of the
+        BackendError: raised by each method: no connection, no reply, an unusable reply, or an error of the
             controller, in words.
     """
 
@@ -154,7 +151,7 @@ class RmiClient:
             self._lines = self._connect(port, self._connect_s)
 
     def drop(self) -> None:
-        """Close the connection without a word."""
+        """Close the connection without a request to end the session."""
         lines, self._lines = self._lines, None
         if lines is not None:
             lines.close()
@@ -167,10 +164,7 @@ class RmiClient:
             self.drop()
 
     def command(self, name: str, what: str, **fields: object) -> dict[str, Any]:
-        """Send FRC_name; the reply.
-
-        what: the request, in words.
-        """
+        """Send the command FRC_`name` and return the reply. `what` is the request in words."""
         return self._request({"Command": f"FRC_{name}", **fields}, what)
 
     def status(self) -> RmiStatus:
@@ -195,7 +189,7 @@ class RmiClient:
         return alarms_in_words(text for text in texts if text and text != "No Error")
 
     def joints(self) -> tuple[float, ...]:
-        """The axes as Stream Motion has them, degrees and mm, shape (AXES,)."""
+        """The axes in the form of Stream Motion, degrees and mm, shape (AXES,)."""
         angles = self.command("ReadJointAngles", "report its joints").get("JointAngle")
         named = angles if isinstance(angles, dict) else {}
         found = [number_of(named.get(f"J{axis}", 0.0)) for axis in range(1, AXES + 1)]
@@ -204,7 +198,9 @@ class RmiClient:
         return from_horizon(found)
 
     def call(self, program: str, sequence: int) -> None:
-        """Run a TP program. Its reply comes when it ends, so none is awaited."""
+        """Run a TP program. The controller replies when the program ends, so this does not wait for the
+        reply.
+        """
         self._send({"Instruction": "FRC_Call", "SequenceID": sequence, "ProgramName": program})
 
     def _request(self, request: dict[str, object], what: str) -> dict[str, Any]:
@@ -249,7 +245,9 @@ class RmiClient:
 
     @contextlib.contextmanager
     def _in_words(self, what: str) -> Iterator[None]:
-        """A failed connection is closed, so that the next request begins with a new one."""
+        """Context that closes the connection after an error, so that the next request begins with a new
+        one.
+        """
         try:
             yield
         except OSError as exc:

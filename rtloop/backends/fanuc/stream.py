@@ -29,7 +29,7 @@ from rtloop.backends.fanuc.messages import (
 
 MAX_AT_ONCE = 256
 AGAIN_S = 0.1
-"""Time after which a request is repeated, because packets may be lost."""
+"""Interval at which a request is repeated, s, because packets may be lost."""
 NEWEST_VERSION = 99
 ReplyT = TypeVar("ReplyT")
 
@@ -38,7 +38,7 @@ class StreamChannel(Protocol):
     """Packets to and from one controller."""
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All waiting packets, oldest first. Waits for one; returns [] after `timeout_s`."""
+        """All waiting packets, oldest first. Waits for a packet. Returns [] after `timeout_s`."""
         ...
 
     def send(self, packet: bytes) -> None: ...
@@ -99,10 +99,10 @@ class Handshake:
         self._heard = ""
 
     def capability(self) -> CapabilityPacket:
-        """End a stream that an earlier client has left behind, and ask what the controller can.
+        """End a stream that an earlier client has left open, and request the controller's capabilities.
 
         Raises:
-            BackendError: no reply, or a version that is too old.
+            BackendError: there is no reply, or the version is too old.
         """
         self._channel.send(encode_stop(MIN_VERSION))
         found = self._ask(encode_capability_request(MIN_VERSION), CapabilityPacket, lambda _: True)
@@ -122,7 +122,7 @@ class Handshake:
         """Request the limits table.
 
         Raises:
-            BackendError: the controller has none.
+            BackendError: the controller has no limits table.
         """
         table = LimitsTable(dof)
         for axis, rate in list(table.missing()):
@@ -156,7 +156,7 @@ class Handshake:
             )
 
     def _ask(self, packet: bytes, kind: type[ReplyT], fits: Callable[[ReplyT], bool]) -> ReplyT | None:
-        """The reply to a request, which is repeated; None if there is none in time."""
+        """Send a request repeatedly until its reply arrives. Returns None if there is none in time."""
         deadline_s = self._clock() + self._timeout_s
         while (now_s := self._clock()) < deadline_s:
             self._channel.send(packet)

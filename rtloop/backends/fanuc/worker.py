@@ -1,4 +1,4 @@
-"""A thread for requests that take some tenths of a second: the cycle never waits for them."""
+"""A thread for requests that take some tenths of a second, so that the cycle never waits for them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ ResultT = TypeVar("ResultT")
 
 
 class RmiWorker:
-    """Runs one job after the other, on a thread of its own."""
+    """Runs jobs one after the other, on a thread of its own."""
 
     def __init__(self, *, threaded: bool = True) -> None:
-        """threaded: False runs each job at once, for tests in robot time."""
+        """threaded: whether jobs run in the thread. If not, each runs at once, for tests in robot time."""
         self._executor = ThreadPoolExecutor(1, "fanuc-rmi") if threaded else None
 
     def begin(self, job: Callable[[], ResultT]) -> Future[ResultT]:
@@ -27,6 +27,6 @@ class RmiWorker:
         return done
 
     def close(self) -> None:
-        """Wait for the job that runs; the others are dropped."""
+        """Wait for the running job. The others are dropped."""
         if self._executor is not None:
             self._executor.shutdown(wait=True, cancel_futures=True)

@@ -1,6 +1,6 @@
 """KUKA's KR robots over the RobotSensorInterface.
 
-This module is long because it holds everything that the cycle asks of this device.
+This module is long because it contains all methods that the cycle calls on this device.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ if TYPE_CHECKING:
 SESSION_GAP_S = 0.04
 """Time without a packet after which the controller may have started RSI again."""
 UNCOUNTED = 2
-"""Number of late answers that a controller may count later."""
+"""Number of late answers that a controller may count later than cobot."""
 
 
 class RsiBackend:
     """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
 
-    A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero, from where the arm then is. A new
-    session always needs a reset.
+    A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero, at the arm's position at that time.
+    After the start of a new session a reset is always needed.
     """
 
     Options = RsiOptions
@@ -125,13 +125,16 @@ class RsiBackend:
         require_accepted(first_rejection(self._checks_of_settings(self._newest)))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. Only the reduced speed of T1 uses it: the load of the drives is set at the
-        cabinet."""
+        """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
+        cabinet.
+        """
         self._tool = tool
         self._reduce()
 
     def _reduce(self) -> None:
-        """The model's TCP is as fast as it can be, and a tool's turns about it."""
+        """Calculate the reduced speed for the fastest point: the model's TCP, or the tool's TCP, which
+        rotates about it.
+        """
         if self._fastest is None:
             return
         moves_m_s, turns_rad_s = self._fastest
@@ -139,7 +142,9 @@ class RsiBackend:
         self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
+        has accumulated.
+        """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
@@ -179,8 +184,9 @@ class RsiBackend:
             raise BackendError(f"the robot takes no commands: {self._ended.reason}")
 
     def enable(self) -> None:
-        """Enable the corrections. Either side may start first: at the start, the first command reports why
-        the robot takes none, and a reset tries again."""
+        """Enable the corrections. Either side may start first. At the start, the first command reports why
+        the robot accepts none, and a reset tries again.
+        """
         starts, self._starts = self._starts, False
         self.recover_step()
         try:
@@ -212,12 +218,14 @@ class RsiBackend:
         return True
 
     def recover_step(self) -> bool:
-        """The controller's own program recovers the robot. Until then its position is only held."""
+        """Wait for the recovery, which the controller's own program executes. Until then its position is only
+        held.
+        """
         self._enabled, self._ended, self._reported = False, ACCEPTED, False
         return True
 
     def disable(self) -> None:
-        """Hold the last correction: the controller's program decides what happens to its motion."""
+        """Hold the last correction. The controller's program decides what happens to its motion."""
         self._enabled = False
 
     def close(self) -> None:
@@ -300,7 +308,9 @@ class RsiBackend:
         yield check_entry(state, self._options, self._layout, self._corrections.position)
 
     def _follow(self, state: RobState) -> Accepted | Rejected:
-        """Whether the arm follows. A controller that adds up absolute corrections gets zeros from now on."""
+        """Check whether the arm follows. A controller that adds up absolute corrections gets zeros from now
+        on.
+        """
         reference = self._corrections.reference
         assert reference is not None
         result = self._watch.check(np.array(state.position), reference)
@@ -310,7 +320,9 @@ class RsiBackend:
         return result
 
     def _report(self, result: Accepted | Rejected) -> None:
-        """Raise once: the cycle then brings the arm to rest, and its commands are followed until a reset."""
+        """Raise the error once. The cycle then brings the arm to rest; its commands are followed until a
+        reset.
+        """
         if isinstance(result, Rejected) and not self._reported:
             self._reported = True
             raise BackendError(result.reason)
@@ -354,7 +366,7 @@ class RsiBackend:
         self._corrections.settle(state)
 
     def _is_new_session(self, before: RobState, state: RobState, passed_ms: int, silence_s: float) -> bool:
-        """Whether RSI was started again since the packet before."""
+        """Whether RSI was started again since the previous packet."""
         if passed_ms <= 0:
             return True
         if state.delay is not None and before.delay is not None and state.delay < before.delay:
@@ -368,7 +380,7 @@ class RsiBackend:
         return state.delay - before.delay < passed_ms // self._step_ms - 1 - UNCOUNTED
 
     def _begin_session(self, state: RobState, *, is_first: bool) -> None:
-        """Take over the controller's position. Corrections follow after a reset."""
+        """Begin at the controller's position. Corrections follow after a reset."""
         set_position = np.array(position_at_rest(state))
         correction = np.array(state.correction) if state.correction else np.zeros(self._limits.dof)
         self._corrections.begin(set_position - correction, correction)
@@ -381,7 +393,7 @@ class RsiBackend:
             )
 
     def _was_missed(self, state: RobState) -> bool:
-        """Whether the controller has not used the newest answer: all periods since then count as late."""
+        """Whether the controller has not used the newest answer. Then all periods since count as late."""
         answered = self._answered_state
         if answered is None or state.delay is None or answered.delay is None:
             return False
@@ -389,7 +401,7 @@ class RsiBackend:
         return state.delay - answered.delay >= max(1, periods)
 
     def _end(self, result: Rejected) -> None:
-        """End the corrections: the arm stays where it is until a reset."""
+        """End the corrections. The arm stays where it is until a reset."""
         if self._enabled:
             self._enabled, self._ended = False, result
 

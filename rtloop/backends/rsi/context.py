@@ -1,7 +1,7 @@
 """The RSI context: the objects that connect the Ethernet telegrams with axes, inputs and outputs.
 
-Object types, their numbers, ports and parameters are those in the files that KUKA's RSIVisual
-writes. RSI 3.x to 4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
+The types of objects, their numbers, ports and parameters are those in files of KUKA's RSIVisual. RSI 3.x to
+4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 from rtloop.backends.rsi.options import EXTERNAL_AXES, KUKA_LIMIT, ROBOT_AXES, is_external
 
 MONITOR_MARGIN = 1.0
-"""By how much the limit of AXISCORRMON, which ends RSI, is beyond that of AXISCORR; KUKA's default too."""
+"""Distance of the limit of AXISCORRMON, which ends RSI, beyond the limit of AXISCORR. It is also KUKA's
+default.
+"""
 PRECISION = 6
 NO_FLAG = -1
 ALL_AXES = (*ROBOT_AXES, *EXTERNAL_AXES)
@@ -27,7 +29,7 @@ class ObjectParameter:
     """A parameter of an object.
 
     Attributes:
-        old, new: its number in RSI 3.x to 4.0, and later.
+        old, new: its number in RSI 3.x to 4.0, and in later releases.
         fixed: whether it cannot change while RSI is on.
     """
 
@@ -43,8 +45,9 @@ class RsiObject:
     """An object of the context.
 
     Attributes:
-        kind, old_id, new_id: name and numbers of its type, in RSI 3.x to 4.0 and later.
-        inputs: number of each connected port, from 0, with the source's name and its port.
+        kind, old_id, new_id: name of its type, and the numbers of the type in RSI 3.x to 4.0 and in later
+            releases.
+        inputs: for each connected port, its number from 0, and the source's name and port.
     """
 
     kind: str
@@ -57,10 +60,10 @@ class RsiObject:
 
 @dataclass(slots=True)
 class Context:
-    """Objects, and the entries of the Ethernet configuration that belong to them.
+    """The objects, and their entries in the Ethernet configuration.
 
     Attributes:
-        send, receive: tag and type, and HOLDON, of each channel, in the order of their numbers.
+        send, receive: tag and type, and HOLDON, of each channel, in the order of the channels' numbers.
         sources: object and port of each channel that is sent.
     """
 
@@ -74,7 +77,7 @@ ETHERNET = "ETHERNET1"
 
 
 def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterator[ObjectParameter]:
-    """LowerLim and UpperLim of six axes; `first` is the number of the first one in old releases."""
+    """LowerLim and UpperLim of six axes. `first` is the parameter number of the first one in old releases."""
     for sign, word, offset, new in ((-1, "Lower", 0, 0), (1, "Upper", 12, 6)):
         for index, axis in enumerate(axes):
             value = sign * most.get(axis, KUKA_LIMIT)
@@ -82,7 +85,7 @@ def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterat
 
 
 def _digital(kind: str, name: str, number: int, type_id: int, source: int | None = None) -> RsiObject:
-    """An object for one bit; `source` is the channel of ETHERNET that it gets."""
+    """An object for one bit. `source` is the channel of ETHERNET from which it gets its value."""
     inputs = () if source is None else ((0, ETHERNET, source),)
     return RsiObject(
         kind,
@@ -108,8 +111,8 @@ def context_for(
     """The context of a robot.
 
     Args:
-        axes: that move joints of the model.
-        most: largest correction of each axis, degrees or mm.
+        axes: axes that move joints of the model.
+        most: maximum correction of each axis, degrees or mm.
         tags: elements with the corrections of the robot's and of external axes.
         inputs, outputs: numbers in $IN and $OUT.
         timeout: number of late answers that end RSI.
@@ -173,7 +176,7 @@ def _receive(
     *,
     hold_on: bool,
 ) -> None:
-    """The channels from ETHERNET to the axes and outputs."""
+    """Connect the channels from ETHERNET to the axes and outputs."""
     groups = (
         ("AXISCORR", tags[0], ROBOT_AXES, 33, 33, 1),
         ("AXISCORREXT", tags[1], EXTERNAL_AXES, 33, 87, 7),

@@ -14,21 +14,23 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 Counts = NDArray[np.int64]
 
 FOLLOW_S = 0.2
-"""Time within which an arm reaches the position of a correction."""
+"""Maximum time in which an arm reaches the position of a correction, s."""
 MADE_UP, RESOLUTION = 0.2, 1000
-"""Fraction of what was lost that the next answer makes up for, and the rest that it takes at once."""
+"""Fraction of the missing correction that the next answer adds, and the remainder that it adds at once."""
 RESTED_S = 0.3
-"""Time at rest after which the sum of relative corrections is compared with the controller's."""
+"""Time at rest after which the sum of relative corrections is compared with the controller's, s."""
 SLACK_RAD = 2e-4
-"""Resolution of positions that a controller reports with two decimals."""
+"""Resolution of positions that a controller reports with two decimals, rad."""
 SAME_RAD = 1e-3
-"""Difference of two positions, rad or m, up to which nothing has moved between them."""
+"""Maximum difference of two positions, rad or m, that counts as no motion."""
 MARGIN, REACTION_PERIODS = 1.3, 4
-"""Allowance for the way of a stop in front of the largest correction, and for the time until it begins."""
+"""Factor of the stopping distance before the maximum correction, and number of periods until the stop
+begins.
+"""
 CONFIRMED = 2.0
-"""Movement, in multiples of `follow_rad`, after which the controller's mode of correction is certain."""
+"""Motion, in multiples of `follow_rad`, after which the controller's mode of correction is certain."""
 EARLY = 1.0 / 3.0
-"""Fraction of `follow_rad` that is allowed until then."""
+"""Fraction of `follow_rad` that is allowed before that."""
 
 
 class Corrections:
@@ -36,7 +38,7 @@ class Corrections:
 
     Attributes:
         reference: position of the joints with the correction 0, shape (dof,), rad or m; None before one.
-        sent: sum of the corrections that the controller has or is about to have, shape (dof,), integers.
+        sent: sum of the corrections that the controller has or will have, shape (dof,), integers.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class Corrections:
         *,
         relative: bool,
     ) -> None:
-        """max_correction: degrees or mm, shape (dof,)."""
+        """max_correction: maximum corrections, degrees or mm, shape (dof,)."""
         self._layout, self._limits = layout, limits
         self._scale = layout.scale * MICRO
         self._relative, self._period_s = relative, period_s
@@ -60,7 +62,7 @@ class Corrections:
         self._resting = 0
 
     def begin(self, reference: Array, correction: Array) -> None:
-        """Begin a session of the controller, in which this correction is in effect, rad or m."""
+        """Begin a session of the controller. `correction`, rad or m, is the present correction."""
         self.reference = np.array(reference, dtype=float)
         self._goal = self.sent = np.rint(np.asarray(correction) * self._scale).astype(np.int64)
         self._step = np.zeros_like(self.sent)
@@ -74,7 +76,9 @@ class Corrections:
         return found
 
     def agree(self, set_position: Sequence[float], correction: Sequence[float]) -> bool:
-        """Whether a controller with these values, rad or m, is still in the session of these corrections."""
+        """Whether a controller with these values, rad or m, is still in the same session as these
+        corrections.
+        """
         if self.reference is None:
             return False
         off = np.subtract(correction, self.sent / self._scale)
@@ -82,18 +86,18 @@ class Corrections:
         return bool(max(np.abs(off).max(), np.abs(moved).max()) < SAME_RAD)
 
     def take_back(self) -> None:
-        """Handle that the controller has not used the last answer, so that the next one contains it too."""
+        """Handle an answer that the controller has not used, so that the next answer contains it too."""
         self.sent = self.sent - self._step
         self._step = np.zeros_like(self.sent)
 
     def answer(self, target: Array | None, periods: int = 1) -> Counts:
         """The values of the next answer, in millionths of a degree or mm.
 
-        Without losses the sum is the target. After a loss the rest is made up for little by little, because
-        a controller does not smooth its corrections.
+        Without losses the sum equals the target. After a loss the missing part is added gradually, because a
+        controller does not smooth its corrections.
 
         Args:
-            target: position to be reached, rad or m; None to stay.
+            target: target position, rad or m; None: stay.
             periods: number of periods since the last answer.
         """
         before, most = self._goal, np.maximum(self._most, np.abs(self.sent))
@@ -113,7 +117,9 @@ class Corrections:
         return step if self._relative else self.sent
 
     def check_limit(self, velocity: Array) -> Accepted | Rejected:
-        """Whether an arm with this velocity, rad/s or m/s, can still stop within the largest correction."""
+        """Check whether an arm with this velocity, rad/s or m/s, can still stop within the maximum
+        correction.
+        """
         limits = self._limits
         slowing = velocity * np.abs(velocity) / (2.0 * limits.max_acceleration)
         slowing += velocity * limits.max_acceleration / (2.0 * limits.max_jerk)
@@ -132,7 +138,7 @@ class Corrections:
         )
 
     def settle(self, state: RobState) -> None:
-        """Adopt the controller's own sum of relative corrections while the arm is at rest, if it differs."""
+        """Adopt the controller's own sum of relative corrections, if it differs while the arm is at rest."""
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return
         if state.correction:
@@ -147,10 +153,10 @@ class Corrections:
 
 
 class FollowWatch:
-    """Whether the arm follows the corrections: it must be on the path of the last `FOLLOW_S`.
+    """Checks whether the arm follows the corrections: it must be on the path of the last `FOLLOW_S`.
 
     Attributes:
-        is_summed: whether a controller adds up corrections that are meant as absolute ones.
+        is_summed: whether a controller adds up corrections that are absolute.
     """
 
     def __init__(self, layout: TelegramLayout, period_s: float, tolerance: float) -> None:
@@ -160,13 +166,13 @@ class FollowWatch:
         self.forget()
 
     def forget(self) -> None:
-        """Begin again."""
+        """Start the check again."""
         self._filled = False
         self._confirmed = self.is_summed = False
         self._sum = np.zeros(len(self._layout.axes))
 
     def add(self, position: Array, values: Counts, *, relative: bool) -> None:
-        """Add what was commanded in a cycle: the position, and the values of the answer."""
+        """Add the command of a cycle: the position, and the values of the answer."""
         if not self._filled:
             self._rows[:] = position
             self._filled = True
@@ -176,7 +182,7 @@ class FollowWatch:
             self._sum += values / (MICRO * self._layout.scale)
 
     def check(self, measured: Array, reference: Array) -> Accepted | Rejected:
-        """Whether the measured position is one of the last ones, within the tolerance."""
+        """Check whether the measured position is one of the last commanded ones, within the tolerance."""
         if not self._filled:
             return ACCEPTED
         low, high = self._rows.min(axis=0), self._rows.max(axis=0)

@@ -84,7 +84,7 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
     """Texts of the files by their paths.
 
     Raises:
-        ConfigError: the options do not fit the model, or the address of this computer is not known.
+        ConfigError: the options do not fit the model, or the address of this computer is unknown.
     """
     options = settings.backend_options(RsiOptions) or RsiOptions()
     fits = options.check_model(limits)
@@ -127,7 +127,7 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
 
 
 def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[str, ...]) -> str:
-    """The telegrams' elements, and where the controller sends them to."""
+    """The elements of the telegrams, and the address to which the controller sends them."""
     root = ET.Element("ROOT")
     config = ET.SubElement(root, "CONFIG")
     for tag, value in (
@@ -154,7 +154,9 @@ def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[st
 
 
 def _old_context(context: Context) -> str:
-    """For RSI 3.x to 4.0: numbers from 1. External axes follow those of the robot, as ports 7 to 12."""
+    """The context for RSI 3.x to 4.0, with numbers from 1. External axes follow those of the robot, as ports
+    7 to 12.
+    """
     place = {f"{{{SCHEMA}}}noNamespaceSchemaLocation": "/Roboter/Config/System/Common/Schemes/RSIContext.xsd"}
     root = ET.Element("RSIObjects", place)
     for each in context.objects:
@@ -179,7 +181,7 @@ def _old_port(each: RsiObject, port: int) -> int:
 
 
 def _new_context(context: Context) -> str:
-    """For RSI 4.1 and later: numbers from 0."""
+    """The context for RSI 4.1 and later, with numbers from 0."""
     root = ET.Element("RsiContext", {"SchemaVersion": "2.0.0", "xmlns": "RsiContext"})
     objects = ET.SubElement(root, "RsiObjects", xmlns="RsiDriver")
     for each in context.objects:
@@ -200,7 +202,7 @@ def _new_context(context: Context) -> str:
 
 
 def _old_diagram(context: Context) -> str:
-    """The model that RSIVisual of RSI 3.x to 4.0 opens."""
+    """The diagram that RSIVisual of RSI 3.x to 4.0 opens."""
     root = ET.Element(
         "rSIModel",
         {"dslVersion": "1.0.0.0", "name": "", "xmlns": "http://schemas.microsoft.com/dsltools/RSIVisual"},

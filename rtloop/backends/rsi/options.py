@@ -32,12 +32,12 @@ class RsiOptions(BaseModel):
     """Options of the RobotSensorInterface.
 
     Attributes:
-        address: of the robot controller; null takes the first one that sends RSI.
-        listen: address of this computer that the controller sends to; 0.0.0.0 for any.
-        port: UDP port of this computer that the controller sends to: PORT in its Ethernet configuration.
+        address: address of the robot controller; null: the first one that sends RSI.
+        listen: address of this computer to which the controller sends; 0.0.0.0 for any.
+        port: UDP port of this computer to which the controller sends (PORT in its Ethernet configuration).
         sen_type: SENTYPE in the controller's Ethernet configuration.
         correction: mode of RSI_ON in the controller's program: #ABSOLUTE or #RELATIVE.
-        max_correction: largest correction of each axis, degrees or mm: one value, or one per joint. It must
+        max_correction: maximum correction of each axis, degrees or mm: one value, or one per joint. It must
             not exceed the limits of AXISCORR, AXISCORREXT and AXISCORRMON in the RSI context.
         axes: the axis of each joint of the model, in the joints' order; null for A1 to A6, then E1 and so on.
         axis_tag, external_tag: elements with the corrections, in the controller's Ethernet configuration.
@@ -45,9 +45,9 @@ class RsiOptions(BaseModel):
         timeout_packets: Timeout of the ETHERNET object: number of late answers that end RSI.
         connect_s: timeout for the first packet.
         enable_s: timeout for the controller to be ready.
-        silence_s: time without a packet after which the connection is lost: a fault.
-        entry_rad: largest distance of the arm from the controller's set position when commands begin.
-        follow_rad: largest distance of the arm from the path of the last `FOLLOW_S`.
+        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        entry_rad: maximum distance of the arm from the controller's set position when commands begin.
+        follow_rad: maximum distance of the arm from the path of the last `FOLLOW_S`.
         check_pose: whether a pose that the controller reports must be that of the model.
     """
 
@@ -89,12 +89,12 @@ class RsiOptions(BaseModel):
         return tuple(self.axes) if self.axes is not None else (ROBOT_AXES + EXTERNAL_AXES)[: limits.dof]
 
     def limits_of(self, limits: JointLimits) -> list[float]:
-        """The largest correction of each joint, degrees or mm."""
+        """The maximum correction of each joint, degrees or mm."""
         given = self.max_correction
         return list(given) if isinstance(given, list) else [given] * limits.dof
 
     def check_model(self, limits: JointLimits) -> Accepted | Rejected:
-        """Whether these options fit a model with these joints."""
+        """Check whether these options fit a model with these joints."""
         axes, allowed = self.axes_of(limits), self.limits_of(limits)
         if len(axes) != limits.dof:
             return Rejected(

@@ -1,4 +1,6 @@
-"""Meaning of the controller's telegrams: why it takes no corrections, and which settings do not match."""
+"""Evaluation of the controller's telegrams: why it accepts no corrections, and which settings do not
+match.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,11 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 HAND_GUARDED = ("T1", "T2")
 """Modes in which the operator must hold the enabling switch."""
 OUTSIDE_RAD = 0.1
-"""Distance beyond the model's limits from which another arm or unit is meant."""
+"""Distance beyond the model's limits above which the arm or the unit must be wrong."""
 
 
 def check_readiness(state: RobState) -> Accepted | Rejected:
-    """Whether the controller moves its drives. What it does not report counts as good."""
+    """Check whether the controller moves its drives. A state that it does not report counts as good."""
     if state.is_stopped:
         return Rejected(
             "an emergency stop or a safety stop is active ($ALARM_STOP): remove its cause, acknowledge it at "
@@ -40,10 +42,10 @@ def check_readiness(state: RobState) -> Accepted | Rejected:
 def check_settings(
     state: RobState, step_ms: int, options: RsiOptions, period_s: float
 ) -> Accepted | Rejected:
-    """Whether this controller can be driven with these settings.
+    """Check whether this controller can be driven with these settings.
 
     Args:
-        step_ms: by how much IPOC grows from packet to packet; 0 if it is not known yet.
+        step_ms: increase of IPOC from packet to packet; 0 if unknown.
     """
     wanted_ms = round(period_s * 1e3)
     if step_ms and step_ms != wanted_ms:
@@ -71,7 +73,7 @@ def check_settings(
 
 
 def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits) -> Accepted | Rejected:
-    """Whether the arm can be where it is reported."""
+    """Check whether the arm can be at its reported position."""
     position = np.array(state.position)
     outside = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(np.argmax(outside))
@@ -91,7 +93,7 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
 def check_entry(
     state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
 ) -> Accepted | Rejected:
-    """Whether the arm is at its held position, so that corrections may begin."""
+    """Check whether the arm is at its held position, so that corrections may begin."""
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())
     if off[joint] <= options.entry_rad:
@@ -103,8 +105,9 @@ def check_entry(
 
 
 def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
-    """Whether the reported pose is that of the model's flange: its program selects $NULLFRAME as tool and
-    base."""
+    """Check whether the reported pose is that of the model's flange. The controller's program selects
+    $NULLFRAME as tool and base.
+    """
     if len(state.pose) != 6 or not any(state.pose):
         return ACCEPTED
     position = 1e-3 * np.array(state.pose[:3])
@@ -113,5 +116,5 @@ def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
 
 
 def position_at_rest(state: RobState) -> tuple[float, ...]:
-    """The controller's set position; the measured one if it does not report the former."""
+    """The controller's set position; the measured position if it does not report the former."""
     return state.setpoint or state.position

@@ -1,8 +1,8 @@
-"""RSI's telegrams, for both sides of the wire: `Rob` from the controller, `Sen` in answer.
+"""RSI's telegrams, for both sides of the connection: `Rob` from the controller, and the answer `Sen`.
 
 Elements with the prefix DEF_ in the Ethernet configuration have fixed names (RIst, AIPos, ASPos, EIPos,
-ESPos, Delay). All others are named by the configuration that `rtloop.backends.rsi.files` writes. Rotary axes
-are in degrees on the wire, linear ones in mm.
+ESPos, Delay). All others are named by the configuration that `rtloop.backends.rsi.files` writes. In
+telegrams, rotary axes are in degrees, linear ones in mm.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class TelegramLayout:
     """The contents of the telegrams of one robot.
 
     Attributes:
-        axes: of each joint.
+        axes: axis of each joint.
         scale: wire units (degrees or mm) per rad or m, shape (dof,).
         inputs, outputs: names of digital inputs and outputs.
     """
@@ -83,7 +83,7 @@ class RobState:
 
     Attributes:
         ipoc: the controller's time stamp, ms, which the answer repeats.
-        position: measured.
+        position: measured position.
         setpoint: the controller's set position, with corrections.
         correction: sum of the corrections since RSI_ON.
         delay: number of answers that were late since RSI_ON, None if not reported.
@@ -93,7 +93,7 @@ class RobState:
             reported.
         override: program override, 0 to 1.
         mode: mode of RSI_ON that its program reports, absolute or relative; "" if not reported.
-        inputs, outputs: in the order of the layout.
+        inputs, outputs: their values, in the order of the layout.
     """
 
     ipoc: int
@@ -113,10 +113,10 @@ class RobState:
 
 @dataclass(slots=True)
 class SenAnswer:
-    """The telegram of the sensor, which is cobot.
+    """The telegram of the sensor. In RSI's terms cobot is the sensor.
 
     Attributes:
-        corrections: of each joint, in millionths of a degree or mm.
+        corrections: correction of each joint, in millionths of a degree or mm.
     """
 
     ipoc: int
@@ -125,7 +125,7 @@ class SenAnswer:
 
 
 def decode_rob(packet: bytes, layout: TelegramLayout) -> RobState | str:
-    """The controller's telegram, or a sentence that says why it is none. Nothing is raised."""
+    """The controller's telegram, or a sentence with the reason why it is invalid. Never raises."""
     try:
         return _rob(read_telegram(packet), layout)
     except TelegramError as exc:
@@ -133,7 +133,7 @@ def decode_rob(packet: bytes, layout: TelegramLayout) -> RobState | str:
 
 
 def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
-    """The sensor's telegram, or a sentence that says why it is none. Nothing is raised."""
+    """The sensor's telegram, or a sentence with the reason why it is invalid. Never raises."""
     try:
         return _sen(read_telegram(packet), layout)
     except TelegramError as exc:
@@ -143,7 +143,7 @@ def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
 def encode_sen(
     layout: TelegramLayout, ipoc: int, corrections: Sequence[int], outputs: Sequence[bool]
 ) -> bytes:
-    """corrections: of each joint, in millionths of a degree or mm."""
+    """corrections: correction of each joint, in millionths of a degree or mm."""
     parts = [f'<Sen Type="{layout.sen_type}">']
     for tag, joints in layout.corrections:
         words = (f'{layout.axes[index]}="{corrections[index] / MICRO:.{DECIMALS}f}"' for index in joints)
@@ -194,7 +194,7 @@ def _attributes(names: Sequence[str], values: Sequence[float]) -> str:
 
 
 def _axes(layout: TelegramLayout, robot: str, external: str, values: Sequence[float]) -> str:
-    """Positions of all axes; those of the robot that no joint has are 0."""
+    """Positions of all axes. Axes of the robot without a joint are 0."""
     by_axis = dict(zip(layout.axes, np.multiply(values, layout.scale).tolist(), strict=True))
     own = [(axis, by_axis.get(axis, 0.0)) for axis in ROBOT_AXES]
     others = [(axis, value) for axis, value in by_axis.items() if is_external(axis)]
@@ -286,7 +286,7 @@ def _rob(telegram: Telegram, layout: TelegramLayout) -> RobState:
 
 
 def _check_axes(element: TelegramElement, layout: TelegramLayout) -> None:
-    """Raise if the controller has other axes than the model."""
+    """Raise an error if the controller has other axes than the model."""
     for name, text in element.attributes.items():
         if name not in ROBOT_AXES:
             raise TelegramError(f"AIPos has an axis {shown(name)}, a robot has {', '.join(ROBOT_AXES)}")
@@ -343,5 +343,5 @@ def _sen(telegram: Telegram, layout: TelegramLayout) -> SenAnswer:
 
 
 def validity(layout: TelegramLayout) -> Callable[[bytes], bool]:
-    """Whether a packet may come from a controller, which `layout` describes."""
+    """A function that returns whether a packet may come from a controller described by `layout`."""
     return lambda packet: not isinstance(decode_rob(packet, layout), str)

@@ -1,7 +1,7 @@
 """The part of XML that RSI's telegrams have: a root, elements with attributes or a text, no deeper level.
 
-Expat parses. Everything else that XML can contain (document types and so entities, processing instructions,
-deeper levels) is rejected, and so are large packets.
+It is parsed with Expat. All other XML content (document types and therefore entities, processing
+instructions, deeper levels) is rejected, and so are large packets.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 MAX_PACKET = 8192
-"""Maximum size of a telegram, in bytes. One with all 64 channels of RSI has about half of it."""
+"""Maximum size of a telegram, in bytes. A telegram with all 64 channels of RSI has about half of it."""
 MAX_ELEMENTS = 200
 MAX_TEXT = 200
 SHOWN = 60
@@ -25,8 +25,8 @@ class TelegramElement:
     """An element below the root.
 
     Attributes:
-        attributes: by name, not yet parsed.
-        text: between its tags.
+        attributes: attributes by name, not yet parsed.
+        text: text between its tags.
     """
 
     attributes: dict[str, str]
@@ -39,8 +39,8 @@ class Telegram:
 
     Attributes:
         root: name of the root.
-        type: its attribute `Type`, "" without one.
-        elements: by their names.
+        type: the attribute `Type`, "" without one.
+        elements: elements by name.
     """
 
     root: str = ""
@@ -49,17 +49,13 @@ class Telegram:
 
 
 def shown(value: object) -> str:
-    """A value of a stranger's packet, short and printable."""
+    """A value from an untrusted packet, short and printable."""
     text = str(value)
     return ascii(text if len(text) <= SHOWN else f"{text[:SHOWN]}...")
 
 
 def read_telegram(packet: bytes) -> Telegram:
-    """Parse a packet.
-
-    Raises:
-        TelegramError: it is not such a document.
-    """
+    """Parse a packet. Raises TelegramError: the packet is not such a document."""
     if len(packet) > MAX_PACKET:
         raise TelegramError(f"a packet of more than {MAX_PACKET} bytes")
     reader = _Reader()
@@ -73,7 +69,7 @@ def read_telegram(packet: bytes) -> Telegram:
 
 
 class _Reader:
-    """Collects what expat finds."""
+    """Collects the events of Expat."""
 
     def __init__(self) -> None:
         self.telegram = Telegram()

@@ -1,1 +1,1 @@
-"""A controller that speaks Stream Motion and the Remote Motion Interface, without a robot behind it."""
+"""A controller that uses Stream Motion and the Remote Motion Interface, without a real robot."""

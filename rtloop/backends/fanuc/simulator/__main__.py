@@ -31,7 +31,7 @@ MAX_LAG_MS = 1000
 
 
 def main() -> int:
-    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     chosen = _parser().parse_args()
     ending: list[str] = []
 

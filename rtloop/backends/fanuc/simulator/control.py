@@ -18,15 +18,15 @@ ALARMS = {"e_stop": E_STOP, "fence": FENCE, "collision": CONTACT}
 
 
 class FanucControlRequest(StrictModel):
-    """Changes from now on. Fields that are left out stay unchanged.
+    """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
         drop: number of next packets to the client that are lost.
-        spoil: how measured values are falsified on their way to the client.
+        spoil: how measured values are corrupted on their way to the client.
         e_stop, fence, collision: whether the cause of that alarm persists.
         alarm: text of another alarm, without a cause that persists.
         close: whether the connection of the Remote Motion Interface is closed.
-        deaf: whether its requests are left without a reply.
+        deaf: whether it does not reply to requests.
         io: values of inputs and outputs by name.
     """
 
@@ -49,10 +49,10 @@ class FanucControlRequest(StrictModel):
 
 
 class FanucControl(ControlServer):
-    """As for a KUKA cabinet, with other requests.
+    """The control interface, as for a KUKA cabinet, but with other requests.
 
     Attributes:
-        close, deaf: see `FanucControlRequest`; the server heeds them.
+        close, deaf: see `FanucControlRequest`; the server evaluates them.
     """
 
     def __init__(self, port: int, controller: FanucController, network: FanucNetwork, more: Any) -> None:
@@ -61,7 +61,7 @@ class FanucControl(ControlServer):
         self.closes = self.deaf = False
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Execute the request of a line; the state after it, or an error."""
+        """Execute the request in a line. Returns the state after it, or an error."""
         try:
             request = FanucControlRequest.model_validate_json(line)
         except ValidationError as exc:

@@ -48,12 +48,12 @@ from rtloop.results import Rejected
 MAX_SPEED = 2000
 """Speed of the TCP in the last column of the limits table, mm/s."""
 MISSED_MS = 100
-"""Time without a command after which a motion ends; as measured on a CRX, 71 to 121 ms."""
+"""Time without a command after which a motion ends, ms. Measured on a CRX: 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0
 SERVO_MS = 50
-"""Time that the servos need to be ready."""
+"""Time that the servos need to be ready, ms."""
 START_MS = 40
-"""Time from the call of the program until it permits motion."""
+"""Time from the call of the program until it permits motion, ms."""
 EVENTS = 200
 STOPPED = (ContactStop.STOP, ContactStop.ESCAPE)
 NOT_CONFIGURED, TOO_MANY = 2, 3
@@ -64,17 +64,11 @@ CONTACT = "SRVO-050 Collision Detect alarm (G:1, A:1)"
 
 
 class FanucController:
-    """Attributes:
-    arm: the simulated arm.
-    period_s, time_ms: its own period and clock.
-    alarms: active alarms, newest first.
-    causes: alarms whose cause persists; a reset does not clear them.
-    io: values of the points.
-    events: what happened, as text.
-    override: speed override, per cent.
-    program: whether the program of Stream Motion runs.
-    contact_stop: of a collaborative robot.
-    safety_scale: of the speed clamp.
+    """Attributes: arm: the simulated arm. period_s, time_ms: its own period and clock. alarms: active alarms,
+    newest first. causes: alarms whose cause persists; a reset does not clear them. io: values of the points.
+    events: what happened, as text. override: speed override, per cent. program: whether the program of Stream
+    Motion runs. contact_stop: contact stop of a collaborative robot. safety_scale: share of the speed that
+    the speed clamp permits.
     """
 
     def __init__(self, arm: CabinetArm, options: FanucControllerOptions) -> None:
@@ -111,7 +105,7 @@ class FanucController:
     # What a person does
 
     def press(self, alarm: str) -> None:
-        """An alarm, whose cause persists until `release`."""
+        """Raise an alarm whose cause persists until `release`."""
         self.causes.add(alarm)
         self.alarm(alarm)
 
@@ -119,7 +113,7 @@ class FanucController:
         self.causes.discard(alarm)
 
     def switch_mode(self, mode: str) -> None:
-        """Turn the key. T1 and T2 have the teach pendant on, and end the program."""
+        """Turn the mode switch. In T1 and T2 the teach pendant is on, and the program ends."""
         if mode == self.mode:
             return
         self.mode = mode
@@ -128,14 +122,14 @@ class FanucController:
             self._end("the mode is changed")
 
     def alarm(self, text: str) -> None:
-        """The arm stops, the drives go off and the program ends."""
+        """Raise an alarm: the arm stops, the drives are switched off and the program ends."""
         if text not in self.alarms:
             self.alarms.insert(0, text)
         self._servo_ms = 0
         self._end(text)
 
     def contact(self, state: ContactStop) -> None:
-        """A collaborative robot touches something, or no longer."""
+        """Begin or end a contact of a collaborative robot."""
         self.contact_stop = state
         if state in STOPPED:
             self._end(f"contact stop {state.name}")
@@ -166,7 +160,7 @@ class FanucController:
     # Stream Motion
 
     def hear(self, data: bytes) -> bytes:
-        """A packet of the client; the reply, b"" for none."""
+        """Process a packet of the client. Returns the reply, b"" for none."""
         packet = decode_sent(data)
         if isinstance(packet, str):
             self.malformed += 1
@@ -189,7 +183,9 @@ class FanucController:
         return b""
 
     def step(self) -> bytes:
-        """A period begins: the arm moves on, and the client is sent the state, b"" if it has not asked."""
+        """Begin a period: the arm moves. Returns the state for the client, b"" if the client has not
+        requested it.
+        """
         self.time_ms += self.options.period_ms
         self._move()
         self._servo_ms = 0 if self.alarms else self._servo_ms + self.options.period_ms
@@ -241,7 +237,7 @@ class FanucController:
         return started and self.streams and self.servo_ready and self.mode == "AUTO"
 
     def face_plate(self) -> tuple[float, ...]:
-        """x, y, z in mm and w, p, r in degrees, in the world frame."""
+        """The pose of the face plate in the world frame: x, y, z in mm and w, p, r in degrees."""
         x, y, z, *turn = self.arm.pose()
         r, p, w = kuka_angles(turn)
         return (x, y, z - 1e3 * self.options.world_z_m, *map(math.degrees, (w, p, r)))
@@ -286,7 +282,7 @@ class FanucController:
         self._target, self._last, self._received = position, packet.is_last, True
 
     def _move(self) -> None:
-        """One period of the arm: to the command, straight on without one, or braking."""
+        """Move the arm for one period: to the command, on at constant velocity without one, or braking."""
         arm, target = self.arm, self._target
         self._target = None
         if target is not None:

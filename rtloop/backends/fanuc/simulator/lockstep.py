@@ -21,21 +21,21 @@ from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
-"""Fraction of the packets that are lost or overtaken."""
+"""Fraction of the packets that are lost or arrive out of order."""
 EVERY = round(1.0 / UNLUCKY)
 RESTART_S = 1.0
-"""Time until rtloop has started, in which the controller gets no answer."""
+"""Time for the start of rtloop, during which the controller gets no answer, s."""
 SESSION_PORT = 16002
 IO = {"DI[1]": 0, "DI[2]": 1, "DO[1]": 1, "DO[2]": 0, "RO[1]": 0, "F[3]": 0, "AI[1]": 12, "AO[1]": 7}
 
 
 class FanucLockStep:
-    """A `StreamChannel` whose other end is a controller: each wait is its next period.
+    """A `StreamChannel` to a controller. Each wait runs the controller's next period.
 
     Attributes:
-        time_s: the controller's, which the backend uses as its own.
-        off: whether the cable is pulled.
-        busy: whether one wait in `EVERY` finds two packets in place of one.
+        time_s: time of the controller, which the backend uses as its own.
+        off: whether the cable is disconnected.
+        busy: whether one in `EVERY` waits finds two packets instead of one.
         sent: all packets of the backend.
         injected: packets to the backend in addition to the controller's.
     """
@@ -65,7 +65,7 @@ class FanucLockStep:
                 return found
 
     def step(self) -> None:
-        """A period of the controller passes."""
+        """Run one period of the controller."""
         self.time_s += self.controller.period_s
         for packet in self.network.arrived():
             self._hear(packet)
@@ -108,7 +108,7 @@ class FanucLockStep:
         return RmiClient("the simulated controller", 16001, 1.0, self.connect)
 
     def kill_client(self) -> None:
-        """The backend's process is gone, and its connection with it."""
+        """Simulate the death of the backend's process, which also closes its connection."""
         self.answers.leave()
 
 
@@ -138,8 +138,9 @@ class LockStepLines:
 
 
 class FanucRig:
-    """The backend `fanuc` and a simulated controller, a `ContractRig` that the contract drives and injects
-    faults in."""
+    """The backend `fanuc` and a simulated controller. It is a `ContractRig`, which the contract drives and
+    into which it injects faults.
+    """
 
     faults = frozenset(FAULTS)
 

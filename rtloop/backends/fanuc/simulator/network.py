@@ -11,7 +11,7 @@ from rtloop.backends.fri.simulator.network import Network
 
 
 class FanucNetwork(Network):
-    """As a `Network`, whose packets have other bytes."""
+    """A `Network` for the packets of Stream Motion."""
 
     _first: StatusPacket | None = None
 

@@ -1,4 +1,4 @@
-"""Commands that a controller stops at: beyond the limits table, or far from the last one."""
+"""Commands that stop a controller: those beyond the limits table, or far from the last one."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENTRY_RAD = 0.05
-"""Largest distance of the first command from the arm."""
+"""Maximum distance of the first command from the arm, rad."""
 LIMIT_RAD = 0.01
-"""Distance of a command from a joint's limits beyond which it is rejected."""
+"""Maximum distance of a command beyond a joint's limits, rad."""
 SLACK = 1.01
 TIGHTEST_LOAD, TIGHTEST_SPEED = 1.0 / 1.5, 0.5
-"""How acceleration and jerk fall from the empty hand to the full payload, and up to the full speed."""
+"""Factors of acceleration and jerk at the full payload, relative to no payload, and at full speed."""
 INTERVAL_MS = 8
 WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration", LimitRate.JERK: "jerk"}
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """A table whose tightest end is this share of the limits."""
+    """A limits table whose tightest end is this share of the limits."""
     table = LimitsTable(limits.dof)
     speeds = np.linspace(1.0 / TIGHTEST_SPEED, 1.0, THRESHOLDS)
     bounds = limits.max_velocity, limits.max_acceleration, limits.max_jerk
@@ -36,11 +36,7 @@ def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int)
 
 
 class Reflexes:
-    """Checks each command with those before it.
-
-    Attributes:
-        peaks: largest share of each limit that was used, shape (3, dof).
-    """
+    """Checks each command against the previous ones."""
 
     def __init__(self, limits: JointLimits, table: LimitsTable, per_unit: Array, load: float) -> None:
         self._limits, self._max_speed = limits, table.max_speed
@@ -49,18 +45,18 @@ class Reflexes:
         self.peaks = np.zeros((len(LimitRate), limits.dof))
 
     def forget(self) -> None:
-        """A motion begins."""
+        """Forget the commands, because a new motion begins."""
         self._known.clear()
 
     def check(
         self, sequence: int, position: Array, here: Array, tcp_m_s: float, period_s: float
     ) -> Accepted | Rejected:
-        """Whether a command is accepted; a motion with another one ends.
+        """Check whether a command is accepted. If not, the motion ends.
 
         Args:
             sequence: number of the command.
-            here: where the arm is commanded so far.
-            tcp_m_s: speed of the TCP.
+            here: commanded position of the arm so far.
+            tcp_m_s: speed of the TCP, m/s.
         """
         limits = self._limits
         if not np.isfinite(position).all():
@@ -80,7 +76,7 @@ class Reflexes:
         return result
 
     def _rates(self, sequence: int, position: Array, tcp_m_s: float, period_s: float) -> Accepted | Rejected:
-        """Velocity always, acceleration and jerk if none of the commands that they need was lost."""
+        """Check the velocity, and acceleration and jerk if no command that they need was lost."""
         known = [*self._known, (sequence, position)]
         numbers = [number for number, _ in known]
         passed = numbers[-1] - numbers[-2]

@@ -33,10 +33,10 @@ Fields = dict[str, Any]
 
 
 class RmiAnswers:
-    """One session at a time.
+    """Answers requests, in one session at a time.
 
     Attributes:
-        session_port: where a client has its session, after it was told.
+        session_port: port of the session, after a client has received its number.
         occupied: whether a client has a session.
     """
 
@@ -70,7 +70,7 @@ class RmiAnswers:
         return self._write({"Command": "Unknown", "ErrorID": UNKNOWN})
 
     def leave(self) -> None:
-        """The client is gone."""
+        """End the session of a client that has disconnected."""
         self.occupied = False
 
     def _reply(self, kind: str, request: Fields) -> bytes:
@@ -222,7 +222,7 @@ class RmiAnswers:
         return {}
 
     def _call(self, fields: Fields) -> Fields | None:
-        """The reply comes when the program ends, so only errors have one."""
+        """Call a program. The reply comes when the program ends, so only errors have one here."""
         sequence = fields.get("SequenceID")
         if not self._initialized:
             return {"ErrorID": WRONG_STATE, "SequenceID": sequence}

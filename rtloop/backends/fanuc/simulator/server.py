@@ -21,9 +21,9 @@ MAX_AT_ONCE = 256
 MIN_SHARE = 0.9
 """Fraction of a period between two packets while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which another client may take over."""
+"""Time without a packet after which another client may take over, s."""
 _STAMP = 35
-"""Linux's SO_TIMESTAMPNS: arrival time of a packet, whenever this process reads it."""
+"""Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
 _TIMESPEC = struct.Struct("qq")
 
 
@@ -31,10 +31,7 @@ class RmiServer:
     """The two ports of the Remote Motion Interface, served between two packets."""
 
     def __init__(self, address: str, port: int, answers: RmiAnswers) -> None:
-        """
-        Raises:
-            OSError: the address or port cannot be used.
-        """
+        """Raises OSError: the address or port cannot be used."""
         self._answers = answers
         self._door = socket.create_server((address, port))
         try:
@@ -119,7 +116,7 @@ class RmiServer:
 
 
 def _heard(client: socket.socket) -> bytes | None:
-    """The bytes that have come, b"" if the connection is closed, None if nothing has come."""
+    """The received bytes; b"" if the connection is closed, None if nothing has arrived."""
     try:
         return client.recv(MAX_LINE)
     except BlockingIOError:
@@ -131,8 +128,8 @@ def _heard(client: socket.socket) -> bytes | None:
 class ControllerServer:
     """Sends a packet in each period, and takes the answers.
 
-    A controller is punctual; this process need not be. So an answer is in time if it arrives before the next
-    packet is sent, however late this process reads it.
+    A controller is punctual, but this process may not be. So an answer counts as in time if it arrives before
+    the next packet is sent, however late this process reads it.
     """
 
     def __init__(
@@ -146,7 +143,7 @@ class ControllerServer:
         control_port: int = 0,
         patience_s: float = 0.0,
     ) -> None:
-        """patience_s: how long the server waits for a late answer before it counts as missing.
+        """patience_s: maximum wait for a late answer, s, before it counts as missing.
 
         Raises:
             OSError: an address or port cannot be used.
@@ -221,7 +218,7 @@ class ControllerServer:
                 self._socket.sendto(packet, self._client)
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
-        """Take packets until the period is over, or longer if a missing answer may still come."""
+        """Receive packets until the period is over, or longer if a missing answer may still arrive."""
         while not ending:
             now_s = time.monotonic()
             until_s = deadline_s
@@ -241,7 +238,7 @@ class ControllerServer:
                 self._serve()
 
     def _take(self) -> bool:
-        """Process the next packet; whether there was one."""
+        """Process the next packet. Returns whether there was one."""
         try:
             packet, more, _, sender = self._socket.recvmsg(
                 MAX_PACKET, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
@@ -275,7 +272,7 @@ class ControllerServer:
             self._send(reply)
 
     def _know(self, sender: tuple[str, int]) -> bool:
-        """Whether a packet comes from the client; another one may take over after a silence."""
+        """Whether a packet is from the client. After a time without packets another client may take over."""
         now_s = time.monotonic()
         if sender != self._client and self._client is not None and now_s - self._client_s < ALONE_S:
             if not self._two:

@@ -1,4 +1,4 @@
-"""A TCP server of this computer for clients that send one JSON object per line."""
+"""A TCP server on this computer, for clients that send one JSON object per line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_CLIENTS = 8
 
 
 class LineServer(ABC):
-    """Clients of the control interface, served between two periods."""
+    """Serves the clients of the control interface between two periods."""
 
     def __init__(self, port: int) -> None:
         self._socket = socket.create_server(("127.0.0.1", port))
@@ -63,4 +63,4 @@ class LineServer(ABC):
 
     @abstractmethod
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Execute the request of a line; the state after it, or an error."""
+        """Execute the request in a line. Returns the state after it, or an error."""

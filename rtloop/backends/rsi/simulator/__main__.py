@@ -27,7 +27,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> int:
-    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     chosen = _parser().parse_args()
     ending: list[str] = []
 
@@ -90,7 +90,9 @@ def _server(chosen: argparse.Namespace) -> CabinetServer[RsiController]:
 
 
 def _options_without_backend() -> dict[str, object]:
-    """For an arm whose settings name another backend: its own limits bound it, not a correction's."""
+    """Options for an arm whose settings name another backend. Its own limits bound it, not those of a
+    correction.
+    """
     return {"max_correction": 360.0}
 
 

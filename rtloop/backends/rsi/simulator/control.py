@@ -17,15 +17,15 @@ from rtloop.backends.rsi.simulator.controller import RsiController
 
 
 class RsiControlRequest(StrictModel):
-    """Changes from now on. Fields that are left out stay unchanged.
+    """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
         drop: number of next packets to the client that are lost.
-        spoil: how measured values are falsified on their way to the client.
+        spoil: how measured values are corrupted on their way to the client.
         estop: whether the emergency stop is pressed.
         override: program override, percent.
         runs: whether the operator starts the program again when nothing prevents it.
-        off: ends RSI now.
+        off: whether to end RSI now.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
         inputs: values of inputs by name.
     """
@@ -50,7 +50,7 @@ class RsiControlServer(LineServer):
     def __init__(
         self, port: int, controller: RsiController, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
-        """more: adds the server's data to each answer."""
+        """more: adds data of the server to each answer."""
         super().__init__(port)
         self._controller, self._network, self._more = controller, network, more
 

@@ -21,7 +21,7 @@ from rtloop.results import Rejected
 
 FIRST_IPOC = 123_456
 RESTART_MS = 200
-"""Time until the operator has started the program again, once nothing prevents it."""
+"""Time after which the operator starts the program again, once nothing prevents it, ms."""
 BRAKE_RAD_S2 = 10.0
 EVENTS = 200
 LENIENT_PERIODS = 50
@@ -30,11 +30,9 @@ WIRE = 1_000_000
 
 @dataclass(slots=True)
 class Counters:
-    """Attributes:
-    answered, late: telegrams that were answered in time, and that were not.
-    malformed: packets that are not answers.
-    wrong_ipoc: answers to a telegram that was not the last one.
-    sessions: number of times that RSI was switched on.
+    """Attributes: answered, late: numbers of telegrams that were answered in time, and too late. malformed:
+    number of packets that are not answers. wrong_ipoc: number of answers to a telegram that was not the last
+    one. sessions: number of times that RSI was switched on.
     """
 
     answered: int = 0
@@ -46,13 +44,13 @@ class Counters:
 
 @dataclass(slots=True)
 class _Session:
-    """From RSI_ON to RSI_OFF.
+    """A session, from RSI_ON to RSI_OFF.
 
     Attributes:
         reference: the arm's set position at its beginning, rad.
-        correction: in effect, rad.
+        correction: present correction, rad.
         values: last valid values of the answer, rad.
-        delay, row: late answers since RSI_ON, and in a row.
+        delay, row: number of late answers since RSI_ON, and of consecutive ones.
         lenient: number of periods in which changes of velocity are not checked, after a late answer.
     """
 
@@ -72,11 +70,11 @@ class RsiController:
 
     Attributes:
         arm: the arm.
-        options: given at its start.
+        options: its options.
         ipoc: its time stamp, ms.
         is_stopped: whether a safety stop is active; its drives are then off.
-        mode: of the operator's key.
-        inputs, outputs: values, in the order of the layout.
+        mode: position of the operator's key switch.
+        inputs, outputs: their values, in the order of the layout.
         starts_again: whether its operator starts the program again when nothing prevents it.
         events: descriptions of events, the newest last.
         wire: positions that its client has commanded, rad.
@@ -155,21 +153,21 @@ class RsiController:
         self._correct(session)
 
     def stop_safely(self, *, active: bool) -> None:
-        """Press or release the emergency stop: RSI ends, the drives are off."""
+        """Press or release the emergency stop. Pressing it ends RSI and switches the drives off."""
         if active != self.is_stopped:
             self.is_stopped = active
             self.events.append("an emergency stop" if active else "the emergency stop is released")
             self.switch_off("an emergency stop")
 
     def switch_mode(self, mode: str) -> None:
-        """Turn the operator's key, which ends RSI."""
+        """Turn the operator's key switch, which ends RSI."""
         if mode != self.mode:
             self.mode = mode
             self.events.append(f"operation mode: {mode}")
             self.switch_off(f"the operation mode was changed to {mode}")
 
     def switch_off(self, reason: str) -> None:
-        """End RSI; its operator starts the program again."""
+        """End RSI. The operator then starts the program again."""
         self._restart_ms = RESTART_MS
         if self._session is not None:
             self._session = None
@@ -191,7 +189,7 @@ class RsiController:
         self.events.append("RSI is on")
 
     def _judge(self, session: _Session) -> None:
-        """Count a missing answer. A client that has never answered is not there yet."""
+        """Count a missing answer. A client that has never answered counts as not connected yet."""
         if session.is_answered:
             session.lenient = max(0, session.lenient - 1)
             return

@@ -21,7 +21,9 @@ from rtloop.backends.rsi.telegrams import layout_of
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
-"""Largest correction of the simulated controller, degrees or mm: the contract moves further than KUKA's 5."""
+"""Maximum correction of the simulated controller, degrees or mm. The contract moves further than KUKA's
+default of 5.
+"""
 OUTPUTS = {"gripper": 1, "lamp": 2}
 
 

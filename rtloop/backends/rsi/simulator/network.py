@@ -10,7 +10,7 @@ from rtloop.backends.rsi.telegrams import RobState, TelegramLayout, decode_rob, 
 
 
 class RsiNetwork(Network):
-    """A `Network` that can falsify the measured positions."""
+    """A `Network` that can corrupt the measured positions."""
 
     def __init__(
         self, layout: TelegramLayout, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0

@@ -10,16 +10,11 @@ PERIODS_MS = (4, 12)
 
 @dataclass(frozen=True, slots=True)
 class ControllerOptions:
-    """Attributes:
-    period_ms: 4 (IPO_FAST) or 12 (IPO).
-    relative: mode of RSI_ON.
-    hold_on: whether the last correction stays at the output of ETHERNET if an answer is missing.
-    timeout: number of late answers that end RSI.
-    in_a_row: whether only late answers in a row count for `timeout`, instead of all since RSI_ON.
-    operation_mode: T1, T2, AUT or EXT.
-    override: program override, percent.
-    reports: whether the context reports mode, state, override and the sum of corrections. Contexts of other
-        people do not.
+    """Attributes: period_ms: 4 (IPO_FAST) or 12 (IPO). relative: mode of RSI_ON. hold_on: whether the last
+    correction stays at the output of ETHERNET if an answer is missing. timeout: number of late answers that
+    end RSI. in_a_row: whether only consecutive late answers count for `timeout`, instead of all since RSI_ON.
+    operation_mode: T1, T2, AUT or EXT. override: program override, percent. reports: whether the context
+    reports mode, state, override and the sum of corrections. Contexts from other sources do not.
     """
 
     period_ms: int = 4
