@@ -1,12 +1,17 @@
 """The protocols of backends: one for all, and optional ones.
 
-    Backend all: open, enable, read, write, disable, close Paced an externally clocked device Reporting the
-    device reports its status Stepwise enabling and recovery take several cycles, in which its packets are
-    answered ImpedanceControlled the drives have adjustable stiffness and damping TorqueControlled the drives
-    take torques in addition to positions WrenchControlled the drives take a force at the TCP in addition to
-    positions CarriesTool the drives must know their load HasIo the device has named inputs and outputs
-    ReadsInputs its inputs can be read one by one, in each cycle HasCell a simulation with loose parts
-    Simulated a simulation that can be pulled and begun again
+    Backend              all: open, enable, read, write, disable, close
+    Paced                an externally clocked device
+    Reporting            the device reports its status
+    Stepwise             enabling and recovery take several cycles, in which its packets are answered
+    ImpedanceControlled  the drives have adjustable stiffness and damping
+    TorqueControlled     the drives take torques in addition to positions
+    WrenchControlled     the drives take a force at the TCP in addition to positions
+    CarriesTool          the drives must know their load
+    HasIo                the device has named inputs and outputs
+    ReadsInputs          its inputs can be read one by one, in each cycle
+    HasCell              a simulation with loose parts
+    Simulated            a simulation that can be pulled and begun again
 
 A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
 `rtloop.backends.trajectory_driver` drives it as a `Backend`:
@@ -352,8 +357,9 @@ class TrajectoryDevice(Protocol):
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:
-        """Load a motion, which begins at the arm's present position and ends, both at rest. Nothing moves
-        yet.
+        """Load a motion without starting it.
+
+        It begins at the arm's present position, and is at rest at both ends.
 
         Args:
             times_s: times of its points, shape (n,), from 0 on.

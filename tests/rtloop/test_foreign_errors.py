@@ -151,8 +151,7 @@ def test_what_an_sdk_raises_is_a_fault_in_words(
             rig.step(500)
         assert rig.mode is LoopMode.FAULT
         assert rig.reason == (
-            f"{prefix}the backend's {method}() raised OSError: {UNPLUGGED}; "
-            "a backend reports with BackendError"
+            f"{prefix}the backend's {method}() raised OSError: {UNPLUGGED}; a backend must raise BackendError"
         )
         assert [each.exc_info is not None for each in caplog.records] == [True], "the traceback, once"
         rig.arm.raised.clear()

@@ -104,7 +104,7 @@ def test_a_device_that_is_faster_than_time_is_a_fault_and_the_arm_stops_by_the_c
             beats += 1
         passed_s = time.monotonic() - begun_s
         assert rig.reason.startswith("the robot's packets arrive too fast: ")
-        assert rig.reason.endswith(", and a period is 0.001 s")
+        assert rig.reason.endswith(", but a period is 0.001 s")
         assert beats <= passed_s / settings.rt.period_s + AT_ONCE
         faulted_s, more = time.monotonic(), 50
         for _ in range(more):

@@ -28,7 +28,7 @@ def _scaling(body: TcpMotion) -> Scaling:
 def _arc_to(body: MovePose) -> Arc | None:
     if body.centre is None:
         if body.axis is not None:
-            raise InputError("axis: goes with centre, which is missing")
+            raise InputError("axis: requires centre, which is missing")
         return None
     return Arc(_vector(body.centre), None if body.axis is None else _vector(body.axis))
 

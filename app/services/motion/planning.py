@@ -103,7 +103,10 @@ class PlanningService:
         return PlanningStatus(state, pool.size, pool.usable, pool.busy, pool.replaced, problem)
 
     async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
-        """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
+        """Plan in a worker; see `cobot.planners.plan`, `plan_waypoints` and `plan_rated`.
+
+        Raises as `compute` does.
+        """
         return await self.compute(partial(plan_motion, request=request), timeout_s)
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:

@@ -100,7 +100,7 @@ class RunnerInstructions:
         """
         if waypoint is not None:
             if not self.held:
-                raise ConflictError("it is not at a waypoint: pause with at_waypoint, and wait until it is")
+                raise ConflictError("the sequence is not at a waypoint: pause it with at_waypoint first")
             self._require(waypoint, 1)
         self._hold_first, self._hold_next = False, step
         if self.held:

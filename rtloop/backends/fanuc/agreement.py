@@ -106,5 +106,5 @@ class ArmAgreement:
         raise BackendError(
             f"Stream Motion reports axis {axis + 1} at {fixed(axes[axis], 3)} degrees, the Remote Motion "
             f"Interface at {fixed(rmi_axes[axis], 3)}: does the arm move, or is this another robot? "
-            "robot.backend.j3: relative or horizon leaves this comparison out"
+            "robot.backend.j3: relative or horizon switches this comparison off"
         )

@@ -350,8 +350,9 @@ class FanucBackend:
         joint = int(off.argmax())
         if not off[joint] <= self._options.entry_rad:
             return (
-                f"{self._limits.names[joint]} is commanded {off[joint]:.4f} {self._limits.unit(joint)} from "
-                f"where it is, {self._options.entry_rad} are allowed (robot.backend.entry_rad)"
+                f"the first command of {self._limits.names[joint]} is {off[joint]:.4f} "
+                f"{self._limits.unit(joint)} from its position, {self._options.entry_rad} are "
+                "allowed (robot.backend.entry_rad)"
             )
         self._transition.begin(here, command)
         return ""
@@ -422,7 +423,7 @@ class FanucBackend:
 
     def _texts(self, packet: StatusPacket, silent: bool) -> list[str]:
         reason = self._silent() if silent else why_not_ready(packet)
-        late = f"{self._late} packets came twice or too late" if self._late else ""
+        late = f"{self._late} packets arrived twice or too late" if self._late else ""
         version = f"Stream Motion {self._version}, RMI {self._rmi.version}".removesuffix(", RMI ")
         return [reason or version, self._report.text, late]
 
@@ -431,7 +432,7 @@ class FanucBackend:
         if self._beat.newest is None:
             begin = "the controller does not send its state"
         if self._refused_s > self._heard_s:
-            return f"{begin}: what comes is {self._refused}"
+            return f"{begin}; the last one was rejected: {self._refused}"
         return f"{begin}: it is off, the network is down, or another client has ended the stream"
 
     @property

@@ -69,7 +69,7 @@ class LimitsTable:
         if not (np.isfinite(least).all() and (least > 0.0).all()):
             return Rejected("the controller's limits table has values that are not above 0")
         excess = [
-            f"{NAMES[rate]} of {limits.names[joint]} {getattr(limits, NAMES[rate])[joint]:.6g}, the table "
+            f"{NAMES[rate]} of {limits.names[joint]} is {getattr(limits, NAMES[rate])[joint]:.6g}, the table "
             f"allows {allowed:.5g} {limits.unit(joint, rate + 1)}"
             for rate in LimitRate
             for joint, allowed in enumerate(_floored(least[rate] / per_unit))

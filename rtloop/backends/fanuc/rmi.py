@@ -214,7 +214,9 @@ class RmiClient:
                 raise BackendError(f"the controller cannot {what}: it does not know {request[kind]}")
         else:
             self.drop()
-            raise BackendError(f"the controller does not answer a request to {what}: other lines come")
+            raise BackendError(
+                f"the controller does not answer a request to {what}: it sends other lines instead"
+            )
         error = reply.get("ErrorID", 0)
         if error != 0:
             number = error if type(error) is int else -1
@@ -238,7 +240,7 @@ class RmiClient:
         if not isinstance(reply, dict):
             self.drop()
             raise BackendError(
-                "what answers on the Remote Motion Interface sends "
+                "the device at the port of the Remote Motion Interface sends "
                 f"'{joined_text(line.decode('utf-8', 'replace'), SHOWN)}' instead of a JSON object"
             )
         return reply

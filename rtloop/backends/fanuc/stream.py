@@ -108,8 +108,8 @@ class Handshake:
         found = self._ask(encode_capability_request(MIN_VERSION), CapabilityPacket, lambda _: True)
         if found is None:
             raise BackendError(
-                f"no Stream Motion on UDP {self._where}: is option J519 installed, and is no firewall in "
-                f"between?{self._heard}"
+                f"no Stream Motion on UDP {self._where}: is option J519 installed, and does a firewall "
+                f"block the packets?{self._heard}"
             )
         if not MIN_VERSION <= found.version <= NEWEST_VERSION:
             raise BackendError(
@@ -134,8 +134,8 @@ class Handshake:
             if found is None:
                 raise BackendError(
                     f"the controller does not send the {rate.name.lower()} limits of axis {axis}: does it "
-                    "have as many axes as the model? robot.backend.limits: model does without its table, "
-                    "and then nothing but its alarms keeps its limits"
+                    "have as many axes as the model? With robot.backend.limits: model cobot does not "
+                    "read this table, and then only the controller's alarms enforce its limits"
                 )
             table.take(found)
         return table
@@ -167,5 +167,5 @@ class Handshake:
                     if isinstance(found, kind) and fits(found):
                         return found
                     if isinstance(found, str):
-                        self._heard = f" What has come is {found}"
+                        self._heard = f" The last packet was rejected: {found}"
         return None

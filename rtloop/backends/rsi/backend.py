@@ -427,7 +427,7 @@ class RsiBackend:
     def _explain_silence(self) -> str:
         silence_s = self._silence_s
         if self._refused_s > self._heard_s:
-            return f"no packet that can be used for {silence_s:.2f} s: what comes is {self._refused}"
+            return f"no usable packet for {silence_s:.2f} s; the last one was rejected: {self._refused}"
         state = self._beat.newest
         late = state.delay if state is not None else None
         return (
@@ -444,4 +444,4 @@ class RsiBackend:
             f"no packet {whom}on UDP port {options.port}: is the controller's program running, and do "
             "IP_NUMBER and PORT of its Ethernet configuration lead to this computer?"
         )
-        return f"{sentence} What has come is {self._refused}" if self._refused else sentence
+        return f"{sentence} The last packet was rejected: {self._refused}" if self._refused else sentence

@@ -30,7 +30,7 @@ begins.
 CONFIRMED = 2.0
 """Motion, in multiples of `follow_rad`, after which the controller's mode of correction is certain."""
 EARLY = 1.0 / 3.0
-"""Fraction of `follow_rad` that is allowed before that."""
+"""Fraction of `follow_rad` that is allowed before the mode of correction is certain."""
 
 
 class Corrections:

@@ -108,8 +108,8 @@ class RsiOptions(BaseModel):
         for axis, name, slides in zip(axes, limits.names, limits.slides, strict=False):
             if slides and axis in ROBOT_AXES:
                 return Rejected(
-                    f"robot.backend.axes: {name} slides, and {axis} is a rotary axis of the robot; a linear "
-                    "axis is one of E1 to E6"
+                    f"robot.backend.axes: joint {name} is prismatic, but {axis} is a rotary axis of the "
+                    "robot; a linear axis is one of E1 to E6"
                 )
         return ACCEPTED
 

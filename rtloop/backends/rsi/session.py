@@ -66,8 +66,8 @@ def check_settings(
         )
     if options.correction == "relative" and not (state.setpoint and state.delay is not None):
         return Rejected(
-            "relative corrections need DEF_ASPos and DEF_Delay in the Ethernet configuration, because lost "
-            "answers could not be made up for"
+            "relative corrections need DEF_ASPos and DEF_Delay in the Ethernet configuration, because cobot "
+            "cannot compensate lost answers without them"
         )
     return ACCEPTED
 

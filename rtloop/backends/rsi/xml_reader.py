@@ -92,7 +92,7 @@ class _Reader:
         if self._depth > 2:
             raise TelegramError(f"{shown(name)} is inside another element, a telegram has one level")
         if name in telegram.elements:
-            raise TelegramError(f"{shown(name)} is there twice")
+            raise TelegramError(f"{shown(name)} occurs twice")
         if len(telegram.elements) == MAX_ELEMENTS:
             raise TelegramError(f"more than {MAX_ELEMENTS} elements")
         self._open = telegram.elements[name] = TelegramElement(attributes)

@@ -264,7 +264,7 @@ def test_drives_that_cannot_give_way_follow_positions_and_refuse_forces(rig: Rig
     backend = PositionOnly(rig.loopback)
     assert not isinstance(backend, ImpedanceControlled)
     rig.loop.controller.streaming._backend = backend
-    lacks = "needs {}, which the backend mujoco does not have; it takes positions only"
+    lacks = "needs {}, which the backend mujoco does not have; it accepts positions only"
     for wish in ({}, {"stiffness": 0.0}, {"cartesian_stiffness": 0.0}):
         assert lacks.format("impedance control") in rig.stream(**wish)
     stiff = {"stiffness": 0.0, "cartesian_stiffness": 0.0}

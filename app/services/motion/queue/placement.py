@@ -110,7 +110,7 @@ class QueueSignals:
         self._tell()
 
     def follow(self, motion_id: int) -> None:
-        """Set the number of the motion, which has begun."""
+        """Set the number of the motion that has begun."""
         self._motion_id = motion_id
         self._tell()
 

@@ -93,39 +93,106 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate fanuc", description=__doc__)
     add = parser.add_argument
     port, share = within(int, 0, MAX_PORT), within(float, 0, 1)
-    add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
-    add("--robot", metavar="NAME", help="one of those in `robots`")
-    add("--address", type=ipv4, default="127.0.0.1", metavar="IPV4", help="to listen on; 127.0.0.1")
-    add("--stream-port", type=port, default=PORT, metavar="P", help=f"UDP; {PORT}, 0 picks a free one")
-    add("--rmi-port", type=port, default=RMI_PORT, metavar="P", help=f"TCP; {RMI_PORT}, 0 picks a free one")
-    add("--control-port", type=port, default=0, metavar="P", help="of the control interface; a free one")
-    add("--period", type=int, choices=PERIODS_MS, default=8, metavar="MS", help="1, 2, 4 or 8 ms; 8")
+    add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
+    add("--robot", metavar="NAME", help="name of a robot in `robots`")
+    add(
+        "--address",
+        type=ipv4,
+        default="127.0.0.1",
+        metavar="IPV4",
+        help="address on which it listens; default 127.0.0.1",
+    )
+    add(
+        "--stream-port",
+        type=port,
+        default=PORT,
+        metavar="P",
+        help=f"UDP port of the stream; default {PORT}, 0: a free one",
+    )
+    add(
+        "--rmi-port",
+        type=port,
+        default=RMI_PORT,
+        metavar="P",
+        help=f"TCP port of the Remote Motion Interface; default {RMI_PORT}, 0: a free one",
+    )
+    add(
+        "--control-port",
+        type=port,
+        default=0,
+        metavar="P",
+        help="port of the control interface; 0: a free one",
+    )
+    add(
+        "--period",
+        type=int,
+        choices=PERIODS_MS,
+        default=8,
+        metavar="MS",
+        help="send period, 1, 2, 4 or 8 ms; default 8",
+    )
     add("--version", type=int, choices=range(1, FORCE_VERSION + 1), default=MIN_VERSION, help=VERSION_HELP)
-    add("--mode", choices=MODES, default="AUTO", help="operation mode; AUTO")
+    add("--mode", choices=MODES, default="AUTO", help="operation mode; default AUTO")
     add("--horizon", action="store_true", help="joint 3 of the stream is measured from the horizon")
-    add("--payload", type=share, default=0.0, metavar="SHARE", help="of the full payload; 0")
+    add(
+        "--payload",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="payload as a share of the full payload; default 0",
+    )
     add("--table", type=within(float, 0.01, 10), default=1.0, metavar="SHARE", help=TABLE_HELP)
-    add("--io", type=_io, action="append", default=[], metavar="NAME[=VALUE]", help="such as DO[1]=1")
-    add("--lag", type=within(int, 0, MAX_LAG_MS), default=0, metavar="MS", help="of the reported joints; 0")
+    add(
+        "--io",
+        type=_io,
+        action="append",
+        default=[],
+        metavar="NAME[=VALUE]",
+        help="an input or output, such as DO[1]=1",
+    )
+    add(
+        "--lag",
+        type=within(int, 0, MAX_LAG_MS),
+        default=0,
+        metavar="MS",
+        help="delay of the reported joints; default 0",
+    )
     add("--world-z", type=within(float, -10, 10), default=0.0, metavar="M", help=WORLD_HELP)
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
-    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
-    add("--delay", type=within(int, 0, MAX_DELAY), default=0, metavar="N", help="periods of the answers")
-    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
-    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
+    add(
+        "--reorder",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="share of packets that arrive out of order, 0 to 1",
+    )
+    add(
+        "--delay",
+        type=within(int, 0, MAX_DELAY),
+        default=0,
+        metavar="N",
+        help="number of periods by which answers are late",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
+    add(
+        "--priority",
+        type=within(int, 1, 99),
+        metavar="P",
+        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
+    )
     add(
         "--patience",
         type=within(float, 0, MAX_PATIENCE_S),
         default=0.0,
         metavar="S",
-        help="stand still so long for a late answer",
+        help="maximum wait for a late answer",
     )
     return parser
 
 
-VERSION_HELP = "of Stream Motion; 3. A client needs 3 or more"
-TABLE_HELP = "limits at full payload and speed, as a share of the model's; 1"
-WORLD_HELP = "height of the world frame above the model's base; 0"
+VERSION_HELP = "version of Stream Motion; default 3. The backend needs 3 or more"
+TABLE_HELP = "limits at full payload and speed, as a share of the model's; default 1"
+WORLD_HELP = "height of the world frame above the model's base; default 0"
 
 
 def _io(argument: str) -> tuple[str, int]:

@@ -68,7 +68,9 @@ class FanucControl(ControlServer):
             return {"error": sentence(exc.errors()[0])}
         unknown = [name for name in request.io if name not in self._controller.io]
         if unknown:
-            return {"error": f"io: {shown(unknown[0])} does not exist; {sorted(self._controller.io)} do"}
+            return {
+                "error": f"io: {shown(unknown[0])} does not exist; valid are {sorted(self._controller.io)}"
+            }
         self._change(request)
         return self.status()
 

@@ -256,10 +256,10 @@ class FanucController:
         for name in self._outputs.places:
             self.io[name] = self._outputs.read(packet.io, name)
         if not (packet.moves and self.motion_possible):
-            self._note_once("a command without a program that takes it")
+            self._note_once("a command while no program accepts it")
             return
         if packet.style != JOINT_STYLE:
-            self.alarm(f"MOTN-625 the data style is {packet.style}, joints have {JOINT_STYLE}")
+            self.alarm(f"MOTN-625 the data style is {packet.style}, that of joints is {JOINT_STYLE}")
             return
         if packet.sequence <= self._answered or packet.sequence > self.sequence:
             self._note(f"command {packet.sequence} is not the answer to state {self.sequence}")

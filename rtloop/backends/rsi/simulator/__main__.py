@@ -104,55 +104,83 @@ def _parser() -> argparse.ArgumentParser:
         "--config",
         type=Path,
         metavar="FILE",
-        help="settings with the arm and `robot.backend: {type: rsi, ...}`",
+        help="settings file with the arm and `robot.backend: {type: rsi, ...}`",
     )
-    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add("--robot", metavar="NAME", help="name of a robot in `robots`")
     add(
         "--client",
         type=endpoint,
         default=("127.0.0.1", DEFAULT_PORT),
         metavar="HOST:PORT",
-        help=f"where to send to; 127.0.0.1:{DEFAULT_PORT}",
+        help=f"destination of the packets; default 127.0.0.1:{DEFAULT_PORT}",
     )
-    add("--address", type=ipv4, default="127.0.0.1", metavar="IPV4", help="to send from; 127.0.0.1")
-    add("--port", type=port, default=0, metavar="P", help="to send from; 0 picks a free one")
+    add(
+        "--address",
+        type=ipv4,
+        default="127.0.0.1",
+        metavar="IPV4",
+        help="address from which packets are sent; default 127.0.0.1",
+    )
+    add("--port", type=port, default=0, metavar="P", help="port from which packets are sent; 0: a free one")
     add(
         "--control-port",
         type=port,
         default=0,
         metavar="P",
-        help="of the control interface; 0 picks a free one",
+        help="port of the control interface; 0: a free one",
     )
     add(
-        "--period", type=int, choices=PERIODS_MS, help="ms: 12 is IPO, 4 IPO_FAST; that of the settings, or 4"
+        "--period",
+        type=int,
+        choices=PERIODS_MS,
+        help="send period: 12 ms (IPO) or 4 ms (IPO_FAST); default: that of the settings, otherwise 4",
     )
-    add("--timeout", type=within(int, 1, 10_000), metavar="N", help="late answers that are allowed")
-    add("--in-a-row", action="store_true", help="count only late answers in a row for --timeout")
+    add("--timeout", type=within(int, 1, 10_000), metavar="N", help="number of late answers that are allowed")
+    add("--in-a-row", action="store_true", help="--timeout counts only consecutive late answers")
     add(
-        "--hold-on", choices=["0", "1"], help="HOLDON of the corrections; 1 for absolute ones, 0 for relative"
+        "--hold-on",
+        choices=["0", "1"],
+        help="HOLDON of the corrections; default: 1 for absolute corrections, 0 for relative ones",
     )
-    add("--mode", choices=OPERATION_MODES, default="AUT", help="operation mode; AUT")
-    add("--override", type=within(int, 0, 100), default=100, metavar="PERCENT", help="program override; 100")
+    add("--mode", choices=OPERATION_MODES, default="AUT", help="operation mode; default AUT")
+    add(
+        "--override",
+        type=within(int, 0, 100),
+        default=100,
+        metavar="PERCENT",
+        help="program override; default 100",
+    )
     add(
         "--plain", action="store_true", help="report neither mode, state, override nor the sum of corrections"
     )
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
-    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
+    add(
+        "--reorder",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="share of packets that arrive out of order, 0 to 1",
+    )
     add(
         "--delay",
         type=within(int, 0, MAX_DELAY),
         default=0,
         metavar="N",
-        help="periods that answers are late",
+        help="number of periods by which answers are late",
     )
-    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
-    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
+    add(
+        "--priority",
+        type=within(int, 1, 99),
+        metavar="P",
+        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
+    )
     add(
         "--patience",
         type=within(float, 0, MAX_PATIENCE_S),
         default=0.0,
         metavar="S",
-        help="stand still so long for a late answer",
+        help="maximum wait for a late answer",
     )
     return parser
 

@@ -113,7 +113,7 @@ def test_poses_in_the_frames_of_the_hand_and_of_the_world(service: VirtualServic
         (
             "pose",
             {"planner": "circ", "axis": {"x": 0, "y": 0, "z": 1}},
-            "axis: goes with centre, which is missing",
+            "axis: requires centre, which is missing",
         ),
         ("pose", {"planner": "polyline", "through": [{"x": 0, "y": 0}]}, "through[0].z: is missing"),
         ("arc", {"angle": 1.0, "axis": {"x": 0, "y": 0, "z": 1}}, "centre: is missing"),

@@ -108,7 +108,7 @@ def test_it_goes_on_from_any_waypoint(bench: Bench) -> None:
             bench.steps.go_on(wrong)
     bench.steps.go_on(4)
     assert bench.answers() == [4]
-    with pytest.raises(ConflictError, match="it is not at a waypoint"):
+    with pytest.raises(ConflictError, match="the sequence is not at a waypoint"):
         bench.steps.go_on(1)
 
 

@@ -320,13 +320,15 @@ def test_packets_that_come_twice_or_late_are_counted(made: Made, arm: RobotDescr
     driven.cycle()
     driven.cycle()
     assert len(commands(driven)) - sent <= 2
-    assert "3 packets came twice or too late" in driven.backend.status().text
+    assert "3 packets arrived twice or too late" in driven.backend.status().text
 
 
 def test_a_command_far_from_the_arm_is_refused(made: Made, arm: RobotDescription) -> None:
     driven = Driven(made(), arm).open().enable()
     driven.command[0, 3] += 0.1
-    with pytest.raises(BackendError, match=r"joint_J4 is commanded 0.1000 rad from where it is, 0.02 are"):
+    with pytest.raises(
+        BackendError, match=r"the first command of joint_J4 is 0.1000 rad from its position, 0.02 are"
+    ):
         driven.cycles(2000)
 
 

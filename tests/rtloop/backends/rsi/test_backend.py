@@ -186,9 +186,9 @@ def spoiled(driven: Driven, monkeypatch: pytest.MonkeyPatch, change: Callable[[R
         ),
         (
             lambda s: replace(s, position=tuple(np.array(s.position) / DEGREES)),
-            "the device says that its flange is at",
+            "the device reports its flange at",
         ),
-        (lambda s: replace(s, position=s.position[::-1]), "the device says that its flange is at|limits"),
+        (lambda s: replace(s, position=s.position[::-1]), "the device reports its flange at|limits"),
     ],
 )
 def test_a_telegram_of_another_arm_is_rejected_at_the_start(

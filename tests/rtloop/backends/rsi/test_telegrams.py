@@ -106,7 +106,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "another Type": (ROB.replace("KUKA", "ABB"), "the Type 'ABB', expected is KUKA"),
     "no Type": (ROB.replace(' Type="KUKA"', ""), "the Type '', expected is KUKA"),
     "a deeper level": (DEEP, "'Deeper' is inside another element"),
-    "an element twice": (ROB.replace("<Strange>7</Strange>", "<IPOC>1</IPOC>"), "'IPOC' is there twice"),
+    "an element twice": (ROB.replace("<Strange>7</Strange>", "<IPOC>1</IPOC>"), "'IPOC' occurs twice"),
     "an attribute twice": (ROB.replace('A2="-90.0"', 'A1="1"'), "duplicate attribute"),
     "no positions": (ROB.replace("AIPos", "AXPos"), "without AIPos: the Ethernet configuration"),
     "no time stamp": (ROB.replace("IPOC", "IPO"), "without IPOC"),
