@@ -169,8 +169,7 @@ cdef int _require_layout() except -1:
     cdef StateScalars scalars
     record = np.zeros((), list(STATE_SCALARS))
     if record.dtype.itemsize != sizeof(StateScalars):
-        raise LayoutError(f"the state's scalars have a size of {record.dtype.itemsize} bytes only in the "
-        f"layout")
+        raise LayoutError("the size of the state's scalars differs from the layout")
     for number, (name, kind) in enumerate(STATE_SCALARS):
         record[name] = -number if kind == "i8" else number
     memcpy(&scalars, bytes_of(record, sizeof(StateScalars)), sizeof(StateScalars))

@@ -90,7 +90,10 @@ cdef class ChunkInterpolator:
         return CHUNK_TAKEN
 
     cdef void c_advance(self, double now_s) noexcept nogil:
-        """Calculate the reference for this time, which must not decrease. After the last waypoint it brakes."""
+        """Calculate the reference for this time, which must not decrease.
+
+        After the last waypoint the reference brakes.
+        """
         cdef double begin_s
         if not self.braking:
             while self.piece < self.pieces and now_s > self.knots_s[self.piece + 1] + 1e-9:

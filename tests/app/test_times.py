@@ -80,7 +80,7 @@ def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(service: Virtua
     send(service, 20.0)
     service.sleep(1.0)
     service.cycles[service.name].stopped = True
-    service.until(lambda: "lost sight of it" in service.output)
+    service.until(lambda: "its state is unknown" in service.output)
     service.cycles[service.name].stopped = False
     passed_until(service, LoopMode.HOLD)
     assert service.health()["robot"]["motion_result"] == "STOPPED"

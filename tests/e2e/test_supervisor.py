@@ -132,7 +132,7 @@ def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(sturdy: Run) ->
 
     def lost() -> bool:
         lines = httpx.get(f"{run.url}/trajectory/logs", timeout=WAIT_S).json()["lines"]
-        return any("lost sight of it" in line for line in lines)
+        return any("its state is unknown" in line for line in lines)
 
     run.until(lost)
     rtloop.resume()
