@@ -250,8 +250,8 @@ class Reloading:
                     return
             if link.clock.now_s() > deadline_s:
                 raise UnavailableError(
-                    "the new joint limits apply, but rtloop has not restarted within {RTLOOP_TIMEOUT_S:.0f} "
-                    "s: see the log"
+                    "the new joint limits apply, but rtloop has not restarted within "
+                    f"{RTLOOP_TIMEOUT_S:.0f} s: see the log"
                 )
             await asyncio.sleep(POLL_S)
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+import threading
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, cast
 from urllib.parse import unquote
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, FastAPI, Header, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
@@ -50,6 +53,10 @@ CSP = (
     "form-action 'none'"
 )
 GONE = "gone"
+MAX_STOPS = 100
+"""Maximum number of stops that are in progress at the same time; others wait for one of them."""
+MAX_PICTURES = 8
+"""Maximum number of pictures that are fetched at the same time; further requests are rejected."""
 log = logging.getLogger("cobot.fleet")
 TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
 """Whom a command may concern: all, a zone, a cell, a robot."""
@@ -117,12 +124,13 @@ class People:
     def __init__(self, tokens: Authenticator | None) -> None:
         self._tokens = tokens
 
-    def find(
+    async def find(
         self,
         authorization: Annotated[str, Header()] = "",
         name: Annotated[str, Header(alias=CLIENT_NAME)] = "",
     ) -> Person:
-        """
+        """In the event loop: a stop must not wait for a thread that other requests use.
+
         Raises:
             AuthenticationError: the hub needs a token, and this one is not valid.
         """
@@ -194,8 +202,9 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
     app.add_exception_handler(RequestValidationError, _answer_to_invalid)
     person = Depends(People(tokens).find)
     _add_reading(app, hub, person)
+    stops = CapacityLimiter(MAX_STOPS)
     for target in TARGETS:
-        _add_commands(app, hub, person, target)
+        _add_commands(app, hub, person, target, stops)
     _add_roll_outs(app, hub, person)
     _add_recordings(app, hub, person)
     _add_page(app)
@@ -203,6 +212,8 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
 
 
 def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
+    pictures = threading.Semaphore(MAX_PICTURES)
+
     @app.get("/health")
     def health() -> dict[str, Any]:
         cells = hub.cells()
@@ -234,7 +245,12 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
 
     @app.get("/cells/{cell}/robots/{robot}/picture", dependencies=[person])
     def picture(cell: str, robot: str) -> Response:
-        content = hub.picture(cell, robot)
+        if not pictures.acquire(blocking=False):
+            raise BusyError(f"{MAX_PICTURES} pictures are being fetched; try again in some seconds")
+        try:
+            content = hub.picture(cell, robot)
+        finally:
+            pictures.release()
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     @app.get("/metrics", dependencies=[person])
@@ -242,7 +258,7 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
         return Response(metrics_of(hub), media_type=CONTENT_TYPE)
 
 
-def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str) -> None:
+def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str, stops: CapacityLimiter) -> None:
     def send(request: Request, wish: FleetStop, action: FleetAction, who: Person) -> dict[str, Any]:
         robots = hub.command(
             action, who.name, who.role, **request.path_params, deadline_s=wish.deadline_s, command_id=wish.id
@@ -251,8 +267,10 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str) -> None:
         return {"done": done, "robots": robots}
 
     @app.post(f"{target}/stop")
-    def stop(request: Request, wish: FleetStop | None = None, who: Person = person) -> dict[str, Any]:
-        answer = send(request, wish or FleetStop(), STOP, who)
+    async def stop(request: Request, wish: FleetStop | None = None, who: Person = person) -> dict[str, Any]:
+        # Other requests share threads, and may use all of them for half a minute. Stops have their own.
+        work = partial(send, request, wish or FleetStop(), STOP, who)
+        answer = await to_thread.run_sync(work, limiter=stops)
         return {"at_rest": answer["done"], "robots": answer["robots"]}
 
     @app.post(f"{target}/commands")

@@ -79,3 +79,18 @@ def test_the_hash_of_a_configuration_is_of_contents_and_not_of_places(own: Path)
     assert plain != here, "it has 2 workers"
     own.write_text(own.read_text().replace("workers: 2", "workers: 3"))
     assert configuration_of(load_settings(own)) == here, "the limits are a copy of the shipped ones"
+
+
+def test_a_folder_that_is_missing_is_an_error_and_not_the_users_own_limits(own: Path) -> None:
+    link = load_settings(own).rolled_out
+    (link.parent / "0123" / ROLLED_OUT_FILE).unlink()
+    with pytest.raises(ConfigError, match="to go on without it, remove"):
+        load_with_rolled_out(own)
+    link.unlink()
+    assert load_with_rolled_out(own).planning.workers == 2
+
+
+def test_they_do_not_apply_to_a_file_that_has_several_robots_by_now(own: Path) -> None:
+    own.write_text(f"{OWN}robots: [{{name: iiwa}}, {{name: other}}]\n")
+    with pytest.raises(ConfigError, match="this file has several; to go on without it, remove"):
+        load_with_rolled_out(own)
