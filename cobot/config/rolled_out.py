@@ -27,9 +27,11 @@ def load_with_rolled_out(path: Path | None) -> Settings:
     """
     settings = load_settings(path)
     file = settings.rolled_out / ROLLED_OUT_FILE
-    if not settings.fleet.connect or not file.exists():
+    if not settings.fleet.connect or not settings.rolled_out.is_symlink():
         return settings
     try:
+        if settings.robots:
+            raise ConfigError("they are for one robot, and this file has several")
         return load_settings(path, read_rolled_out(file.resolve()))
     except ConfigError as exc:
         raise ConfigError(

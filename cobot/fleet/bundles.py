@@ -14,7 +14,7 @@ import subprocess
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, NoReturn, Protocol
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -29,6 +29,7 @@ from cobot.errors import (
     NotFoundError,
     PermissionDenied,
     UnavailableError,
+    exhausted,
 )
 from cobot.fleet.cell_settings import BundleFile, CellSettings, files_of
 from cobot.fleet.messages import NOT_ENDED, Hash, Name, Program, Text
@@ -198,11 +199,14 @@ class RobotBundles:
             raise InputError(f"the content is not that of the bundle {name[:SHORT]}: its hash differs")
         bundle = read_bundle(content)
         self._require_accepted(bundle, role)
-        if bundle.settings:
-            with self._own.trial(bundle.settings) as settings:
-                self._check(bundle, settings)
-        else:
-            self._check(bundle, load_settings(self._cell.config).of(self._settings.robot.name))
+        try:
+            if bundle.settings:
+                with self._own.trial(bundle.settings) as settings:
+                    self._check(bundle, settings)
+            else:
+                self._check(bundle, load_settings(self._cell.config).of(self._settings.robot.name))
+        except OSError as exc:  # of the files that are made for the checks
+            raise exhausted(exc) or UnavailableError(f"the bundle cannot be checked: {exc}") from exc
         self._staged = {name: bundle}
         parts = f"{len(bundle.programs)} programs, {len(bundle.positions)} positions"
         return f"staged {bundle.title}: {parts}{', settings' if bundle.settings else ''}"
@@ -233,20 +237,24 @@ class RobotBundles:
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
+        self.recover()  # what an interrupted activation has changed is not what was before
+        previous = self.installed
         self._keep(self._before(name, bundle))
         restart_for: list[str] = []
         try:
             if bundle.settings:
                 restart_for = self._own.activate(name, bundle.settings)
+        except (ConflictError, InputError) as exc:
+            self._keep(previous)
+            raise type(exc)(f"{exc}; nothing has changed") from exc
+        except CobotError as exc:
+            self._undo_after(exc)
+        try:
             versions = {each.id: self._save(each, bundle.title) for each in bundle.programs}
             for position in bundle.positions:
                 self._teach(position)
         except CobotError as exc:
-            try:
-                self._undo()
-            except CobotError as problem:
-                raise type(exc)(f"{exc}; it cannot be undone now, and is tried again: {problem}") from exc
-            raise type(exc)(f"{exc}; all is as before") from exc
+            self._undo_after(exc)
         assert self.installed is not None
         done = {
             "versions": versions,
@@ -378,6 +386,18 @@ class RobotBundles:
             position.name, position.joints, position.description, label=position.label
         )
 
+    def _undo_after(self, exc: CobotError) -> NoReturn:
+        """Restore everything after an error.
+
+        Raises:
+            CobotError: the error, with what has become of the rest.
+        """
+        try:
+            self._undo()
+        except CobotError as problem:
+            raise type(exc)(f"{exc}; it cannot be undone now, and is tried again: {problem}") from exc
+        raise type(exc)(f"{exc}; all is as before") from exc
+
     def _undo(self) -> list[str]:
         """Restore everything. Returns the changes of settings that need a restart."""
         assert self.installed is not None
@@ -395,12 +415,14 @@ class RobotBundles:
             else:
                 with contextlib.suppress(NotFoundError):
                     self._client.forget_position(name)
-        self._file.unlink(missing_ok=True)
-        self.installed = None
+        self._keep(None)
         return restart_for
 
-    def _keep(self, installed: Installed) -> None:
-        keep(self._file, installed.model_dump_json().encode(), "the bundle")
+    def _keep(self, installed: Installed | None) -> None:
+        if installed is None:
+            self._file.unlink(missing_ok=True)
+        else:
+            keep(self._file, installed.model_dump_json().encode(), "the bundle")
         self.installed = installed
 
     def _read(self) -> Installed | None:

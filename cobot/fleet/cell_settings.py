@@ -103,12 +103,7 @@ class CellSettings:
             CobotError: the service does not accept them, or the disk is full.
         """
         folder = self._folder / name
-        try:
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(mode=0o700, parents=True)
-            _write(folder, files)
-        except OSError as exc:
-            raise UnavailableError(f"{folder}: cannot be written: {exc.strerror}") from exc
+        _write(folder, files)  # file by file: the folder may be in force already
         return self.switch(name)
 
     def switch(self, name: str) -> list[str]:
@@ -130,9 +125,10 @@ class CellSettings:
         return [str(each) for each in answer["needs_restart"]]
 
     def remove_others(self, *kept: str) -> None:
-        """Remove the folders of all other bundles."""
+        """Remove the folders of all other bundles, except the one in force."""
+        needed = {*kept, self.active}
         for folder in self._folder.glob("*"):
-            if folder != self._link and folder.name not in kept:
+            if folder != self._link and folder.name not in needed:
                 shutil.rmtree(folder, ignore_errors=True)
 
     def _point_to(self, name: str) -> None:
@@ -190,7 +186,7 @@ def _content_of(path: Path) -> str:
 
 def _write(folder: Path, files: Sequence[BundleFile]) -> None:
     for file in files:
-        keep(folder / file.path, file.content, "the settings")
+        keep(folder / file.path, file.content, "the file")
 
 
 def _check(settings: Settings, folder: Path) -> None:
