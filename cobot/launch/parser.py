@@ -25,6 +25,7 @@ A robot arm behind a REST service.
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
   cobot simulate rsi   a simulated controller of a KUKA KR for any client of RSI, see docs/kuka-rsi.md
   cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
+  cobot simulate ur   a simulated controller for any client of Universal Robots, see docs/ur.md
   cobot backend  list, create and test robot drivers (backends), see docs/your-backend.md
   cobot gripper  list, create and test gripper drivers, see docs/your-gripper.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
@@ -50,6 +51,7 @@ SIMULATORS = {
     "fri": "rtloop.backends.fri.simulator",
     "rsi": "rtloop.backends.rsi.simulator",
     "robotiq": "cobot.grippers.robotiq.simulator",
+    "ur": "rtloop.backends.ur.simulator",
 }
 """Modules that `cobot simulate` runs. Each defines its own options."""
 
@@ -142,7 +144,7 @@ def _add_simulate_and_backend(commands: Any) -> None:
         "device",
         choices=list(SIMULATORS),
         help="fanuc: its arms; fri: a KUKA LBR with its FRI; rsi: a KUKA KR with its RSI; robotiq: a "
-        "gripper; ros2_control: the controllers of an arm with ROS 2",
+        "gripper; ros2_control: the controllers of an arm with ROS 2; ur: arms of Universal Robots",
     )
     simulate.add_argument(
         "options",

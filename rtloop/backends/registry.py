@@ -22,6 +22,7 @@ REGISTRY = Registry(
         "fri": "rtloop.backends.fri:FriBackend",
         "rsi": "rtloop.backends.rsi:RsiBackend",
         "ros2_control": "rtloop.backends.ros2_control:Ros2ControlArm",
+        "ur": "rtloop.backends.ur:UrBackend",
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}

@@ -9,6 +9,7 @@ import json
 
 import pytest
 from franka_settings import franka_settings
+from ur_arm import ur_settings
 
 from cobot.config import Settings
 from cobot.contract_checks import CheckVerdict
@@ -62,6 +63,12 @@ def fanuc(settings: Settings) -> CheckedBackend:
     return cell_for(settings.model_copy(update={"rt": rt}), "fanuc")
 
 
+@pytest.fixture(scope="module", params=[2, 8])
+def ur(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> CheckedBackend:
+    """An e-Series and a CB3."""
+    return cell_for(ur_settings(tmp_path_factory.mktemp("ur"), request.param), "ur")
+
+
 @pytest.fixture(scope="module")
 def franka() -> CheckedBackend:
     return cell_for(franka_settings(address="robot.test"), "franka")
@@ -103,6 +110,13 @@ def test_fanuc_keeps_it_beside_a_simulated_controller(fanuc: CheckedBackend, che
 def test_a_first_contact_is_not_announced(fri: CheckedBackend, caplog: pytest.LogCaptureFixture) -> None:
     with fri.drive():
         assert "First contact" not in caplog.text
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_ur_keeps_it_beside_a_simulated_controller(ur: CheckedBackend, check: str) -> None:
+    result = examine(ur, check)
+    untold = check in {*ON_REQUEST, "operation_mode"}
+    assert result.verdict is (CheckVerdict.NOT_TESTED if untold else CheckVerdict.PASSED), result.found
 
 
 @pytest.mark.parametrize("check", CHECKS)

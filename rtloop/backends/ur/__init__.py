@@ -1,0 +1,5 @@
+"""Backend for Universal Robots, with e-Series, UR-Series and CB3 controllers."""
+
+from rtloop.backends.ur.backend import UrBackend
+
+__all__ = ["UrBackend"]

@@ -1,0 +1,430 @@
+"""Universal Robots over RTDE, with a program of cobot on the controller that follows joint positions.
+
+This module is long because it holds everything that the cycle asks of this device.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.orientations import product
+from cobot.robot.io_points import IoPoint
+from cobot.robot.model import RobotModel
+from cobot.robot.tool import BARE, Tool
+from cobot.types import Array, JointLimits, Pose
+from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends.agreement import check_agreement
+from rtloop.backends.beat import Beat, CommandTransition
+from rtloop.backends.protocols import require_accepted
+from rtloop.backends.ur.enabling import Enabling
+from rtloop.backends.ur.fields import AXES, FREEDRIVE_BUTTON, RuntimeState, SafetyMode, UrRobotMode
+from rtloop.backends.ur.link import RtdeLink
+from rtloop.backends.ur.options import UrOptions
+from rtloop.backends.ur.points import GROUPS, READ, UrOutputs, points
+from rtloop.backends.ur.program import MotionProgram
+from rtloop.backends.ur.transport import TcpTransport, UrTransport
+from rtloop.backends.ur.words import hindrance, mode_in_words
+from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection
+
+if TYPE_CHECKING:
+    from rtloop.contract import ContractRig
+
+PERIODS_S = (0.002, 0.004, 0.008)
+CB3_PERIOD_S = 0.008
+"""A CB3 sends 125 times per second; later controllers 500 times."""
+CB3 = 3
+NEEDED = (
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "target_q",
+    "target_moment",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+    "actual_digital_input_bits",
+    "actual_digital_output_bits",
+)
+USEFUL = (
+    "safety_status",
+    "robot_status_bits",
+    "actual_TCP_pose",
+    *(each for each in READ if "analog" in each),
+)
+SETTING_UP_S = 0.01
+"""Interval at which a connection that is set up is looked at."""
+POSE_S = 0.1
+"""Time after which the controller reports its pose with the TCP that the program has set."""
+HALF_TURN = (0.0, 0.0, 0.0, 1.0)
+"""Between the base frame of the controller and `base_link` of the maker's descriptions: about z."""
+
+
+class UrBackend:
+    """An externally clocked `Backend` for the controller: `Paced`, `Reporting`, `Stepwise`, `CarriesTool` and
+    `HasIo`."""
+
+    Options = UrOptions
+    capabilities = Capabilities(
+        periods_s=PERIODS_S,
+        measured=frozenset({"position", "velocity", "desired_effort", "wrench"}),
+        payload=True,
+        io=True,
+        stops={2: False},  # the drives belong to the controller
+        hardware=True,
+    )
+
+    def __init__(
+        self, settings: Settings, limits: JointLimits, *, transport: UrTransport | None = None
+    ) -> None:
+        """transport: for tests: a replacement of the network and its time."""
+        if limits.dof != AXES:
+            raise BackendError(
+                f"an arm of Universal Robots has {AXES} joints, this robot has {limits.dof}: name the "
+                "settings of your arm (--config)"
+            )
+        options = settings.backend_options(UrOptions)
+        if options is None:
+            raise BackendError("robot.backend: ur needs its address")
+        self._options, self._limits, self._robot = options, limits, settings.robot
+        self._period_s = settings.rt.period_s
+        self._transport: UrTransport = transport or TcpTransport()
+        self._link = RtdeLink(
+            self._transport,
+            options.address,
+            1.0 / self._period_s,
+            NEEDED,
+            USEFUL,
+            GROUPS if options.outputs else (),
+        )
+        self._program = MotionProgram(self._transport, options)
+        self._making_ready = Enabling(self._transport, options, self._program, self._period_s)
+        self._outputs = UrOutputs(self._link.send)
+        self._beat = Beat[dict[str, Any]](limits.dof, self._period_s)
+        self._transition = CommandTransition(limits.dof, self._period_s)
+        self._tool = BARE
+        self._model: RobotModel | None = None
+        self._first_s: float | None = None
+        self._heard_s = 0.0
+        self._steps: Generator[None, None, None] | None = None
+        self._enabled = False
+        self._answered = True
+        self._periods = 1
+        self._begun = False
+        self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
+        self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
+
+    # Backend
+
+    def open(self, initial_position: Array) -> None:
+        robot = self._robot
+        self._model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+        until_s = self._transport.clock() + self._options.connect_s
+        while not self.wait(self._options.silence_s):
+            if self._link.lasting or self._transport.clock() > until_s:
+                raise BackendError(self._link.problem or "the controller sends no data")
+        require_accepted(self._check_period())
+
+    def enable(self) -> None:
+        """Enable the arm. At the start, the first command reports why it takes none, and a reset tries
+        again."""
+        starts = not self._begun
+        self._begun = True
+        self.recover_step()
+        try:
+            while not self.enable_step():
+                self.wait(self._options.silence_s)
+        except BackendError as exc:
+            if not starts:
+                raise
+            self._enabled, self._last_motion = True, Rejected(str(exc))
+
+    def enable_step(self) -> bool:
+        if self._enabled:
+            return True
+        if self._steps is None:
+            self._steps = self._make_ready()
+        try:
+            next(self._steps)
+        except StopIteration:
+            self._steps, self._enabled = None, True
+            return True
+        except BackendError:
+            self._steps = None
+            self._program.drop()
+            raise
+        return False
+
+    def recover_step(self) -> bool:
+        """End what is left of the last attempt; `enable_step` begins again."""
+        self._enabled, self._last_motion = False, ACCEPTED
+        self._abandon()
+        return True
+
+    def read(self, measured: Measured) -> None:
+        data = self._beat.newest
+        silence_s = self._silence_s
+        if data is None or silence_s > self._options.silence_s:
+            raise BackendError(
+                f"no data from the controller for {silence_s:.2f} s: {self._link.problem or 'it is silent'}"
+            )
+        measured.position = self._beat.position
+        measured.velocity = data["actual_qd"]
+        measured.desired_effort = data["target_moment"]
+        measured.wrench = self._in_base(data["actual_TCP_force"])
+
+    def write(self, command: Array) -> None:
+        data = self._beat.newest
+        if data is None:
+            return
+        self._periods += 1
+        if self._beat.due or self._answered:
+            return
+        self._answered = True
+        self._outputs.follow(data, self._transport.clock())
+        if not self._enabled:
+            return
+        result = first_rejection(self._checks_of_a_command(data))
+        if result is ACCEPTED and self._transition.sent is None:
+            result = self._begin(data, command[0])
+        if isinstance(result, Rejected):
+            self._last_motion = result
+            self._abandon()
+            raise BackendError(f"the robot takes no commands: {result.reason}")
+        position = self._transition.follow(command[0])
+        for _ in range(self._periods):
+            self._transition.pass_period()
+        self._program.send_position(position.tolist(), self._periods)
+        self._periods = 0
+
+    def disable(self) -> None:
+        """End the program. The controller holds the arm; its drives are switched off at the teach pendant."""
+        self._enabled = False
+        self._abandon()
+
+    def close(self) -> None:
+        self._abandon()
+        self._program.close()
+        self._link.close()
+
+    # Paced, Reporting, CarriesTool, HasIo
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        deadline_s = self._transport.clock() + timeout_s
+        while not self._hear():
+            left_s = deadline_s - self._transport.clock()
+            if left_s <= 0.0:
+                return False
+            most_s = left_s if self._link.is_streaming else SETTING_UP_S
+            self._transport.wait(self._link.streams, min(left_s, most_s))
+        self._beat.go_on()
+        return True
+
+    def status(self) -> DeviceStatus:
+        data = self._beat.newest
+        if data is None:
+            return DeviceStatus(connection="no data yet", text=self._link.problem)
+        mode, safety = data["robot_mode"], data.get("safety_status", data["safety_mode"])
+        silent = self._silence_s > self._options.silence_s
+        return DeviceStatus(
+            connection="SILENT" if silent else "connected",
+            safety_stop=hindrance(safety),
+            drives=mode_in_words(mode),
+            brakes="released" if mode in (UrRobotMode.RUNNING, UrRobotMode.BACKDRIVE) else "applied",
+            speed_scaling=_speed_scaling(data),
+            packets_lost=self._beat.lost,
+            device_time_s=data["timestamp"],
+            text="; ".join(filter(None, self._texts(data, silent))),
+        )
+
+    def set_tool(self, tool: Tool) -> None:
+        """Send mass and centre of mass to the controller, which compensates gravity by itself."""
+        self._tool = tool
+        if self._enabled:
+            self._program.send_tool(tool)
+
+    def io(self) -> list[IoPoint]:
+        return points(self._newest)
+
+    def set_output(self, name: str, value: float) -> None:
+        if not self._options.outputs:
+            raise BackendError(f"{name} cannot be set: robot.backend.outputs is false")
+        if self._silence_s > self._options.silence_s:
+            raise BackendError(f"{name} cannot be set: {self._link.problem or 'the controller is silent'}")
+        self._outputs.set(self._newest, name, value, self._transport.clock())
+
+    # Its own
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
+        """The backend and a simulated controller in one process."""
+        from rtloop.backends.ur.simulator.lockstep import UrRig
+
+        return UrRig(settings, limits)
+
+    def _make_ready(self) -> Generator[None, None, None]:
+        require_accepted(self._check_period())
+        assert self._link.version is not None
+        yield from self._making_ready.steps(
+            lambda: self._newest, self._link.version, lambda: self._link.local
+        )
+        until_s = self._transport.clock() + POSE_S
+        while self._transport.clock() < until_s:
+            yield
+        require_accepted(self._check_entry(self._newest))
+        if self._options.check_pose:
+            require_accepted(self._check_pose(self._newest))
+        self._program.send_tool(self._tool)
+
+    def _abandon(self) -> None:
+        """End the program and what was begun to make it run."""
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
+        self._making_ready.close()
+        self._program.drop()
+        self._transition.forget()
+
+    def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
+        """Begin commands where the controller holds the arm, if the command is close to it."""
+        here = np.array(data["target_q"])
+        off = np.abs(here - command)
+        joint = int(off.argmax())
+        if not off[joint] <= self._options.entry_rad:
+            return self._far(joint, "is commanded", float(off[joint]))
+        self._transition.begin(here, command)
+        self._periods = 1
+        return ACCEPTED
+
+    def _check_entry(self, data: Mapping[str, Any]) -> Accepted | Rejected:
+        off: Array = np.abs(np.subtract(data["actual_q"], data["target_q"]))
+        if not np.isfinite(off).all():
+            return Rejected("the controller reports a joint position that is not a number")
+        joint = int(off.argmax())
+        if not off[joint] <= self._options.entry_rad:
+            return self._far(joint, "is", float(off[joint]))
+        return ACCEPTED
+
+    def _far(self, joint: int, what: str, off_rad: float) -> Rejected:
+        return Rejected(
+            f"{self._limits.names[joint]} {what} {off_rad:.6g} rad from where the controller holds it, "
+            f"{self._options.entry_rad} rad are allowed (robot.backend.entry_rad); a wrong payload?"
+        )
+
+    def _checks_of_a_command(self, data: Mapping[str, Any]) -> Iterator[Accepted | Rejected]:
+        yield self._last_motion
+        if reason := hindrance(data.get("safety_status", data["safety_mode"])):
+            yield Rejected(reason)
+        mode = data["robot_mode"]
+        if mode != UrRobotMode.RUNNING:
+            yield Rejected(f"the robot mode: {mode_in_words(mode)}")
+        if not self._program.is_connected:
+            yield Rejected(
+                "cobot's program on the controller has ended: it was stopped at the teach pendant or by "
+                f"another client, or commands were missing for {self._options.timeout_s:g} s"
+            )
+        runtime = data["runtime_state"]
+        if runtime != RuntimeState.PLAYING:
+            name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)
+            yield Rejected(f"the program on the controller is {name}, not playing")
+
+    def _check_period(self) -> Accepted | Rejected:
+        version = self._link.version
+        if version is not None and version[0] <= CB3 and self._period_s != CB3_PERIOD_S:
+            return Rejected(
+                f"the controller is a CB3 (software {self._link.said_version}), which sends every "
+                f"{CB3_PERIOD_S} s, rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
+            )
+        return ACCEPTED
+
+    def _check_pose(self, data: Mapping[str, Any]) -> Accepted | Rejected:
+        """Whether the controller's flange is where the model has it, in a base frame that may be turned by
+        half a turn about z."""
+        pose = data.get("actual_TCP_pose")
+        if pose is None or self._model is None or not np.isfinite(pose).all():
+            return ACCEPTED
+        joints = np.array(data["actual_q"])
+        flange = Pose(np.array(pose[:3]), _from_rotation_vector(pose[3:]))
+        result: Accepted | Rejected = ACCEPTED
+        for turned in (False, True):
+            found = _half_turned(flange) if turned else flange
+            result = check_agreement(self._model, joints, found)
+            if result is ACCEPTED:
+                self._turned = turned
+                return result
+        return result
+
+    def _in_base(self, wrench: tuple[float, ...]) -> Array:
+        """A wrench of the controller along the axes of the model's base."""
+        found = np.array(wrench)
+        if self._turned:
+            found[[0, 1, 3, 4]] *= -1.0
+        return found
+
+    def _texts(self, data: Mapping[str, Any], silent: bool) -> Iterator[str]:
+        if silent:
+            yield f"no data for {self._silence_s:.1f} s: {self._link.problem or 'the controller is silent'}"
+        elif self._enabled and isinstance(self._last_motion, Rejected):
+            yield self._last_motion.reason
+        yield f"software {self._link.said_version}"
+        if data["safety_mode"] == SafetyMode.REDUCED:
+            yield "reduced mode: the controller permits less speed and force"
+        if data.get("robot_status_bits", 0) & FREEDRIVE_BUTTON:
+            yield "the freedrive button is pressed"
+        if data["target_speed_fraction"] < 1.0:
+            yield f"the speed slider is at {100.0 * data['target_speed_fraction']:.0f} %"
+
+    @property
+    def _silence_s(self) -> float:
+        return self._transport.clock() - self._heard_s
+
+    @property
+    def _newest(self) -> dict[str, Any]:
+        if self._beat.newest is None:
+            raise BackendError(self._link.problem or "the controller sends no data")
+        return self._beat.newest
+
+    def _hear(self) -> bool:
+        """Take what has arrived, unless a cycle is due already; whether one is due."""
+        if not self._beat.due:
+            for data in self._link.poll():
+                self._take(data)
+            self._program.poll()
+        return self._beat.due > 0
+
+    def _take(self, data: dict[str, Any]) -> None:
+        if self._first_s is None:
+            self._first_s = data["timestamp"]
+        passed_s = data["timestamp"] - self._first_s
+        sequence = round(passed_s / self._period_s) if math.isfinite(passed_s) else 0
+        if self._beat.take(data, sequence % (1 << 32), data["actual_q"]):
+            self._answered, self._heard_s = False, self._transport.clock()
+
+
+def _speed_scaling(data: Mapping[str, Any]) -> float:
+    """The share of the speed at which the controller executes motions: slider times its own reduction."""
+    share = data["speed_scaling"] * data["target_speed_fraction"]
+    return min(max(float(share), 0.0), 1.0) if math.isfinite(share) else 0.0
+
+
+def _from_rotation_vector(turn: tuple[float, ...]) -> Array:
+    """Quaternion (w, x, y, z) of a rotation vector, rad."""
+    vector = np.array(turn)
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    return np.array([math.cos(angle / 2.0), *(math.sin(angle / 2.0) / angle * vector)])
+
+
+def _half_turned(pose: Pose) -> Pose:
+    """The pose in a base that is turned by half a turn about z."""
+    x, y, z = pose.position
+    return Pose(np.array([-x, -y, z]), np.array(product(HALF_TURN, pose.quaternion.tolist())))

@@ -1,0 +1,48 @@
+"""Options of `type: ur` in `robot.backend`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+DEFAULT_PORT = 50010
+Host = Annotated[str, Field(min_length=1, max_length=253)]
+
+
+class UrOptions(BaseModel):
+    """Options of a Universal Robots arm.
+
+    Attributes:
+        address: of the controller, an IP address or a name.
+        port: TCP port of this computer to which the program on the controller connects; 0 for a free one.
+        callback: address of this computer as the controller sees it; None: the one of the connection to it.
+        dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective
+            stop; false: a person does so at the teach pendant.
+        outputs: whether outputs and the speed slider can be set; other clients of RTDE then cannot set them.
+        connect_s: timeout for the connection to the controller.
+        enable_s: timeout for each step of switching on.
+        silence_s: time without a package after which the connection is lost: a fault.
+        timeout_s: time without a command after which the program on the controller stops the arm.
+        stop_rad_s2: deceleration of that stop.
+        lookahead_s, gain: of `servoj`, which smooths the positions and follows them.
+        entry_rad: largest distance of the arm from the controller's target when commands begin.
+        check_pose: whether the pose that the controller reports must be that of the model.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    address: Host
+    port: Annotated[int, Field(ge=0, le=65_535)] = DEFAULT_PORT
+    callback: Host | None = None
+    dashboard: bool = True
+    outputs: bool = True
+    connect_s: Annotated[float, Field(ge=0.1, le=15.0)] = 5.0
+    enable_s: Annotated[float, Field(ge=0.5, le=60.0)] = 15.0
+    silence_s: Annotated[float, Field(ge=0.02, le=60.0)] = 0.1
+    timeout_s: Annotated[float, Field(ge=0.02, le=0.2)] = 0.05
+    stop_rad_s2: Annotated[float, Field(ge=1.0, le=40.0)] = 10.0
+    lookahead_s: Annotated[float, Field(ge=0.03, le=0.2)] = 0.03
+    gain: Annotated[float, Field(ge=100.0, le=2000.0)] = 1000.0
+    entry_rad: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
+    check_pose: bool = True

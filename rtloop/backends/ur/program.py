@@ -1,0 +1,173 @@
+"""cobot's program on the controller: its text, and the connection that it opens to this computer."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from importlib.resources import files
+
+from cobot.robot.tool import Tool
+from rtloop.backends import BackendError
+from rtloop.backends.ur.fields import AXES
+from rtloop.backends.ur.options import UrOptions
+from rtloop.backends.ur.transport import ByteListener, ByteStream, UrTransport
+
+MAGIC = 0x636F626F
+"""First number that the program sends; the second one is that of its upload."""
+SCALE = 1e8
+"""Numbers for a radian."""
+FIRST_TIMEOUT_S = 3.0
+"""Time that the program waits for its first command."""
+_HELLO = struct.Struct(">ii")
+_MESSAGE = struct.Struct(">8i")
+END, POSITION, PAYLOAD = 0, 1, 2
+MAX_PERIODS = 1000
+
+
+def script(options: UrOptions, host: str, port: int, token: int, period_s: float) -> str:
+    """The text of the program."""
+    text = files("rtloop.backends.ur").joinpath("control.script").read_text(encoding="utf-8")
+    values = {
+        "HOST": host,
+        "PORT": port,
+        "TOKEN": token,
+        "MAGIC": MAGIC,
+        "PERIOD": repr(period_s),
+        "TIMEOUT": repr(options.timeout_s),
+        "FIRST_TIMEOUT": repr(FIRST_TIMEOUT_S),
+        "STOP": repr(options.stop_rad_s2),
+        "LOOKAHEAD": repr(options.lookahead_s),
+        "GAIN": repr(options.gain),
+    }
+    for name, value in values.items():
+        text = text.replace(f"@@{name}@@", str(value))
+    lines = (line.partition("#")[0].rstrip() for line in text.splitlines())
+    return "\n".join(filter(None, lines)) + "\n"
+
+
+def encode_position(position: Sequence[float], periods: int) -> bytes:
+    """periods: since the message before."""
+    numbers = [round(SCALE * value) for value in position]
+    return _MESSAGE.pack(POSITION, *numbers, max(1, min(periods, MAX_PERIODS)))
+
+
+def decode_position(message: bytes) -> list[float] | None:
+    """The joints of a message, None if it has none."""
+    kind, *numbers = _MESSAGE.unpack(message)
+    return [each / SCALE for each in numbers[:AXES]] if kind == POSITION else None
+
+
+class MotionProgram:
+    """The program's connection.
+
+    Attributes:
+        started: whether a program of this process was uploaded and may still be on the controller.
+    """
+
+    def __init__(self, transport: UrTransport, options: UrOptions) -> None:
+        self._transport, self._options = transport, options
+        self._listener: ByteListener | None = None
+        self._stream: ByteStream | None = None
+        self._guests: list[tuple[ByteStream, bytes]] = []
+        self._token = 0
+        self.started = False
+
+    def open(self) -> None:
+        """
+        Raises:
+            BackendError: the port is taken.
+        """
+        if self._listener is not None:
+            return
+        try:
+            self._listener = self._transport.listen(self._options.port)
+        except OSError as exc:
+            raise BackendError(
+                f"TCP port {self._options.port} of this computer cannot be used: {exc.strerror}; another "
+                "robot.backend.port, or end the program that has it"
+            ) from exc
+
+    def text(self, local: str, period_s: float) -> str:
+        """The program for the next upload; an earlier one is rejected from now on."""
+        assert self._listener is not None
+        self.drop()
+        self._token = self._token % 1_000_000 + 1 + round(1e3 * self._transport.clock()) % 1_000_000
+        self.started = True
+        host = self._options.callback or local
+        return script(self._options, host, self._listener.port, self._token, period_s)
+
+    @property
+    def place(self) -> str:
+        port = self._listener.port if self._listener is not None else self._options.port
+        return f"port {port} of {self._options.callback or 'this computer'}"
+
+    @property
+    def is_connected(self) -> bool:
+        return self._stream is not None
+
+    @property
+    def streams(self) -> list[ByteStream]:
+        return [self._stream] if self._stream is not None else []
+
+    def poll(self) -> None:
+        """Take the program's connection, and notice its end."""
+        if self._stream is not None:
+            try:
+                self._stream.receive()
+            except OSError:
+                self._lose()
+        if self._listener is None:
+            return
+        while (guest := self._listener.accept()) is not None:
+            self._guests.append((guest, b""))
+        guests, self._guests = self._guests, []
+        for guest, heard in guests:
+            self._hear(guest, heard)
+
+    def _hear(self, guest: ByteStream, heard: bytes) -> None:
+        try:
+            heard += guest.receive()
+        except OSError:
+            guest.close()
+            return
+        if len(heard) < _HELLO.size:
+            self._guests = [*self._guests, (guest, heard)][-4:]
+        elif _HELLO.unpack_from(heard) == (MAGIC, self._token) and self._stream is None:
+            self._stream = guest
+        else:
+            guest.close()
+
+    def send_position(self, position: Sequence[float], periods: int) -> None:
+        self._send(encode_position(position, periods))
+
+    def send_tool(self, tool: Tool) -> None:
+        """Set the load of the drives: mass and centre in the flange."""
+        numbers = [round(1e3 * tool.mass), *(round(1e6 * float(value)) for value in tool.centre)]
+        self._send(_MESSAGE.pack(PAYLOAD, *numbers, 0, 0, 0))
+
+    def drop(self) -> None:
+        """End the program, if it still runs."""
+        if self._stream is not None:
+            self._send(_MESSAGE.pack(END, *[0] * 7))
+        self._lose()
+
+    def close(self) -> None:
+        self.drop()
+        for guest, _ in self._guests:
+            guest.close()
+        if self._listener is not None:
+            self._listener.close()
+        self._guests, self._listener = [], None
+
+    def _send(self, message: bytes) -> None:
+        if self._stream is None:
+            return
+        try:
+            self._stream.send(message)
+        except OSError:
+            self._lose()
+
+    def _lose(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = None

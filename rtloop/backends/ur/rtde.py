@@ -1,0 +1,171 @@
+"""Packages of RTDE, version 2 of its protocol: a length, a type and a payload, highest byte first."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+PORT = 30004
+PROTOCOL = 2
+MAX_BUFFER = 1 << 20
+"""Bytes of an incomplete package that are kept; a package has at most 65,535."""
+_HEADER = struct.Struct(">HB")
+_FORMATS = {
+    "BOOL": ("?", 1),
+    "UINT8": ("B", 1),
+    "UINT32": ("I", 1),
+    "UINT64": ("Q", 1),
+    "INT32": ("i", 1),
+    "DOUBLE": ("d", 1),
+    "VECTOR3D": ("d", 3),
+    "VECTOR6D": ("d", 6),
+    "VECTOR6INT32": ("i", 6),
+    "VECTOR6UINT32": ("I", 6),
+}
+Value = float | tuple[float, ...]
+
+
+class Kind(IntEnum):
+    """Types of packages, which are ASCII letters."""
+
+    REQUEST_PROTOCOL_VERSION = 86
+    GET_CONTROL_VERSION = 118
+    TEXT_MESSAGE = 77
+    DATA = 85
+    SETUP_OUTPUTS = 79
+    SETUP_INPUTS = 73
+    START = 83
+    PAUSE = 80
+
+
+_KINDS = frozenset(Kind)
+
+
+class RtdeError(Exception):
+    """Bytes that are not RTDE, or not what was agreed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    kind: int
+    payload: bytes
+
+
+def encode(kind: Kind, payload: bytes = b"") -> bytes:
+    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
+class Splitter:
+    """Packages out of a stream of bytes, however it is cut."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def split(self, received: bytes) -> list[Package]:
+        """The packages that are complete now.
+
+        Raises:
+            RtdeError: a length or type that no package can have.
+        """
+        self._buffer += received
+        found: list[Package] = []
+        begin = 0
+        while len(self._buffer) - begin >= _HEADER.size:
+            length, kind = _HEADER.unpack_from(self._buffer, begin)
+            if length < _HEADER.size:
+                raise RtdeError(f"a package of {length} bytes, the shortest has {_HEADER.size}")
+            if kind not in _KINDS:
+                raise RtdeError(f"a package of unknown type {kind}")
+            if len(self._buffer) - begin < length:
+                break
+            found.append(Package(kind, bytes(self._buffer[begin + _HEADER.size : begin + length])))
+            begin += length
+        del self._buffer[:begin]
+        return found
+
+
+class Recipe:
+    """Names and types of the variables of a data package.
+
+    Attributes:
+        number: by which packages refer to it, 1 to 255; 0 was rejected.
+        names, types: of the variables, in order.
+    """
+
+    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
+        """
+        Raises:
+            RtdeError: other numbers of names and types, or an unknown type.
+        """
+        if len(names) != len(types):
+            raise RtdeError(f"{len(types)} types for {len(names)} variables")
+        strange = [each for each in types if each not in _FORMATS]
+        if strange:
+            raise RtdeError(f"the type {strange[0][:40]!r} is not one of RTDE's: {', '.join(_FORMATS)}")
+        self.number, self.names, self.types = number, tuple(names), tuple(types)
+        formats = [_FORMATS[each] for each in types]
+        self._struct = struct.Struct(">B" + "".join(f"{count}{letter}" for letter, count in formats))
+        self._counts = [count for _, count in formats]
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """A data package."""
+        flat: list[Any] = []
+        for name, count in zip(self.names, self._counts, strict=True):
+            if count == 1:
+                flat.append(values[name])
+            else:
+                flat.extend(values[name])
+        return encode(Kind.DATA, self._struct.pack(self.number, *flat))
+
+    def decode(self, payload: bytes) -> dict[str, Any]:
+        """The values of a data package; vectors are tuples.
+
+        Raises:
+            RtdeError: a package of another recipe or length.
+        """
+        if len(payload) != self._struct.size:
+            raise RtdeError(f"a data package of {len(payload)} bytes, {self._struct.size} were agreed")
+        flat = self._struct.unpack(payload)
+        if flat[0] != self.number:
+            raise RtdeError(f"a data package of recipe {flat[0]}, {self.number} was agreed")
+        found: dict[str, Any] = {}
+        begin = 1
+        for name, count in zip(self.names, self._counts, strict=True):
+            found[name] = flat[begin] if count == 1 else flat[begin : begin + count]
+            begin += count
+        return found
+
+
+def encode_outputs_setup(frequency_hz: float, names: Sequence[str]) -> bytes:
+    return encode(Kind.SETUP_OUTPUTS, struct.pack(">d", frequency_hz) + ",".join(names).encode())
+
+
+def encode_inputs_setup(names: Sequence[str]) -> bytes:
+    return encode(Kind.SETUP_INPUTS, ",".join(names).encode())
+
+
+def decode_setup(payload: bytes) -> tuple[int, list[str]]:
+    """Number of the recipe, and the types or `ANSWERED` of its variables.
+
+    Raises:
+        RtdeError: an empty answer.
+    """
+    if not payload:
+        raise RtdeError("an empty answer to a recipe")
+    return payload[0], payload[1:].decode("ascii", errors="replace").split(",")
+
+
+def encode_text(message: str, source: str, level: int) -> bytes:
+    """A text message; level: 0 exception, 1 error, 2 warning, 3 information."""
+    said, by = message.encode()[:255], source.encode()[:255]
+    payload = bytes([len(said)]) + said + bytes([len(by)]) + by + bytes([level])
+    return encode(Kind.TEXT_MESSAGE, payload)
+
+
+def decode_text(payload: bytes) -> str:
+    """The text of a message, as far as it can be read."""
+    length = payload[0] if payload else 0
+    return payload[1 : 1 + length].decode(errors="replace")

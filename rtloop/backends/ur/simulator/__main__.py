@@ -1,0 +1,105 @@
+"""`cobot simulate ur`: a controller of Universal Robots with an arm, for any client of its interfaces."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from rtloop.backends.fri.messages import ControlMode
+from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
+from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.ur.simulator.controller import UrController
+from rtloop.backends.ur.simulator.network import DataNetwork
+from rtloop.backends.ur.simulator.options import SERIES, UrControllerOptions
+from rtloop.backends.ur.simulator.server import UrServer
+from rtloop.realtime import freeze_garbage, prepare
+
+
+def main() -> int:
+    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    chosen = _parser().parse_args()
+    ending: list[str] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ending.append("asked to")
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    try:
+        server = _server(chosen)
+    except (CobotError, ValueError, OSError) as exc:
+        print(f"cobot simulate ur: {exc}", file=sys.stderr)
+        return 2
+    print(
+        f"cobot simulate ur: ports 29999, 30001, 30002 and 30004 of {chosen.address}, control on "
+        f"127.0.0.1:{server.control_port}",
+        flush=True,
+    )
+    if chosen.priority is not None:
+        refused = prepare(chosen.priority, None, None).refused
+        freeze_garbage()
+        if refused:
+            print(f"cobot simulate ur: {refused}", file=sys.stderr, flush=True)
+    try:
+        server.run(ending)
+    finally:
+        server.close()
+    return 0
+
+
+def _server(chosen: argparse.Namespace) -> UrServer:
+    settings = load_settings(chosen.config).of(chosen.robot)
+    robot = load_robot(settings)
+    start = np.array(robot.positions[settings.robot.start_position].joints)
+    arm = CabinetArm(settings, robot.limits, start, ControlMode.POSITION)
+    options = UrControllerOptions(chosen.series, chosen.on, not chosen.local, chosen.slider / 100.0)
+    network = DataNetwork(chosen.seed)
+    network.loss = chosen.loss
+    return UrServer(
+        lambda server: UrController(arm, options, server),
+        chosen.address,
+        chosen.control_port,
+        network,
+        chosen.patience,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="cobot simulate ur", description=__doc__)
+    add = parser.add_argument
+    add("--config", type=Path, required=True, metavar="FILE", help="settings of a robot with six joints")
+    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add(
+        "--address",
+        type=ipv4,
+        default="127.0.0.1",
+        metavar="IPV4",
+        help="of this computer, to listen on; 127.0.0.1",
+    )
+    add("--series", choices=list(SERIES), default="e", help="e: 500 times per second; cb3: 125; default e")
+    add("--on", action="store_true", help="start with the arm switched on and its brakes released")
+    add("--local", action="store_true", help="start in Local Control, which takes no programs")
+    add(
+        "--slider", type=within(float, 0, 100), default=100.0, metavar="PERCENT", help="the speed slider; 100"
+    )
+    add(
+        "--loss", type=within(float, 0, 1), default=0.0, metavar="SHARE", help="of the data packages left out"
+    )
+    add("--seed", type=int, default=0, metavar="N", help="of what is left out")
+    add("--control-port", type=within(int, 0, MAX_PORT), default=0, metavar="P", help="0 picks a free one")
+    patience = within(float, 0, MAX_PATIENCE_S)
+    add("--patience", type=patience, default=0.0, metavar="S", help="stand still so long for a late command")
+    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

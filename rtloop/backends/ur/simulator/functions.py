@@ -1,0 +1,236 @@
+"""Functions of URScript that a simulated controller has, and what belongs to one program."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.ur.fields import AXES
+from rtloop.backends.ur.simulator.urscript import Function, Run
+from rtloop.backends.ur.transport import ByteStream
+
+if TYPE_CHECKING:
+    from rtloop.backends.ur.simulator.controller import UrController
+
+OPEN_S = 2.0
+"""Timeout of `socket_open`, and the default of the reading functions."""
+MAX_NUMBERS = 30
+STOP_RAD_S2 = 15.0
+AT_REST_RAD_S = 1e-6
+
+
+class _Socket:
+    def __init__(self, stream: ByteStream) -> None:
+        self.stream, self.buffer = stream, bytearray()
+
+    def fill(self) -> None:
+        """ConnectionError: it is closed."""
+        self.buffer += self.stream.receive()
+
+
+class ProgramContext:
+    """
+    Attributes:
+        goal: joint position for this control period, shape (dof,), rad; None for none.
+        brake_rad_s2: deceleration while there is no goal.
+    """
+
+    def __init__(self, controller: UrController) -> None:
+        self._controller = controller
+        self._sockets: dict[str, _Socket] = {}
+        self.goal: Array | None = None
+        self.brake_rad_s2 = STOP_RAD_S2
+
+    def close(self) -> None:
+        for each in self._sockets.values():
+            each.stream.close()
+        self._sockets.clear()
+
+    def functions(self) -> dict[str, Function]:
+        controller = self._controller
+        arm = controller.arm
+
+        def made(call: Callable[..., Any]) -> Function:
+            return Function(call)
+
+        def waiting(call: Callable[..., Any]) -> Function:
+            return Function(call, waits=True)
+
+        def digital(first: int, count: int, is_output: bool) -> Function:
+            def get(n: int) -> bool:
+                _require_index(n, count)
+                bits = controller.digital_out if is_output else controller.digital_in
+                return bool(bits >> first + n & 1)
+
+            return made(get)
+
+        def set_digital(first: int, count: int) -> Function:
+            def change(n: int, b: bool) -> None:
+                _require_index(n, count)
+                bit = 1 << first + n
+                controller.digital_out = controller.digital_out | bit if b else controller.digital_out & ~bit
+
+            return made(change)
+
+        def register(way: str, kind: str) -> Function:
+            return made(lambda address: controller.registers.get(f"{way}_{kind}_register_{address}", 0))
+
+        def set_register(kind: str) -> Function:
+            def change(address: int, value: float) -> None:
+                _require_index(address, 48)
+                controller.registers[f"output_{kind}_register_{address}"] = value
+
+            return made(change)
+
+        return {
+            "get_steptime": made(lambda: controller.period_s),
+            "get_target_joint_positions": made(lambda: arm.setpoint.tolist()),
+            "get_actual_joint_positions": made(lambda: arm.measured.position.tolist()),
+            "get_target_joint_speeds": made(lambda: controller.velocity.tolist()),
+            "get_actual_joint_speeds": made(lambda: arm.measured.velocity.tolist()),
+            "get_actual_tcp_pose": made(controller.pose),
+            "get_tcp_force": made(lambda: arm.measured.wrench.tolist()),
+            "get_target_payload": made(lambda: controller.payload),
+            "servoj": waiting(self._servoj),
+            "stopj": waiting(self._stopj),
+            "sync": waiting(self._sync),
+            "sleep": waiting(self._sleep),
+            "set_tcp": made(self._set_tcp),
+            "set_payload": made(self._set_payload),
+            "textmsg": made(lambda *words: controller.events.append(" ".join(map(str, words))[:500])),
+            "popup": made(lambda *words, **_: controller.events.append(f"popup: {words[0]}"[:500])),
+            "to_str": made(str),
+            "socket_open": waiting(self._socket_open),
+            "socket_close": made(self._socket_close),
+            "socket_send_int": made(
+                lambda value, name="socket_0": self._send(struct.pack(">i", int(value)), name)
+            ),
+            "socket_send_string": made(lambda text, name="socket_0": self._send(str(text).encode(), name)),
+            "socket_read_binary_integer": waiting(self._read_integers),
+            "get_standard_digital_in": digital(0, 8, False),
+            "get_configurable_digital_in": digital(8, 8, False),
+            "get_tool_digital_in": digital(16, 2, False),
+            "get_digital_in": digital(0, 18, False),
+            "get_standard_digital_out": digital(0, 8, True),
+            "get_configurable_digital_out": digital(8, 8, True),
+            "get_tool_digital_out": digital(16, 2, True),
+            "get_digital_out": digital(0, 18, True),
+            "set_standard_digital_out": set_digital(0, 8),
+            "set_configurable_digital_out": set_digital(8, 8),
+            "set_tool_digital_out": set_digital(16, 2),
+            "set_digital_out": set_digital(0, 18),
+            "set_standard_analog_out": made(
+                lambda n, f: controller.set_analog(n, f, controller.analog_types >> 2 + n & 1)
+            ),
+            "read_input_integer_register": register("input", "int"),
+            "read_input_float_register": register("input", "double"),
+            "read_output_integer_register": register("output", "int"),
+            "read_output_float_register": register("output", "double"),
+            "write_output_integer_register": set_register("int"),
+            "write_output_float_register": set_register("double"),
+        }
+
+    def _servoj(
+        self,
+        q: list[float],
+        a: float = 0,
+        v: float = 0,
+        t: float = 0.002,
+        lookahead_time: float = 0.1,
+        gain: float = 300,
+    ) -> Run:
+        """Reach a position in `t`; the simulated drives need neither lookahead time nor gain."""
+        if len(q) != AXES or not 0.03 <= lookahead_time <= 0.2 or not 100 <= gain <= 2000:
+            raise ValueError(
+                "servoj: 6 joints, lookahead_time 0.03 to 0.2 and gain 100 to 2000 are allowed, "
+                f"got {len(q)}, {lookahead_time:g} and {gain:g}"
+            )
+        begin, goal = self._controller.arm.setpoint.copy(), np.array(q, dtype=float)
+        cycles = max(1, round(t / self._controller.period_s))
+        for cycle in range(1, cycles + 1):
+            self.goal = begin + (goal - begin) * (cycle / cycles)
+            yield
+
+    def _stopj(self, a: float) -> Run:
+        self.brake_rad_s2 = min(max(float(a), 0.1), 100.0)
+        while float(np.abs(self._controller.velocity).max()) > AT_REST_RAD_S:
+            yield
+        self.brake_rad_s2 = STOP_RAD_S2
+
+    def _sync(self) -> Run:
+        yield
+
+    def _sleep(self, t: float) -> Run:
+        for _ in range(max(1, round(t / self._controller.period_s))):
+            yield
+
+    def _set_tcp(self, pose: list[float]) -> None:
+        if any(pose):
+            raise ValueError("set_tcp: the simulated controller has its TCP at the flange")
+        self._controller.tcp = list(pose)
+
+    def _set_payload(self, m: float, cog: list[float] | None = None) -> None:
+        if not 0.0 <= m <= 100.0:
+            raise ValueError(f"set_payload: {m:g} kg")
+        self._controller.payload, self._controller.centre = float(m), list(cog or (0.0, 0.0, 0.0))
+
+    def _socket_open(self, address: str, port: int, name: str = "socket_0") -> Run:
+        self._socket_close(name)
+        clock = self._controller.transport.clock
+        until_s = clock() + OPEN_S
+        try:
+            stream = self._controller.transport.connect(address, port)
+            while not stream.is_connected():
+                if clock() > until_s:
+                    stream.close()
+                    return False
+                yield
+        except OSError:
+            return False
+        self._sockets[name] = _Socket(stream)
+        return True
+
+    def _socket_close(self, name: str = "socket_0") -> None:
+        found = self._sockets.pop(name, None)
+        if found is not None:
+            found.stream.close()
+
+    def _send(self, data: bytes, name: str) -> bool:
+        found = self._sockets.get(name)
+        if found is None:
+            return False
+        try:
+            found.stream.send(data)
+        except OSError:
+            self._socket_close(name)
+            return False
+        return True
+
+    def _read_integers(self, number: int, socket_name: str = "socket_0", timeout: float = OPEN_S) -> Run:
+        """A list of how many numbers were read, all or none, and the numbers."""
+        if not 0 < number <= MAX_NUMBERS:
+            raise ValueError(f"socket_read_binary_integer: 1 to {MAX_NUMBERS} numbers, got {number}")
+        nothing = [0] + [-1] * number
+        until = self._controller.time_s + timeout
+        while (found := self._sockets.get(socket_name)) is not None:
+            try:
+                found.fill()
+            except OSError:
+                return nothing
+            if len(found.buffer) >= 4 * number:
+                values = list(struct.unpack_from(f">{number}i", found.buffer))
+                del found.buffer[: 4 * number]
+                return [number, *values]
+            if self._controller.time_s >= until:
+                return nothing
+            yield
+        return nothing
+
+
+def _require_index(index: int, count: int) -> None:
+    if not 0 <= index < count:
+        raise IndexError(f"{index} is not one of 0 to {count - 1}")

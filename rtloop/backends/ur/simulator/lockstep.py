@@ -1,0 +1,303 @@
+"""A simulated controller and a backend in one process, stepped period by period without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.srdf import load_named_positions
+from cobot.types import Array, JointLimits
+from rtloop.backends.fri.messages import ControlMode
+from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.ur import dashboard, enabling, rtde
+from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
+from rtloop.backends.ur.fields import SafetyMode
+from rtloop.backends.ur.program import decode_position
+from rtloop.backends.ur.simulator.controller import UrController
+from rtloop.backends.ur.simulator.dashboard_session import DashboardSession
+from rtloop.backends.ur.simulator.network import DataNetwork
+from rtloop.backends.ur.simulator.options import UrControllerOptions
+from rtloop.backends.ur.simulator.primary_session import PrimarySession
+from rtloop.backends.ur.simulator.rtde_session import RtdeSession
+from rtloop.backends.ur.simulator.session import UrSession
+from rtloop.backends.ur.transport import ByteListener, ByteStream
+from rtloop.contract import FAULTS
+
+UNLUCKY = 0.05
+"""Fraction of the packages that are lost or overtaken."""
+EVERY = round(1.0 / UNLUCKY)
+SLIDER = 0.99
+"""Speed slider at the start: the contract raises it by one per cent."""
+HERE = "127.0.0.1"
+MESSAGE_BYTES = 32
+
+
+class _Pipe:
+    """One end of a connection in this process. Data wait while the cable is pulled."""
+
+    def __init__(self, cable: Cable) -> None:
+        self._cable = cable
+        self.received = bytearray()
+        self.other: _Pipe | None = None
+        self.is_closed = False
+        self.sent: list[bytes] | None = None
+
+    @property
+    def local(self) -> str:
+        return HERE
+
+    def is_connected(self) -> bool:
+        return not self._cable.off
+
+    def receive(self) -> bytes:
+        if self._cable.off:
+            return b""
+        data = bytes(self.received)
+        self.received.clear()
+        if not data and self.other is not None and self.other.is_closed:
+            raise ConnectionResetError("the other end has closed the connection")
+        return data
+
+    def send(self, data: bytes) -> None:
+        if self.is_closed or self.other is None or self.other.is_closed:
+            raise ConnectionResetError("the other end has closed the connection")
+        if self.sent is not None:
+            self.sent.append(data)
+        self.other.received += data
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+class Cable:
+    """Attributes:
+    off: whether it is pulled.
+    """
+
+    def __init__(self) -> None:
+        self.off = False
+
+
+def _pipe(cable: Cable) -> tuple[_Pipe, _Pipe]:
+    here, there = _Pipe(cable), _Pipe(cable)
+    here.other, there.other = there, here
+    return here, there
+
+
+class _Listener:
+    def __init__(self, port: int, cable: Cable) -> None:
+        self.port, self._cable = port, cable
+        self.waiting: list[_Pipe] = []
+        self.is_closed = False
+
+    def accept(self) -> ByteStream | None:
+        return self.waiting.pop(0) if self.waiting and not self._cable.off else None
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+class UrLockStep:
+    """The backend's `UrTransport`: each wait lets the controller take its next periods.
+
+    Attributes:
+        controller: at the other end.
+        cable: between the two.
+        network: of the data packages.
+        busy: whether one wait in `EVERY` finds two packages in place of one.
+        positions: joint positions that the program was sent.
+    """
+
+    def __init__(
+        self, make: Callable[[UrLockStep], UrController], network: DataNetwork | None = None
+    ) -> None:
+        self.cable, self.network = Cable(), network or DataNetwork()
+        self.busy = False
+        self._waits = 0
+        self._listener: _Listener | None = None
+        self._sessions: list[tuple[UrSession, _Pipe]] = []
+        self._messages: list[bytes] = []
+        self.controller = make(self)
+        self.inner = _ProgramSide(self)
+
+    @property
+    def positions(self) -> list[Array]:
+        joints = map(decode_position, self._messages)
+        return [np.array(each) for each in joints if each is not None]
+
+    def clock(self) -> float:
+        return self.controller.time_s
+
+    def connect(self, host: str, port: int) -> ByteStream:
+        sessions: dict[int, Callable[[], UrSession]] = {
+            rtde.PORT: lambda: RtdeSession(self.controller, self.network),
+            dashboard.PORT: lambda: DashboardSession(self.controller),
+            enabling.PRIMARY_PORT: lambda: PrimarySession(self.controller),
+        }
+        here, there = _pipe(self.cable)
+        self._sessions.append((sessions[port](), there))
+        return here
+
+    def listen(self, port: int) -> ByteListener:
+        self._listener = _Listener(port, self.cable)
+        return self._listener
+
+    def call_back(self) -> ByteStream:
+        """The connection of a program on the controller to the backend."""
+        if self._listener is None or self._listener.is_closed:
+            raise ConnectionRefusedError("nothing listens there")
+        here, there = _pipe(self.cable)
+        there.sent = None
+        here.sent = self._messages
+        self._listener.waiting.append(here)
+        return there
+
+    def forget_clients(self) -> None:
+        """All connections of a backend whose process was killed end."""
+        for session, pipe in self._sessions:
+            session.close()
+            pipe.close()
+        self._sessions = []
+        if self._listener is not None:
+            self._listener.close()
+
+    def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
+        until_s = self.clock() + timeout_s - 1e-9
+        self._waits += 1
+        pause = 1 if self.busy and self._waits % EVERY == 0 else 0
+        while True:
+            self.pass_period()
+            ready = not self.cable.off and any(isinstance(each, _Pipe) and each.received for each in streams)
+            if pause and ready:
+                pause -= 1
+                continue
+            if ready or self.clock() >= until_s:
+                return
+
+    def pass_period(self) -> None:
+        """One control period of the controller."""
+        for session, pipe in list(self._sessions):
+            try:
+                session.feed(pipe.receive())
+            except OSError:
+                session.close()
+                pipe.close()
+                self._sessions.remove((session, pipe))
+        self.controller.advance()
+        for session, pipe in list(self._sessions):
+            session.tick()
+            if session.out:
+                data = bytes(session.out)
+                session.out.clear()
+                try:
+                    pipe.send(data)
+                except OSError:
+                    continue
+            if session.is_over:
+                pipe.close()
+
+
+class _ProgramSide:
+    """The `UrTransport` of programs on the controller."""
+
+    def __init__(self, lock_step: UrLockStep) -> None:
+        self._lock_step = lock_step
+
+    def clock(self) -> float:
+        return self._lock_step.clock()
+
+    def connect(self, host: str, port: int) -> ByteStream:
+        return self._lock_step.call_back()
+
+    def listen(self, port: int) -> ByteListener:
+        raise OSError("a program does not listen")
+
+    def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
+        """Programs wait for their next period."""
+
+
+class _Later:
+    """The `UrTransport` of a controller that is made before its lock step is complete."""
+
+    def __init__(self, lock_step: UrLockStep) -> None:
+        self._lock_step = lock_step
+
+    def clock(self) -> float:
+        return self._lock_step.inner.clock()
+
+    def connect(self, host: str, port: int) -> ByteStream:
+        return self._lock_step.inner.connect(host, port)
+
+    def listen(self, port: int) -> ByteListener:
+        return self._lock_step.inner.listen(port)
+
+    def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
+        """Programs wait for their next period."""
+
+
+def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:
+    """A controller with the arm of the settings, and the way to it."""
+    names = settings.robot
+    start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
+    arm = CabinetArm(settings, limits, np.array(start), ControlMode.POSITION)
+    made = options or UrControllerOptions(slider=SLIDER)
+    return UrLockStep(lambda lock_step: UrController(arm, made, _Later(lock_step)))
+
+
+class UrRig:
+    """The backend `ur` and a simulated controller, a `ContractRig`. Its operation mode is not in RTDE."""
+
+    faults = frozenset(FAULTS) - {"operation_mode"}
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        series = "cb3" if settings.rt.period_s == CB3_PERIOD_S else "e"
+        backend = settings.robot.backend
+        options = {"address": HERE, **(backend.options or {})}
+        backend = backend.model_copy(update={"options": options})
+        robot = settings.robot.model_copy(update={"backend": backend})
+        self._settings, self._limits = settings.model_copy(update={"robot": robot}), limits
+        self._way = joined(settings, limits, UrControllerOptions(series=series, slider=SLIDER))
+
+    @property
+    def wire(self) -> list[Array]:
+        """The positions that were sent."""
+        return self._way.positions
+
+    def backend(self) -> UrBackend:
+        self._way.forget_clients()
+        return UrBackend(self._settings, self._limits, transport=self._way)
+
+    def inject(self, fault: str) -> None:
+        way, controller = self._way, self._way.controller
+        if fault == "disconnect":
+            way.cable.off = True
+        elif fault in ("frozen", "nan"):
+            way.network.spoil = fault
+        elif fault == "loss":
+            way.network.loss = UNLUCKY
+        elif fault == "reorder":
+            way.network.reorder = UNLUCKY
+        elif fault == "pile_up":
+            way.busy = True
+        elif fault == "e_stop":
+            controller.set_safety(SafetyMode.ROBOT_EMERGENCY_STOP, "its button is pressed")
+        else:
+            controller.blocked = "Cannot unlock protective stop until 5s after occurrence."
+            controller.set_safety(SafetyMode.PROTECTIVE_STOP, "by the contract")
+
+    def clear(self, fault: str) -> None:
+        way, controller = self._way, self._way.controller
+        if fault == "disconnect":
+            way.cable.off = False
+        elif fault in ("frozen", "nan"):
+            way.network.spoil = ""
+        elif fault in ("loss", "reorder"):
+            way.network.loss = way.network.reorder = 0.0
+        elif fault == "pile_up":
+            way.busy = False
+        elif fault == "e_stop":
+            controller.set_safety(SafetyMode.NORMAL, "its button is released")
+        else:
+            controller.blocked = ""

@@ -1,0 +1,28 @@
+"""One client of a simulated controller: bytes in, bytes out."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class UrSession(Protocol):
+    """
+    Attributes:
+        out: bytes to be sent to the client, which the network takes from here.
+        is_over: whether the connection is closed once they are sent.
+    """
+
+    out: bytearray
+    is_over: bool
+
+    def feed(self, received: bytes) -> None:
+        """Process bytes from the client, valid or not."""
+        ...
+
+    def tick(self) -> None:
+        """A control period has passed."""
+        ...
+
+    def close(self) -> None:
+        """The client has gone."""
+        ...

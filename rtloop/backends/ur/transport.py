@@ -1,0 +1,166 @@
+"""Streams of bytes to and from the controller. Nothing here waits, except `wait`."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+from collections.abc import Sequence
+from typing import Protocol
+
+READ_BYTES = 65_536
+STARTED = (0, errno.EINPROGRESS)
+
+
+class ByteStream(Protocol):
+    """A connection.
+
+    Attributes:
+        local: address of this end.
+    """
+
+    @property
+    def local(self) -> str: ...
+
+    def is_connected(self) -> bool:
+        """Whether the connection is established. OSError: it was refused."""
+        ...
+
+    def receive(self) -> bytes:
+        """What has arrived, b"" for nothing. ConnectionError: the other end has closed the connection."""
+        ...
+
+    def send(self, data: bytes) -> None:
+        """ConnectionError: the connection is closed, or the other end takes nothing."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class ByteListener(Protocol):
+    """Attributes:
+    port: on which it listens.
+    """
+
+    @property
+    def port(self) -> int: ...
+
+    def accept(self) -> ByteStream | None:
+        """The next connection, None without one."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class UrTransport(Protocol):
+    """The network of a controller and its clock."""
+
+    def clock(self) -> float: ...
+
+    def connect(self, host: str, port: int) -> ByteStream:
+        """Begin to connect. OSError: there is no such host, or no way to it."""
+        ...
+
+    def listen(self, port: int) -> ByteListener:
+        """OSError: the port is taken."""
+        ...
+
+    def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
+        """Wait until one of them has something to receive."""
+        ...
+
+
+class TcpStream:
+    def __init__(self, made: socket.socket, connected: bool) -> None:
+        self.socket, self._connected = made, connected
+        made.setblocking(False)
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    @property
+    def local(self) -> str:
+        address: str = self.socket.getsockname()[0]
+        return address
+
+    def is_connected(self) -> bool:
+        if not self._connected:
+            poll = select.poll()
+            poll.register(self.socket, select.POLLOUT)
+            if not poll.poll(0):
+                return False
+            error = self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if error:
+                raise OSError(error, errno.errorcode.get(error, ""))
+            self._connected = True
+        return True
+
+    def receive(self) -> bytes:
+        try:
+            received = self.socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return b""
+        if not received:
+            raise ConnectionResetError("the other end has closed the connection")
+        return received
+
+    def send(self, data: bytes) -> None:
+        try:
+            sent = self.socket.send(data)
+        except BlockingIOError:
+            sent = 0
+        if sent < len(data):
+            raise ConnectionAbortedError("the other end does not take what is sent")
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class TcpListener:
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_server(("0.0.0.0", port))
+        self._socket.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def accept(self) -> ByteStream | None:
+        try:
+            made, _ = self._socket.accept()
+        except BlockingIOError:
+            return None
+        return TcpStream(made, True)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TcpTransport:
+    """The network."""
+
+    def __init__(self) -> None:
+        import time
+
+        self.clock = time.monotonic
+
+    def connect(self, host: str, port: int) -> ByteStream:
+        ((family, kind, _, _, place), *_) = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        made = socket.socket(family, kind)
+        stream = TcpStream(made, False)
+        error = made.connect_ex(place)
+        if error not in STARTED:
+            made.close()
+            raise OSError(error, errno.errorcode.get(error, ""))
+        return stream
+
+    def listen(self, port: int) -> ByteListener:
+        return TcpListener(port)
+
+    def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
+        poll = select.poll()
+        for stream in streams:
+            if isinstance(stream, TcpStream):
+                with contextlib.suppress(ValueError):  # it is closed
+                    poll.register(stream.socket, select.POLLIN)
+        poll.poll(max(1e3 * timeout_s, 0.0))

@@ -1,0 +1,190 @@
+"""An arm of Universal Robots over RTDE, against a simulated controller in another process, with its faults.
+
+Oracles: what the controller says of its own arm; what REST says of the same arm. The controller is patient,
+so a busy computer costs no command; a motion that the service has stopped because its computer was late is
+begun again, as its user would do.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import rest_tour
+from arm_activities import robot_health
+from cobot_run import WAIT_S, answering
+from streaming_client import StreamClient
+from ur_arm import POSITIONS, ur_folder
+from ur_run import ControllerProcess, RunOverUr
+
+from cobot.config import SETTINGS_FILE
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs loopback addresses besides 127.0.0.1")
+HOME = np.radians(POSITIONS["home"]).tolist()
+THERE = np.radians([-10.0, -95.0, 105.0, -100.0, -80.0, 20.0]).tolist()
+NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1, 3, 5, 7
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ur_folder(tmp_path_factory.mktemp("arm")) / SETTINGS_FILE
+
+
+@pytest.fixture(scope="module")
+def controller(arm: Path) -> Iterator[ControllerProcess]:
+    with ControllerProcess(arm) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def ur(
+    controller: ControllerProcess, arm: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[RunOverUr]:
+    with answering(RunOverUr(tmp_path_factory.mktemp("ur"), arm, controller.address)) as started:
+        if device(started)["unacknowledged"]:
+            checked = {"payload_checked": True}
+            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        yield started
+
+
+@pytest.fixture
+def run(ur: RunOverUr, controller: ControllerProcess) -> RunOverUr:
+    """With a controller that permits motion, and an arm at its home position."""
+    controller.ask(safety=NORMAL, blocked="", remote=True, spoil="", silent=False, loss=0.0, slider=1.0)
+    able(ur)
+    move(ur, "named", name="home")
+    return ur
+
+
+def device(run: RunOverUr) -> dict[str, Any]:
+    """What GET /robots says of it."""
+
+    def asked() -> Any:
+        answer = httpx.get(f"{run.url}/robots", timeout=WAIT_S)
+        return answer.json() if answer.status_code == 200 else None
+
+    (shown,) = run.until(asked)
+    found: dict[str, Any] = shown["device"]
+    return found
+
+
+def able(run: RunOverUr) -> None:
+    """As after a fault: somebody resets, as often as it takes."""
+    said: list[str] = []
+
+    def reset() -> bool:
+        if robot_health(run).get("mode") == "HOLD":
+            return True
+        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
+        return robot_health(run).get("mode") == "HOLD"
+
+    try:
+        run.until(reset)
+    except AssertionError as exc:
+        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
+
+
+def move(run: RunOverUr, kind: str, **body: object) -> None:
+    def asked() -> tuple[bool, str]:
+        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
+        return bool(answer.json().get("success")), answer.text
+
+    rest_tour.again(asked)
+
+
+def nothing_refused(controller: ControllerProcess) -> None:
+    """The controller has found no command beyond its limits, and none that jumps."""
+    told = " ".join(controller.ask()["events"])
+    assert "is commanded" not in told
+    assert "jumps" not in told
+
+
+@pytest.mark.parametrize("part", rest_tour.PARTS)
+def test_the_rest_tour(run: RunOverUr, controller: ControllerProcess, part: str) -> None:
+    """With a sequence and a recording."""
+    rest_tour.tour(run, part)
+    nothing_refused(controller)
+
+
+def test_the_arm_is_where_rest_says(run: RunOverUr, controller: ControllerProcess) -> None:
+    move(run, "joints", joints=THERE)
+    np.testing.assert_allclose(run.joints(), THERE, atol=5e-3)
+    np.testing.assert_allclose(controller.ask()["measured"], THERE, atol=5e-3)
+    said = device(run)["status"]
+    assert (said["connection"], said["drives"], said["brakes"]) == ("connected", "on", "released")
+
+
+def test_a_stream_of_joints_moves_it(run: RunOverUr, controller: ControllerProcess) -> None:
+    def turned() -> bool:
+        """A session that has ended because its client was late is begun again."""
+        with StreamClient(run.url) as client:
+            client.session()
+            for step in range(300):
+                client.target([HOME[0] + 0.1 - 0.1 * np.cos(0.02 * step), *HOME[1:]])
+                if abs(controller.ask()["setpoint"][0] - HOME[0]) > 0.05:
+                    break
+                time.sleep(0.01)
+            client.ended()
+        return bool(abs(controller.ask()["setpoint"][0] - HOME[0]) > 0.05)
+
+    run.until(turned)
+    nothing_refused(controller)
+
+
+def test_outputs_are_set_by_name(run: RunOverUr, controller: ControllerProcess) -> None:
+    def put(name: str, value: object) -> httpx.Response:
+        return httpx.put(f"{run.url}/robot/io/{name}", json={"value": value}, timeout=WAIT_S)
+
+    run.until(lambda: put("tool_out_0", True).status_code == 200)
+    assert controller.ask()["digital_out"] == 1 << 16
+    run.until(lambda: put("speed_slider", 50).status_code == 200)
+    assert controller.ask()["slider"] == 0.5
+    run.until(lambda: device(run)["status"]["speed_scaling"] == 0.5)
+    assert "there is no output" in put("tool_out_2", True).json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "end", "words"),
+    [
+        ({"safety": EMERGENCY_STOP}, {"safety": NORMAL}, "emergency stop"),
+        ({"safety": PROTECTIVE_STOP, "blocked": "Cannot unlock"}, {"blocked": ""}, "protective stop"),
+        ({"safety": SAFEGUARD_STOP}, {"safety": NORMAL}, "safeguard stop"),
+        ({"program": "stop"}, {}, "program on the controller has ended"),
+        ({"power": "off"}, {}, "robot mode: off"),
+        ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
+    ],
+)
+def test_faults_are_named_and_a_reset_ends_them(
+    run: RunOverUr, controller: ControllerProcess, fault: dict[str, Any], end: dict[str, Any], words: str
+) -> None:
+    controller.ask(**fault)
+    run.until(lambda: words in robot_health(run).get("reason", "") and robot_health(run))
+    controller.ask(**end)
+    able(run)
+    move(run, "joints", joints=THERE)
+    nothing_refused(controller)
+
+
+def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(
+    run: RunOverUr, controller: ControllerProcess
+) -> None:
+    """Nobody is patient here but the test: the program on the controller ends by itself."""
+    with httpx.Client(base_url=run.url, timeout=WAIT_S) as http:
+        http.post("/robot/move/named", json={"name": "work", "speed": 0.2, "wait": False})
+        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+        old = run.child("rtloop")
+        assert old is not None
+        old.kill()
+    run.until(lambda: controller.ask()["runtime"] == "STOPPED")
+    rest = controller.ask()["setpoint"]
+    time.sleep(0.2)
+    np.testing.assert_allclose(controller.ask()["setpoint"], rest, atol=1e-9)
+    run.until(run.healthy)
+    able(run)
+    move(run, "joints", joints=THERE)
