@@ -186,7 +186,7 @@ def everything_else(tour: Tour) -> None:
     tour.post("/robot/positions", {"name": "taught", "joints": tour.beside(0.2)})
     tour.move("named", name="taught")
     tour.near(tour.beside(0.2))
-    assert tour.get("/robot/joint_states")["name"][0] == "joint1"
+    assert len(tour.get("/robot/joint_states")["name"]) == len(tour.home)
     assert tour.get("/robot/tool")
     assert tour.get("/scene")
     until(lambda: tour.get("/recordings")["recorder"]["alive"])
