@@ -8,6 +8,7 @@ begun again, as its user would do.
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -175,12 +176,16 @@ def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(
     run: RunOverUr, controller: ControllerProcess
 ) -> None:
     """Nobody is patient here but the test: the program on the controller ends by itself."""
-    with httpx.Client(base_url=run.url, timeout=WAIT_S) as http:
-        http.post("/robot/move/named", json={"name": "work", "speed": 0.2, "wait": False})
-        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
-        old = run.child("rtloop")
-        assert old is not None
-        old.kill()
+    body = {"name": "work", "speed": 0.1}
+    moving = threading.Thread(
+        target=httpx.post, args=(f"{run.url}/robot/move/named",), kwargs={"json": body, "timeout": WAIT_S}
+    )
+    moving.start()
+    run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+    old = run.child("rtloop")
+    assert old is not None
+    old.kill()
+    moving.join()
     run.until(lambda: controller.ask()["runtime"] == "STOPPED")
     rest = controller.ask()["setpoint"]
     time.sleep(0.2)
