@@ -1,7 +1,7 @@
-"""The link to the controllers: a process of its own speaks DDS (`cobot.dds.arm_client`).
+"""The link to the controllers: a separate process that speaks DDS (`cobot.dds.arm_client`).
 
-It is asked for what it has seen some times a second, so that neither the traffic of a network nor the reading
-of messages takes the interpreter from the cycle. Motions go to it as they are in memory.
+It is polled several times a second. Because it is a process of its own, network traffic and the decoding of
+messages do not occupy the interpreter of the cycle. Motions are sent to it as arrays in binary form.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rtloop.backends.protocols import BackendError
 
 CLOSE_S = 2.0
 MARGIN_S = 1.0
-"""Time for the process itself to answer, in addition to that of the driver."""
+"""Time for the answer of the process, in addition to the time that the driver has, s."""
 MAX_LINE = 1 << 20
 ENDED = "the process that speaks ROS 2 has ended; a reset starts it again"
 
@@ -32,15 +32,15 @@ class GoalFacts:
     """The newest goal of this link.
 
     Attributes:
-        accepted: None before the answer.
-        status: of action_msgs/msg/GoalStatus; None before the result.
-        error_code, error_string: of the result.
-        lost: the server of the action went away before the result.
-        stopping: cobot has cancelled it.
-        running_s: time since it was sent, until its result.
-        desired: positions of the last feedback in the arm's order, shape (dof,), rad; None before it.
-        actual: the same, measured by the controller.
-        feedback_age_s: age of both.
+        accepted: whether the controller accepted it; None before the answer.
+        status: value of action_msgs/msg/GoalStatus; None before the result.
+        error_code, error_string: fields of the result.
+        lost: whether the action server disappeared before the result.
+        stopping: whether cobot has cancelled it.
+        running_s: time from its sending until now, or until its result, s.
+        desired: desired positions of the last feedback in the arm's order, shape (dof,), rad; None before it.
+        actual: positions of the same feedback as the controller measured them.
+        feedback_age_s: age of this feedback, s.
     """
 
     accepted: bool | None = None
@@ -57,22 +57,22 @@ class GoalFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the link has seen.
+    """The facts that the link reports.
 
     Attributes:
-        problem: why it cannot work.
-        action: name of the action that takes the goals; "" if it is unknown.
-        ready: whether its server is there.
-        choices: actions that could be meant, if there are several.
+        problem: reason why the link does not work; "" if it does.
+        action: name of the action that accepts the goals; "" if it is unknown.
+        ready: whether the server of this action is available.
+        choices: the candidates, if several actions match the settings.
         controllers: name, type, state, joints of each controller; None without a controller manager.
-        controller: the one that takes the goals; "" if it is unknown.
-        age_s: age of the last joint state; None before the first one.
-        rate_hz: their rate.
-        names: the joints in it.
-        missing: joints of the arm that are not in it.
-        position, velocity, effort: in the arm's order; None if it does not contain them.
-        goal: None before the first goal and after `forget`.
-        others: number of goals of other clients that are executed.
+        controller: the controller that accepts the goals; "" if it is unknown.
+        age_s: age of the last joint state, s; None before the first one.
+        rate_hz: rate of joint states, Hz.
+        names: names of the joints in the joint state.
+        missing: joints of the arm that the joint state does not contain.
+        position, velocity, effort: measured values in the arm's order; None if the joint state lacks them.
+        goal: the newest goal; None before the first one and after `forget`.
+        others: number of goals of other clients that are being executed.
         scaling: value of the speed slider; None without one.
     """
 
@@ -95,36 +95,36 @@ class Facts:
 
 
 def facts_of(content: dict[str, Any]) -> Facts:
-    """The facts in an answer of the process."""
+    """Convert an answer of the process to facts."""
     goal = content.pop("goal")
     return Facts(**content, goal=None if goal is None else GoalFacts(**goal))
 
 
 class ControllerLink(Protocol):
-    """What the device needs of the link. Each method may raise BackendError."""
+    """The functions of the link that the device uses. Each may raise BackendError."""
 
     def open(self) -> None:
-        """Begin to listen, unless it does already."""
+        """Begin to listen. Does nothing if it listens already."""
         ...
 
     def close(self) -> None:
-        """Let go; also twice."""
+        """Close the link. May be called several times."""
         ...
 
     def facts(self) -> Facts:
-        """What it has seen."""
+        """The present facts."""
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:
-        """Take a motion; shapes as in `TrajectoryDevice.load`."""
+        """Store a motion; shapes as in `TrajectoryDevice.load`."""
         ...
 
     def start(self) -> None:
-        """Send the motion as a goal and wait for the answer; `facts` tells it."""
+        """Send the motion as a goal and wait for the answer, which is then in `facts`."""
         ...
 
     def cancel(self) -> str:
-        """Cancel all goals of the action and wait for the answer; why that failed, "" if it did not."""
+        """Cancel all goals of the action and wait for the answer. Returns the reason of a failure, or ""."""
         ...
 
     def forget(self) -> None:
@@ -132,7 +132,7 @@ class ControllerLink(Protocol):
         ...
 
     def pause(self, duration_s: float) -> None:
-        """Wait, while something is expected."""
+        """Wait for this time between two polls."""
         ...
 
 
@@ -210,10 +210,10 @@ class ClientProcess:
         return answer
 
     def _line(self, descriptor: int) -> bytes:
-        """The next line.
+        """The next line of the process.
 
         Raises:
-            OSError: it does not come.
+            OSError: the line does not arrive in time.
         """
         deadline_s = time.monotonic() + self._answer_s
         with selectors.DefaultSelector() as selector:

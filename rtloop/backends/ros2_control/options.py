@@ -24,24 +24,25 @@ class Ros2ControlOptions(BackendOptions):
     """Options of an arm behind ros2_control. The DDS domain and the networks are those of the section `ros`.
 
     Attributes:
-        namespace: of the controllers, such as /left; "" for none.
+        namespace: namespace of the controllers, such as /left; "" for none.
         controller: name of the joint trajectory controller; None: the active one that moves these joints.
         action: name of its action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
-        controller_manager: its name below the namespace.
-        joint_states: topic, below the namespace if it does not begin with a slash.
-        joints: the names that ROS has for the arm's joints, in the arm's order; None: those of the model.
-        prefix: what ROS has before each name.
-        measured: what joint_states contains besides positions.
-        path_tolerance_rad, goal_tolerance_rad, goal_time_s: sent with each goal; None, 0: the controller's.
-        max_points: greatest number of points of a goal; longer motions are resampled.
-        resampling_rad: largest deviation that this may cause.
-        min_rate_hz: lowest accepted rate of joint_states.
-        state_timeout_s: largest accepted age of a joint state.
-        answer_timeout_s: for the answer to a goal or a cancel.
-        result_timeout_s: for the result after the end of a motion.
-        connect_s: for the driver, when the backend is opened or reset.
-        speed_scaling: topic of the speed slider, std_msgs/Float64.
-        speed_scaling_full: its value at full speed.
+        controller_manager: name of the controller manager below the namespace.
+        joint_states: topic of the joint states; below the namespace if it does not begin with a slash.
+        joints: names of the arm's joints in ROS, in the arm's order; None: those of the model.
+        prefix: prefix of each joint name in ROS.
+        measured: quantities that joint_states contains besides positions.
+        path_tolerance_rad, goal_tolerance_rad, goal_time_s: tolerances sent with each goal; None or 0: the
+            tolerances of the controller.
+        max_points: maximum number of points of a goal; longer motions are resampled.
+        resampling_rad: maximum deviation that resampling may cause, rad.
+        min_rate_hz: minimum rate of joint_states, Hz.
+        state_timeout_s: maximum age of a joint state, s.
+        answer_timeout_s: timeout for the answer to a goal or to a cancel request, s.
+        result_timeout_s: timeout for the result after the end of a motion, s.
+        connect_s: timeout for the driver when the backend is opened or reset, s.
+        speed_scaling: topic of the speed slider, of type std_msgs/Float64.
+        speed_scaling_full: value of the speed slider at full speed.
     """
 
     namespace: Namespace = ""
@@ -66,15 +67,15 @@ class Ros2ControlOptions(BackendOptions):
     speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] = 100.0
 
     def below(self, name: str) -> str:
-        """A name below the namespace, unless it begins with a slash."""
+        """Put a name below the namespace, unless it begins with a slash."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
 
 def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
-    """The names that ROS has for the arm's joints, in the arm's order.
+    """The names of the arm's joints in ROS, in the arm's order.
 
     Raises:
-        ConfigError: there are too many or too few, or one occurs twice.
+        ConfigError: the number of names is wrong, or a name occurs twice.
     """
     names = [options.prefix + name for name in options.joints or limits.names]
     if len(names) != limits.dof:
@@ -88,7 +89,7 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
 
 
 def client_settings(options: Ros2ControlOptions, settings: Settings, names: list[str]) -> dict[str, Any]:
-    """What the process that speaks DDS is started with.
+    """The settings of the process that speaks DDS.
 
     Raises:
         ConfigError: the namespace is that of cobot's own topics.

@@ -1,4 +1,4 @@
-"""From a motion to the points of a goal, and from the controller's feedback to the progress."""
+"""Convert a motion to the points of a goal, and the controller's feedback to progress."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from cobot.types import Array
 from rtloop.backends.protocols import BackendError
 
 AHEAD_S, FASTER = 0.3, 1.2
-"""Feedback is searched for on the path from the last progress on: so much further, and by so many times the
-elapsed time."""
+"""Range of the path in which feedback is searched, ahead of the last progress: an offset in s, plus a
+multiple of the elapsed time.
+"""
 SAME_RAD = 1e-5
 OPEN_S = 1e-3
-"""PathProgress stays so far below the duration until the result has come."""
+"""Minimum remaining time that is reported as progress until the result arrives, s."""
 
 
 def resampled(
     times_s: Array, rows: Array, max_points: int | None, deviation_rad: float
 ) -> tuple[Array, Array]:
-    """At most `max_points` of the points, evenly spaced in time.
+    """Resample the points to at most `max_points`, evenly spaced in time.
 
     Raises:
-        BackendError: quintics between them would leave the path further than `deviation_rad`.
+        BackendError: quintics between these points would deviate from the path by more than `deviation_rad`.
     """
     if max_points is None or len(times_s) <= max_points:
         return times_s, rows
@@ -40,11 +41,12 @@ def resampled(
 
 
 class PathProgress:
-    """How much of a motion is done, by the controller's own desired positions. The speed slider slows the
-    motion down, so a clock cannot tell.
+    """The progress of a motion, calculated from the controller's own desired positions.
+
+    A clock cannot be used, because the speed slider slows the motion down.
 
     Attributes:
-        done_s: s of the motion's time.
+        done_s: progress in the motion's own time, s.
     """
 
     def __init__(self, times_s: Array, positions: Array) -> None:
@@ -57,12 +59,12 @@ class PathProgress:
         return float(self._times_s[-1])
 
     def look(self, running_s: float, place: Array | None, since_s: float) -> float:
-        """Find a position on the path; the progress.
+        """Find a position on the path, and return the progress, s.
 
         Args:
-            running_s: time since the motion began.
-            place: where the controller wanted the arm, or where it was, shape (dof,); None if unknown.
-            since_s: how much of the motion has been done since then.
+            running_s: time since the motion began, s.
+            place: desired or measured position of the arm, shape (dof,), rad; None if unknown.
+            since_s: progress since the time of this position, s.
         """
         elapsed_s = max(running_s - self._running_s, 0.0)
         self._running_s = running_s

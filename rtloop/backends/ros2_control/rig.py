@@ -1,5 +1,7 @@
-"""The backend with a controller in the same process, which counts time. The contract drives it and injects
-faults."""
+"""The backend with a simulated controller in the same process, for the contract checks.
+
+The controller has no clock: its time advances with each poll.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ STOPS = {"e_stop": "the emergency stop is pressed", "protective_stop": "the forc
 
 class Ros2ControlRig:
     """A `ContractRig`. A stop of the robot aborts the goal and deactivates the controller, as drivers do. ROS
-    tells no operation mode, and a motion that was handed over depends on no packet."""
+    reports no operation mode. Once the controller has a motion, lost packets do not affect it."""
 
     faults = frozenset({"disconnect", "frozen", "nan", *STOPS})
 
@@ -58,7 +60,7 @@ class Ros2ControlRig:
 
 
 class RigLink:
-    """A `ControllerLink` to the rig's controller; each look takes `STEP_S`."""
+    """A `ControllerLink` to the rig's controller. Each poll advances its time by `STEP_S`."""
 
     def __init__(self, rig: Ros2ControlRig) -> None:
         self._rig = rig
@@ -133,7 +135,7 @@ class RigLink:
         self._goal = None
 
     def end(self, key: str, status: int, result: dict[str, Any]) -> None:
-        """Take a result."""
+        """Store a result."""
         if self._goal is not None and key == str(self._number):
             self._goal |= {"status": status, **result}
 
