@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha256
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from cobot.errors import ConfigError, NotFoundError
 from cobot.robot.description import RobotDescription
 from cobot.robot.visuals import RobotVisuals, visuals_of
 from cobot.types import Array, PictureView, Pose
@@ -38,6 +40,10 @@ AMBIENT = 0.4
 NO_COLOR = (0.6, 0.62, 0.66)
 STEPS = np.unique(np.round(2.0 ** np.arange(0.0, 10.1, 0.5)).astype(int))
 """Numbers of steps along an edge of a triangle. The smallest one that leaves no gap is used."""
+MAX_MESHES = 64
+"""Maximum number of meshes that are kept for the next pictures."""
+_MESHES: dict[tuple[Path, bytes, tuple[float, ...]], list[Facets]] = {}
+"""Meshes by file, hash of its content, and scale."""
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
     mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
@@ -77,10 +83,12 @@ def draw(
         others: triangles of parts that the robot's model does not have.
 
     Raises:
-        ConfigError, NotFoundError: the visuals of the robot cannot be read.
+        ConfigError, NotFoundError: the visuals of the robot cannot be read, or there is nothing to draw.
     """
     facets = list(_bodies(robot, positions))
     facets += others
+    if not facets:
+        raise NotFoundError("the robot has neither visuals nor shapes for collision checks to draw")
     corners = np.concatenate([each.corners for each in facets])
     colors = np.concatenate([each.colors for each in facets])
     return _png(_rendered(corners, colors, view))
@@ -120,7 +128,13 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
     mujoco.mj_kinematics(mj, data)
     base = Pose(*_of_body(mj, data, robot.base_frame)).inverse()
     visuals = visuals_of(robot.model_file)
+    links = [mj.body(body).name for body in range(mj.nbody)]
     for visual in visuals.visuals:
+        if visual.link not in links:
+            raise ConfigError(
+                f"the visuals of {robot.model_file} name the link {visual.link!r}; the model has: "
+                f"{', '.join(links)}"
+            )
         pose = (
             base
             @ Pose(*_of_body(mj, data, visual.link))
@@ -149,7 +163,7 @@ def _of_body(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array,
 
 def _geom(mj: mujoco.MjModel, geom: int) -> Facets | None:
     """The surface of a body's shape; None for planes and for what is only to be looked at."""
-    kind = mj.geom_type[geom]
+    kind = int(mj.geom_type[geom])
     if not (mj.geom_contype[geom] or mj.geom_conaffinity[geom]):
         return None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -171,19 +185,29 @@ def _geom(mj: mujoco.MjModel, geom: int) -> Facets | None:
 
 
 def _glb(visuals: RobotVisuals, number: int, scale: tuple[float, ...]) -> list[Facets]:
+    content = visuals.read_mesh(number)
     file = list(visuals.meshes.values())[number]
-    return _read_glb(file, file.stat().st_mtime_ns, visuals.read_mesh(number), scale)
+    key = file, sha256(content).digest(), scale
+    if key not in _MESHES:
+        found = _read_glb(file, content, scale)
+        while len(_MESHES) >= MAX_MESHES:
+            _MESHES.pop(next(iter(_MESHES)), None)
+        _MESHES[key] = found
+    return _MESHES[key]
 
 
-@lru_cache(64)
-def _read_glb(_file: Path, _changed_ns: int, content: bytes, scale: tuple[float, ...]) -> list[Facets]:
-    scene = trimesh.load_scene(io.BytesIO(content), file_type="glb")
-    found = []
-    for mesh in scene.dump():
-        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-            corners = mesh.triangles * np.asarray(scale)
-            found.append(Facets(corners, _colors(mesh)))
-    return found
+def _read_glb(file: Path, content: bytes, scale: tuple[float, ...]) -> list[Facets]:
+    try:
+        meshes = trimesh.load_scene(io.BytesIO(content), file_type="glb").dump()
+        return [
+            Facets(mesh.triangles * np.asarray(scale), _colors(mesh))
+            for mesh in meshes
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+        ]
+    except Exception as exc:  # of any class, depending on what is wrong
+        raise ConfigError(
+            f"{file}: is not a valid GLB file: {exc}; convert the robot again with `cobot new-robot`"
+        ) from exc
 
 
 def _colors(mesh: trimesh.Trimesh) -> Array:

@@ -8,15 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from cobot.errors import ConfigError, NotFoundError
 from cobot.yaml_file import read_mapping
 
 MANIFEST = "visuals.yaml"
 MAX_MESH_BYTES = 50_000_000
+NEEDED = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "mesh": ("file",),
+}
+"""The keys that describe each shape."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -45,6 +53,13 @@ class Visual(BaseModel):
     length: Annotated[list[Finite], Field(min_length=1, max_length=1)] | None = None
     scale: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
     file: str | None = None
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        missing = [key for key in NEEDED[self.shape] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"a {self.shape} needs {' and '.join(missing)}")
+        return self
 
     def sizes(self) -> list[float]:
         """The dimensions of the shape. Box: edges. Sphere: radius. Cylinder: radius and length. Mesh:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from matplotlib.image import imread
 
 from cobot.config import load_settings
+from cobot.errors import CobotError
 from cobot.pose import Pose
 from cobot.robot import picture
 from cobot.robot.description import load_robot
 from cobot.robot.picture import HEIGHT, MARGIN, VIEWS, WIDTH, Facets, draw, solid
+from cobot.robot.scene import Scene, SceneObject, Shape
 from cobot.types import Array, PictureView
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -86,3 +92,65 @@ def test_parts_are_drawn_too() -> None:
         > 0.01
         > share(image_of(draw(robot, home)), RED)
     )
+
+
+VISUAL = "visuals: [{{link: {link}, shape: {shape}, position: [0, 0, 0], quaternion: [1, 0, 0, 0]{more}}}]"
+
+
+@pytest.mark.parametrize(
+    ("link", "shape", "more", "words"),
+    [
+        ("elbow", "box", ", size: [1, 1, 1]", "name the link 'elbow'; the model has: "),
+        ("link1", "box", "", "a box needs size"),
+        ("link1", "cylinder", ", radius: [1]", "a cylinder needs length"),
+        ("link1", "mesh", "", "a mesh needs file"),
+        ("link1", "mesh", ", file: none.glb", "none.glb cannot be read: No such file"),
+        ("link1", "mesh", ", file: text.glb", "text.glb: is not a valid GLB file: "),
+        ("link1", "mesh", ", file: short.glb", "short.glb: is not a valid GLB file: "),
+    ],
+)
+def test_visuals_that_cannot_be_drawn_are_named(
+    tmp_path: Path, link: str, shape: str, more: str, words: str
+) -> None:
+    (tmp_path / "visuals.yaml").write_text(VISUAL.format(link=link, shape=shape, more=more))
+    (tmp_path / "text.glb").write_bytes(b"hello")
+    (tmp_path / "short.glb").write_bytes(b"glTF\x02\0\0\0" + bytes(9))
+    robot = copy.copy(load_robot(load_settings()))
+    object.__setattr__(robot, "model_file", tmp_path / "model.xml")
+    with pytest.raises(CobotError, match=re.escape(words)):
+        draw(robot, np.zeros(7))
+
+
+def test_a_mesh_that_has_changed_is_read_again(tmp_path: Path) -> None:
+    robot = copy.copy(load_robot(load_settings()))
+    object.__setattr__(robot, "model_file", tmp_path / "model.xml")
+    more = ", file: a.glb, color: [0, 0, 1, 1]"
+    (tmp_path / "visuals.yaml").write_text(VISUAL.format(link="link1", shape="mesh", more=more))
+    shares = []
+    for size in (0.3, 0.8):
+        (tmp_path / "a.glb").write_bytes(trimesh.creation.box((size,) * 3).export(file_type="glb"))
+        shares.append(share(image_of(draw(robot, np.zeros(7))), BLUE))
+    assert shares[1] > 2.0 * shares[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"), [("box", (0.2, 0.2, 0.2)), ("sphere", (0.1,)), ("cylinder", (0.1, 0.2))]
+)
+def test_objects_of_the_scene_are_drawn(shape: Shape, size: tuple[float, ...]) -> None:
+    """Oracle: the same solid, given as a part."""
+    robot = load_robot(load_settings())
+    home = np.asarray(robot.positions["home"].joints)
+    at = (0.5, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0)
+    alone = image_of(draw(robot, home))
+    part = image_of(draw(robot, home, others=[solid(shape, size).placed(Pose.from_numbers(at), RED)]))
+    robot.collision.surround(Scene(1, {"thing": SceneObject(shape, size, at)}))
+    found = image_of(draw(robot, home))
+    covered = np.abs(part - alone).max(-1) > 0.01
+    assert np.array_equal(np.abs(found - alone).max(-1) > 0.01, covered)
+    assert covered.mean() > 0.01
+
+
+def test_an_arm_without_visuals_is_drawn_as_the_collision_checks_see_it() -> None:
+    robot = copy.copy(load_robot(load_settings()))
+    object.__setattr__(robot, "model_file", None)
+    assert share(image_of(draw(robot, np.zeros(7))), RED) > 0.03, "its capsules are orange"
