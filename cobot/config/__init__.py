@@ -5,7 +5,7 @@ from __future__ import annotations
 from cobot.config.endpoints import MIN_STOP_S, EndpointChange, load_endpoints
 from cobot.config.locations import Location, resolve
 from cobot.config.reading import DEFAULT_SETTINGS, SECTIONS_OF_A_ROBOT, SETTINGS_FILE, load_settings
-from cobot.config.rolled_out import load_with_rolled_out
+from cobot.config.rolled_out import advice, load_with_rolled_out
 from cobot.config.section import naming
 from cobot.config.sections import (
     ConnectionLimits,
@@ -41,6 +41,7 @@ __all__ = [
     "Settings",
     "StreamingSection",
     "WebSection",
+    "advice",
     "load_endpoints",
     "load_settings",
     "load_with_rolled_out",

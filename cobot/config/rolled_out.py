@@ -27,17 +27,22 @@ def load_with_rolled_out(path: Path | None) -> Settings:
     """
     settings = load_settings(path)
     file = settings.rolled_out / ROLLED_OUT_FILE
-    if not settings.fleet.connect or not settings.rolled_out.is_symlink():
+    if not advice(settings):
         return settings
     try:
         if settings.robots:
-            raise ConfigError("they are for one robot, and this file has several")
+            raise ConfigError(f"{path} has several robots, and rolled-out settings are for one")
         return load_settings(path, read_rolled_out(file.resolve()))
     except ConfigError as exc:
-        raise ConfigError(
-            f"with {file}, which the fleet has rolled out: {exc}; to go on without it, remove "
-            f"{settings.rolled_out}"
-        ) from exc
+        raise ConfigError(f"{exc}; {advice(settings)}") from exc
+
+
+def advice(settings: Settings) -> str:
+    """What to look at if the start fails while rolled-out settings are in force; "" without them."""
+    link = settings.rolled_out
+    if not settings.fleet.connect or not link.is_symlink():
+        return ""
+    return f"the fleet has rolled out {link / ROLLED_OUT_FILE}; to go on without it, remove {link}"
 
 
 def read_rolled_out(file: Path) -> dict[str, Any]:

@@ -293,8 +293,8 @@ class RobotBundles:
         """
         if self.installed is not None and not self.installed.complete:
             self._require_rest()
-            self._undo()
-            log.warning("an activation was interrupted; what it had changed is as before")
+            changes = self._undo()
+            log.warning("an activation was interrupted; all is as before%s", _restart(changes))
 
     def _check(self, bundle: Bundle, settings: Settings) -> None:
         """Check programs and positions against settings: those of this cell, or those of the bundle."""

@@ -14,8 +14,8 @@ from cobot.addresses import address
 from cobot.cell.cell import cell_file
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
-from cobot.config import Settings, load_settings, load_with_rolled_out
-from cobot.errors import CobotError
+from cobot.config import Settings, advice, load_settings, load_with_rolled_out
+from cobot.errors import CobotError, ConfigError
 from cobot.foreign import plain_lines
 from cobot.launch import backup_options, recording_options, token
 from cobot.launch.parser import SIMULATORS, make_parser
@@ -53,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(chosen: argparse.Namespace) -> int:
     """Run the command. Imports only the modules that the command needs."""
+    settings = None
     try:
         if chosen.command == "token":
             token.run(chosen)
@@ -94,7 +95,10 @@ def _run(chosen: argparse.Namespace) -> int:
                 from cobot.launch.hardware import check_hardware
 
                 items = items + check_hardware(settings, items, sys.stdout)
-            return EXIT_OK if all(item.good for item in items) else EXIT_FAILED
+            if all(item.good for item in items):
+                return EXIT_OK
+            _advise(settings)
+            return EXIT_FAILED
         if chosen.command == "moveit-config":
             from cobot.launch.moveit import write_moveit_config
 
@@ -118,7 +122,15 @@ def _run(chosen: argparse.Namespace) -> int:
                 blank.dismiss()
     except CobotError as exc:
         print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
+        if settings is not None and isinstance(exc, ConfigError):
+            _advise(settings)
         return EXIT_FAILED
+
+
+def _advise(settings: Settings) -> None:
+    """Name the settings of the fleet, which may be what is wrong."""
+    if hint := advice(settings):
+        print(f"cobot: {hint}", file=sys.stderr)
 
 
 def _new_robot(chosen: argparse.Namespace) -> int:

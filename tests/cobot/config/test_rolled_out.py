@@ -10,6 +10,7 @@ from cobot.config import load_settings, load_with_rolled_out
 from cobot.config.rolled_out import ROLLED_OUT_FILE, read_rolled_out
 from cobot.errors import ConfigError
 from cobot.fleet.cell_settings import configuration_of
+from cobot.launch.cli import main
 
 OWN = "kept: kept\nplanning: {workers: 2, kept_plans: 7}\nfleet: {cell: one, connect: [tcp/127.0.0.1:7447]}\n"
 
@@ -92,5 +93,22 @@ def test_a_folder_that_is_missing_is_an_error_and_not_the_users_own_limits(own: 
 
 def test_they_do_not_apply_to_a_file_that_has_several_robots_by_now(own: Path) -> None:
     own.write_text(f"{OWN}robots: [{{name: iiwa}}, {{name: other}}]\n")
-    with pytest.raises(ConfigError, match="this file has several; to go on without it, remove"):
+    with pytest.raises(ConfigError, match=r"has several robots, .* to go on without it, remove"):
         load_with_rolled_out(own)
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_start_that_fails_with_them_says_what_to_remove(
+    own: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As after a change of the user to another model, whose joints have other names."""
+    link = load_settings(own).rolled_out
+    limits = link / "mine.yaml"
+    limits.write_text(limits.read_text().replace("joint1:", "shoulder:"))
+    assert main([command, "--config", str(own)]) == 1
+    said = capsys.readouterr()
+    assert "shoulder" in said.out + said.err
+    assert f"to go on without it, remove {link}" in said.err
+    link.unlink()
+    assert main(["check", "--config", str(own)]) == 0
+    assert "remove" not in capsys.readouterr().err

@@ -25,7 +25,7 @@ class Service:
 
     def __init__(self, config: Path) -> None:
         self.config, self.source = config, config
-        self.refuses: Exception | None = None
+        self.refuses: BaseException | None = None
         self.taught: dict[str, list[float]] = {}
         self.sent: dict[str, bytes] = {}
         self.workers = load_with_rolled_out(config).planning.workers
@@ -182,3 +182,20 @@ def test_a_full_disk_is_an_error_before_anything_changes(
     with pytest.raises(UnavailableError, match="full"):
         own.stage(service.send("1", **parts), Role.ADMIN)
     assert (service.workers, service.taught) == (2, {})
+
+
+def test_settings_of_a_process_that_was_killed_before_the_reload_are_taken_back(
+    service: Service, own: RobotBundles
+) -> None:
+    """The state on disk is what a kill leaves between the link and the reload."""
+    name = service.send("1", settings=workers(3))
+    own.stage(name, Role.ADMIN)
+    service.refuses = SystemExit()
+    with pytest.raises(SystemExit):
+        own.activate(name, Role.ADMIN)
+    service.refuses = None
+    service.reload()  # as a start of the whole cell
+    assert service.workers == 3
+    bundles_of(service).recover()
+    assert service.workers == 2
+    assert not load_settings(service.config).rolled_out.exists()
