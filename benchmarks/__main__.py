@@ -24,6 +24,7 @@ from benchmarks import (
     dds,
     events,
     explanations,
+    fanuc,
     fleet,
     floods,
     franka,
@@ -103,6 +104,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "stop": lambda quick: web.stop(10 if quick else 100),
     "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
     "panel": lambda quick: panel.panel(*(2, 5.0, 20.0) if quick else (20, 30.0, 600.0)),
+    "fanuc": lambda quick: fanuc.fanuc(*(2000, 4, 1) if quick else (20_000, 20, 5)),
     "fri": lambda quick: fri.fri(*(2000, 4, 2) if quick else (20_000, 40, 10)),
     "franka": lambda quick: franka.franka(2000 if quick else 20_000),
     "policy": lambda quick: policy.policy(*(100, 2) if quick else (1000, 10)),
@@ -113,6 +115,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
 
 FULL: dict[str, Callable[[], Iterator[Row]]] = {
     "clutter": lambda: clutter.clutter(125, 3, 10.0),
+    "fanuc": lambda: fanuc.fanuc(100_000, 100, 20),
     "fri": lambda: fri.fri(100_000, 100, 20),
     "steady": lambda: steady.steady(3600.0),
 }

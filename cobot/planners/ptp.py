@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
+from cobot.errors import PlanningError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.effort_reserve import PLANNED_EFFORT, keeps_effort
 from cobot.planners.timing.path import JointCurve
@@ -67,7 +68,11 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
     problem.max_acceleration = limits.max_acceleration.tolist()
     problem.max_jerk = limits.max_jerk.tolist()
     problem.synchronization = ruckig.Synchronization.Phase
-    solution = fastest_profile(problem)
+    try:
+        solution = fastest_profile(problem)
+    except PlanningError:
+        # Ruckig finds no profile for some motions in which a joint turns by less than 1e-5 rad.
+        return _in_phase(start, goal, limits)
     return from_profiles(solution.profiles[0], solution.duration)
 
 

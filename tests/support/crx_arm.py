@@ -32,6 +32,11 @@ SHAPES = {
 }
 CRX_RT = {"tracking_error_rad": 0.6, "frozen_after_s": 0.3}
 """As docs/fanuc.md recommends them for an arm that lags by 0.1 to 0.2 s."""
+POSITIONS = {
+    "home": (30.0, -5.0, 0.0, 0.0, -80.0, 0.0),
+    "work": (0.0, 10.0, -20.0, 0.0, -60.0, 0.0),
+}
+"""In degrees."""
 MASSES = {"base_link": 8.0, "J1": 4.0, "J2": 6.0, "J3": 3.0, "J4": 3.0, "J5": 1.5, "J6": 0.5}
 
 
@@ -42,7 +47,7 @@ def crx_urdf() -> str:
         bound, speed = range_deg * 0.017453292519943295, speed_deg * 0.017453292519943295
         parts.append(_link(name))
         parts.append(
-            f'<joint name="joint_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
+            f'<joint name="joint{name[1]}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
             f'<origin xyz="{place}"/><axis xyz="{axis}"/>'
             f'<limit lower="{-bound}" upper="{bound}" velocity="{speed}" effort="300"/></joint>'
         )
@@ -66,12 +71,26 @@ def _link(name: str) -> str:
 
 
 def crx_folder(folder: Path) -> Path:
-    """The robot's folder, as `cobot new-robot` makes it."""
-    file = folder / "crx.urdf"
+    """The robot's folder, as `cobot new-robot` makes it, with two positions in which the tool points down."""
+    file, srdf = folder / "crx.urdf", folder / "crx.srdf"
     file.write_text(crx_urdf(), encoding="utf-8")
+    srdf.write_text(_srdf(), encoding="utf-8")
     made = folder / "crx"
-    NewRobot(file).write(made)
+    NewRobot(file, srdf=srdf).write(made)
     return made
+
+
+def _srdf() -> str:
+    names = [f"joint{number}" for number in range(1, 7)]
+    states = []
+    for name, position in POSITIONS.items():
+        rows = [
+            f'<joint name="{joint}" value="{value * 0.017453292519943295}"/>'
+            for joint, value in zip(names, position, strict=True)
+        ]
+        states.append(f'<group_state name="{name}" group="arm">{"".join(rows)}</group_state>')
+    group = "".join(f'<joint name="{joint}"/>' for joint in names)
+    return f'<robot name="crx"><group name="arm">{group}</group>{"".join(states)}</robot>'
 
 
 def crx_settings(folder: Path, period_ms: int = 8, **options: object) -> Settings:

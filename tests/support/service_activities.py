@@ -95,7 +95,7 @@ class Servo(OverRosbridge):
 def goal_asked(run: Run, there: list[float], time_s: int) -> str:
     """To be sent over rosbridge for a goal of FollowJointTrajectory."""
     point = {"positions": there, "time_from_start": {"sec": time_s, "nanosec": 0}}
-    joints = [f"joint{number}" for number in range(1, 8)]
+    joints = [f"joint{number}" for number in range(1, len(there) + 1)]
     asked = {
         "op": "send_action_goal",
         "id": "goal",

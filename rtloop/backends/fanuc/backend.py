@@ -125,12 +125,13 @@ class FanucBackend:
             )
         if options.limits == "table":
             self._table = handshake.limits(found.version, self._limits.dof)
-            self._check_limits(self._table, self._tool)
         if self._points.names:
             self._points.begin(self._worker.begin(self._read_outputs).result())
             handshake.configure(found.version, self._points.blocks)
         self._start()
         self._meet()
+        if self._table is not None:
+            self._check_limits(self._table, self._tool)
 
     def enable(self) -> None:
         """Enable the drives. Either side may start first. At the start, the first command reports why the
@@ -380,7 +381,7 @@ class FanucBackend:
     def _check_limits(self, table: LimitsTable, tool: Tool) -> None:
         rated_kg = self._options.rated_payload_kg
         load = tool.mass / rated_kg if rated_kg is not None else None
-        require_accepted(table.check(self._limits, self._units.per_unit, load))
+        require_accepted(table.check(self._limits, self._units, load))
 
     def _may_come_back(self, packet: StatusPacket) -> bool:
         """Whether the program may end and run again without a fault. This is so shortly after enabling, which

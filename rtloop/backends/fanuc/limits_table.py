@@ -11,6 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from cobot.types import Array, JointLimits
+from rtloop.backends.fanuc.joints import J2, J3, JointUnits
 from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
@@ -58,23 +59,28 @@ class LimitsTable:
         mixed: Array = ((1.0 - share) * self.unloaded + share * self.loaded).min(axis=2)
         return mixed
 
-    def check(self, limits: JointLimits, per_unit: Array, load: float | None) -> Accepted | Rejected:
-        """Check whether the model's limits are within the controller's.
+    def check(self, limits: JointLimits, units: JointUnits, load: float | None) -> Accepted | Rejected:
+        """Check whether the model's limits are within the controller's. An axis 3 that is measured from the
+        horizon may be as fast as joints 2 and 3 together.
 
-        Args:
-            per_unit: see `JointUnits`.
-            load: see `least`.
+        load: see `least`.
         """
         least = self.least(load)
         if not (np.isfinite(least).all() and (least > 0.0).all()):
             return Rejected("the controller's limits table has values that are not above 0")
-        excess = [
-            f"{NAMES[rate]} of {limits.names[joint]} is {getattr(limits, NAMES[rate])[joint]:.6g}, the table "
-            f"allows {allowed:.5g} {limits.unit(joint, rate + 1)}"
-            for rate in LimitRate
-            for joint, allowed in enumerate(_floored(least[rate] / per_unit))
-            if getattr(limits, NAMES[rate])[joint] > least[rate, joint] / per_unit[joint] * (1.0 + SLACK)
-        ]
+        excess = []
+        for rate in LimitRate:
+            used = np.array(getattr(limits, NAMES[rate]))
+            if units.horizon:
+                used[J3] += used[J2]
+            over = used > least[rate] / units.per_unit * (1.0 + SLACK)
+            for joint in np.flatnonzero(over).tolist():
+                with_2 = f" together with {limits.names[J2]}" if units.horizon and joint == J3 else ""
+                allowed = _floored(least[rate] / units.per_unit)[joint]
+                excess.append(
+                    f"{NAMES[rate]} of {limits.names[joint]}{with_2} is {used[joint]:.6g}, the table allows "
+                    f"{allowed:.5g} {limits.unit(joint, rate + 1)}"
+                )
         if not excess:
             return ACCEPTED
         what = "any payload" if load is None else f"{load:.0%} of the full payload"

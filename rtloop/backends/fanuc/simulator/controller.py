@@ -50,11 +50,11 @@ MAX_SPEED = 2000
 MISSED_MS = 100
 """Time without a command after which a motion ends, ms. Measured on a CRX: 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0
-SERVO_MS = 50
-"""Time that the servos need to be ready, ms."""
 START_MS = 40
 """Time from the call of the program until it permits motion, ms."""
 EVENTS = 200
+MAX_QUEUED = 10
+"""Maximum number of commands that wait for their period: a client may be early."""
 STOPPED = (ContactStop.STOP, ContactStop.ESCAPE)
 NOT_CONFIGURED, TOO_MANY = 2, 3
 E_STOP = "SRVO-001 Operator panel E-stop"
@@ -76,7 +76,7 @@ class FanucController:
         self.period_s = options.period_ms * 1e-3
         self.units = JointUnits(arm.limits, options.horizon)
         self.table = table_of(arm.limits, self.units.per_unit, options.table_share, MAX_SPEED)
-        self._reflexes = Reflexes(arm.limits, self.table, self.units.per_unit, options.payload_share)
+        self._reflexes = Reflexes(arm.limits, self.table, self.units, options.payload_share)
         self.time_ms = self.sequence = self.moves = self.commands = self.missing = 0
         self.malformed = self.lost = 0
         self.mode = options.mode
@@ -90,10 +90,10 @@ class FanucController:
         self.program = False
         self.version = MIN_VERSION
         self.streams = False
-        self._program_ms = self._servo_ms = 0
+        self._program_ms = 0
         self._state: PointLayout = layout_of((), IoBlockKind.STATE)
         self._outputs: PointLayout = layout_of((), IoBlockKind.COMMAND)
-        self._target: Array | None = None
+        self._targets: deque[tuple[Array, bool]] = deque(maxlen=MAX_QUEUED)
         self._commanding = self._received = self._last = False
         self._answered = 0
         self._silent_ms = 0
@@ -125,7 +125,6 @@ class FanucController:
         """Raise an alarm: the arm stops, the drives are switched off and the program ends."""
         if text not in self.alarms:
             self.alarms.insert(0, text)
-        self._servo_ms = 0
         self._end(text)
 
     def contact(self, state: ContactStop) -> None:
@@ -138,7 +137,7 @@ class FanucController:
 
     @property
     def servo_ready(self) -> bool:
-        return not self.alarms and self._servo_ms >= SERVO_MS
+        return not self.alarms
 
     def reset(self) -> None:
         """Clear the alarms whose cause has gone."""
@@ -188,7 +187,6 @@ class FanucController:
         """
         self.time_ms += self.options.period_ms
         self._move()
-        self._servo_ms = 0 if self.alarms else self._servo_ms + self.options.period_ms
         self._program_ms += self.options.period_ms
         if not self.streams:
             return b""
@@ -261,8 +259,8 @@ class FanucController:
         if packet.style != JOINT_STYLE:
             self.alarm(f"MOTN-625 the data style is {packet.style}, that of joints is {JOINT_STYLE}")
             return
-        if packet.sequence <= self._answered or packet.sequence > self.sequence:
-            self._note(f"command {packet.sequence} is not the answer to state {self.sequence}")
+        if packet.sequence <= self._answered:
+            self._note(f"command {packet.sequence} comes after command {self._answered}")
             return
         if not self._commanding:
             self._reflexes.forget()
@@ -270,25 +268,25 @@ class FanucController:
             self.moves += 1
             self._note("commands begin")
         position = self.units.to_model(packet.position)
-        here, passed = self.arm.setpoint, packet.sequence - max(self._answered, packet.sequence - 1)
-        velocity = (position - here) / (passed * self.period_s)
-        speed = self.arm.speed_at(velocity)
+        here = self._targets[-1][0] if self._targets else self.arm.setpoint
+        speed = self.arm.speed_at((position - here) / self.period_s)
         result = self._reflexes.check(packet.sequence, position, here, speed, self.period_s)
         if isinstance(result, Rejected):
             self.alarm(f"MOTN-901 ST: {result.reason}")
             return
         self.commands += 1
         self._answered = packet.sequence
-        self._target, self._last, self._received = position, packet.is_last, True
+        self._targets.append((position, packet.is_last))
+        self._last, self._received = packet.is_last, True
 
     def _move(self) -> None:
         """Move the arm for one period: to the command, on at constant velocity without one, or braking."""
-        arm, target = self.arm, self._target
-        self._target = None
+        arm = self.arm
+        target, is_last = self._targets.popleft() if self._targets else (None, False)
         if target is not None:
             self._velocity = (target - arm.setpoint) / self.period_s
             self._silent_ms = 0
-            if self._last:
+            if is_last:
                 self._end("the client has sent its last command")
         elif self._commanding:
             self.missing += 1
@@ -310,6 +308,7 @@ class FanucController:
             self._note(f"the program ends: {why}")
         self.program = self._commanding = self._received = self._last = False
         self._silent_ms = 0
+        self._targets.clear()
 
     def _limits(self, request: LimitsRequest) -> LimitsPacket:
         rate, joint = request.rate, request.axis - 1

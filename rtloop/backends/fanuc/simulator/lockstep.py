@@ -156,6 +156,7 @@ class FanucRig:
         cell = FanucControllerOptions(
             period_ms=round(settings.rt.period_s * 1e3),
             horizon=options.j3 == "horizon",
+            table_share=2.0 if options.j3 == "horizon" else 1.0,  # its axis 3 has the speed of two joints
             io={name: IO.get(name, 0) for name in points},
             world_z_m=options.world_z_m or 0.0,
         )

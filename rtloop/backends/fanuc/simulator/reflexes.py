@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array, JointLimits
+from rtloop.backends.fanuc.joints import JointUnits
 from rtloop.backends.fanuc.limits_table import LimitsTable
 from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
@@ -38,9 +39,9 @@ def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int)
 class Reflexes:
     """Checks each command against the previous ones."""
 
-    def __init__(self, limits: JointLimits, table: LimitsTable, per_unit: Array, load: float) -> None:
-        self._limits, self._max_speed = limits, table.max_speed
-        self._columns = ((1.0 - load) * table.unloaded + load * table.loaded) / per_unit[None, :, None]
+    def __init__(self, limits: JointLimits, table: LimitsTable, units: JointUnits, load: float) -> None:
+        self._limits, self._units, self._max_speed = limits, units, table.max_speed
+        self._columns = ((1.0 - load) * table.unloaded + load * table.loaded) / units.per_unit[None, :, None]
         self._known: list[tuple[int, Array]] = []
         self.peaks = np.zeros((len(LimitRate), limits.dof))
 
@@ -84,7 +85,7 @@ class Reflexes:
             return Rejected(f"the number of a command is {sequence}, the last one was {numbers[-2]}")
         whole = np.diff(numbers)[::-1] == 1
         column = self._column(tcp_m_s)
-        places = np.array([place for _, place in known])
+        places = np.array([self._units.to_device(place) for _, place in known]) / self._units.per_unit
         for rate in LimitRate:
             order = rate + 1
             if rate != LimitRate.VELOCITY and not whole[:order].all():

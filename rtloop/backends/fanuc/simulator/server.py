@@ -21,7 +21,8 @@ MAX_AT_ONCE = 256
 MIN_SHARE = 0.9
 """Fraction of a period between two packets while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which another client may take over, s."""
+"""Time without a packet after which another client may take over from one that has not stopped its stream,
+s."""
 _STAMP = 35
 """Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
 _TIMESPEC = struct.Struct("qq")
@@ -59,12 +60,6 @@ class RmiServer:
 
     def serve(self) -> None:
         """Answer the waiting requests, without waiting for more."""
-        with contextlib.suppress(BlockingIOError):
-            greeted, _ = self._door.accept()
-            greeted.setblocking(False)
-            self._greeted[greeted] = b""
-        for each in list(self._greeted):
-            self._greet(each)
         if self._client is None:
             with contextlib.suppress(BlockingIOError):
                 self._client, _ = self._room.accept()
@@ -72,6 +67,12 @@ class RmiServer:
                 self._answers.occupied, self._rest = True, b""
         if self._client is not None:
             self._talk(self._client)
+        with contextlib.suppress(BlockingIOError):
+            greeted, _ = self._door.accept()
+            greeted.setblocking(False)
+            self._greeted[greeted] = b""
+        for each in list(self._greeted):
+            self._greet(each)
 
     def hang_up(self) -> None:
         """Close the session."""
@@ -274,7 +275,8 @@ class ControllerServer:
     def _know(self, sender: tuple[str, int]) -> bool:
         """Whether a packet is from the client. After a time without packets another client may take over."""
         now_s = time.monotonic()
-        if sender != self._client and self._client is not None and now_s - self._client_s < ALONE_S:
+        alone = self._client is None or not self._controller.streams or now_s - self._client_s > ALONE_S
+        if sender != self._client and not alone:
             if not self._two:
                 self._two = True
                 self._controller.alarm("HOST-380 System error 0x30,0x0")

@@ -11,15 +11,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crx_arm import JOINT_2_HEIGHT_M
+from folders import ROOT
 from lockstep_fanuc import BENT, Driven
 
-from cobot.config import Settings
+from cobot.config import Settings, load_settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool
 from rtloop.backends import BackendError, CarriesTool, HasIo, Paced, Reporting, Stepwise
 from rtloop.backends.fanuc import FanucBackend
 from rtloop.backends.fanuc.codec import decode_received, decode_sent, encode_status
 from rtloop.backends.fanuc.messages import CommandPacket, ContactStop, StatusPacket
+from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FENCE
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 
@@ -99,7 +101,8 @@ def test_it_finds_out_what_joint_3_is_measured_from(
     made: Made, arm: RobotDescription, horizon: bool, check_pose: bool
 ) -> None:
     """By the pose of the face plate, or without it by the other interface."""
-    driven = Driven(made(check_pose=check_pose), arm, FanucControllerOptions(horizon=horizon)).open().enable()
+    options = FanucControllerOptions(horizon=horizon, table_share=2.0)
+    driven = Driven(made(check_pose=check_pose), arm, options).open().enable()
     np.testing.assert_allclose(driven.measured.position, BENT, atol=1e-3)
     for joint in (1, 2):
         driven.move(joint, -0.2)
@@ -116,7 +119,7 @@ def test_the_wrong_one_is_refused_with_the_right_one(
 ) -> None:
     right = "horizon" if horizon else "relative"
     with pytest.raises(BackendError, match=rf"degrees are allowed.* With robot.backend.j3: {right} they"):
-        Driven(made(j3=asked), arm, FanucControllerOptions(horizon=horizon)).open()
+        Driven(made(j3=asked), arm, FanucControllerOptions(horizon=horizon, table_share=2.0)).open()
 
 
 def test_another_arm_is_refused(made: Made, arm: RobotDescription) -> None:
@@ -161,7 +164,7 @@ def test_limits_beyond_the_table_are_refused_by_name(made: Made, arm: RobotDescr
         Driven(made(), arm, options).open()
     said = str(found.value)
     allowed = 0.8 * arm.limits.max_velocity[0]
-    assert "max_velocity of joint_J1" in said
+    assert "max_velocity of joint1" in said
     assert f"the table allows {np.floor(1e4 * allowed) / 1e4:.5g} rad/s;" in said
     assert said.endswith("Set joint_limits.yaml to at most these values")
     Driven(made(limits="model"), arm, options).open()
@@ -182,7 +185,7 @@ def test_a_heavy_tool_needs_lower_limits(made: Made, arm: RobotDescription) -> N
     )
     backend.open(np.zeros(6))
     backend.set_tool(Tool(mass=5.0))
-    with pytest.raises(BackendError, match=r"for 90% of the full payload: max_acceleration of joint_J1"):
+    with pytest.raises(BackendError, match=r"for 90% of the full payload: max_acceleration of joint1"):
         backend.set_tool(Tool(mass=9.0))
 
 
@@ -327,7 +330,7 @@ def test_a_command_far_from_the_arm_is_refused(made: Made, arm: RobotDescription
     driven = Driven(made(), arm).open().enable()
     driven.command[0, 3] += 0.1
     with pytest.raises(
-        BackendError, match=r"the first command of joint_J4 is 0.1000 rad from its position, 0.02 are"
+        BackendError, match=r"the first command of joint4 is 0.1000 rad from its position, 0.02 are"
     ):
         driven.cycles(2000)
 
@@ -387,3 +390,11 @@ def test_nothing_is_there(made: Made, arm: RobotDescription, crx: Settings) -> N
     driven.controller.hear = lambda data: b""
     with pytest.raises(BackendError, match="no Stream Motion on UDP None:60015: is option J519 installed"):
         driven.open()
+
+
+def test_the_example_has_valid_settings() -> None:
+    settings = load_settings(ROOT / "examples" / "fanuc" / "cobot-setting.yaml")
+    options = settings.backend_options(FanucOptions)
+    assert options is not None
+    assert options.address == "127.0.0.1"
+    assert settings.rt.period_s in FanucBackend.capabilities.periods_s

@@ -101,9 +101,9 @@ def test_it_takes_commands_within_its_limits(client: Client) -> None:
 @pytest.mark.parametrize(
     ("shares", "said"),
     [
-        ((1.2, 1.0, 1.0), "the velocity of joint_J1"),
-        ((9.0, 3.5, 2.0), "the acceleration of joint_J1"),
-        ((1.0, 1.0, 3.5), "the jerk of joint_J1"),
+        ((1.2, 1.0, 1.0), "the velocity of joint1"),
+        ((9.0, 3.5, 2.0), "the acceleration of joint1"),
+        ((1.0, 1.0, 3.5), "the jerk of joint1"),
     ],
 )
 def test_it_stops_at_commands_beyond_them(
@@ -127,7 +127,7 @@ def test_it_stops_at_commands_beyond_them(
     [
         ({"style": 0}, "MOTN-625 the data style is 0, that of joints is 65535"),
         ({"position": (np.nan,) * 6}, "a position that is not finite"),
-        ({"position": (0.0,) * 6}, "the first command of joint_J5 is 0.698 away"),
+        ({"position": (0.0,) * 6}, "the first command of joint5 is 0.698 away"),
         ({"version": 4}, "HOST-380 System error 0x19,0x0"),
     ],
 )
@@ -165,14 +165,21 @@ def test_without_commands_it_goes_straight_on_and_ends(client: Client) -> None:
     assert client.controller.alarms == []
 
 
-def test_old_and_future_numbers_are_ignored(client: Client) -> None:
+def test_old_numbers_are_ignored_and_early_commands_wait(client: Client) -> None:
     client.drive(np.full(3, BENT[0]))
     assert client.state is not None
-    answered = client.controller.commands
-    client.send(sequence=client.state.sequence)
-    client.send(sequence=client.state.sequence + 1)
+    answered, number = client.controller.commands, client.state.sequence
+    client.send(sequence=number)
+    client.send(sequence=number - 1)
     assert client.controller.commands == answered
-    assert "is not the answer to state" in client.controller.events[-1]
+    assert f"command {number - 1} comes after command {number}" in client.controller.events[-1]
+    client.step()
+    for early, place in enumerate((1e-4, 3e-4, 6e-4), start=1):
+        client.position[0] = BENT[0] + place
+        client.send(sequence=number + early)
+    for place in (1e-4, 3e-4, 6e-4):
+        client.step()
+        assert client.controller.arm.setpoint[0] == pytest.approx(BENT[0] + place, abs=1e-12)
 
 
 def test_a_reset_clears_what_has_no_cause(client: Client) -> None:
