@@ -7,6 +7,7 @@ const SAME_STOP_MS = 500;
 const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
 const FAILURES = ["failed", "interrupted"];
 const LATCHED = ["ESTOP", "FAULT"];
+const TERMINATED = [143, -15]; // return codes of a program that a stop or a cancel has ended
 const LOST_CONTROL = ["taken over", "disconnected"];
 const QUIET = ["alive", "hello", "state"];
 const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job" } };
@@ -28,7 +29,8 @@ function said(type, data) {
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
   if (Array.isArray(values.planners)) values.planners = values.planners.join(", ");
   if (values.duration_s) values.duration_s = values.duration_s.toFixed(1);
-  const name = [`said_${type}_${data.what ?? data.state}`, `said_${type}`].find((each) => word(each) !== each);
+  const isTerminated = type === "sequence" && TERMINATED.includes(data.returncode);
+  const name = [isTerminated && "said_sequence_terminated", `said_${type}_${data.what ?? data.state}`, `said_${type}`].filter(Boolean).find((each) => word(each) !== each);
   if (name) return word(name, values).trim() + (data.held_back ? ` ${word("said_held_back", data)}` : "");
   const shown = Object.entries(data).filter(([, value]) => value !== null && value !== "");
   return shown.map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
@@ -40,7 +42,7 @@ export function levelOf({ type, data }) {
   if (type === "job") return FAILURES.includes(data.state) ? "bad" : "";
   if (type === "motion") return data.what === "failed" ? "bad" : "";
   if (type === "mode") return LATCHED.includes(data.mode) ? "bad" : "";
-  if (type === "sequence") return data.what === "ended" && data.returncode ? "bad" : "";
+  if (type === "sequence") return data.what === "ended" && data.returncode && !TERMINATED.includes(data.returncode) ? "bad" : "";
   if (type === "lease") return LOST_CONTROL.includes(data.what) ? "warn" : "";
   return LEVELS[type] ?? "";
 }

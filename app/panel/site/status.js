@@ -48,7 +48,7 @@ export class Status {
   write() {
     const own = STREAMING.includes(this.mode) ? OWN[this.ownStream()] : null;
     element("mode").dataset.mode = this.mode;
-    const paused = this.mode === "TRAJECTORY" && this.isPaused();
+    const paused = ["TRAJECTORY", "HOLD"].includes(this.mode) && this.isPaused(); // on a path, or between two motions
     say("mode", word(paused ? "job_paused" : (own ?? `mode_${this.mode}`)), paused ? "warn" : (LEVELS[this.mode] ?? "busy"));
   }
 

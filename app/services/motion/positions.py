@@ -87,7 +87,7 @@ class PositionService:
                 )
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description, label)
             await self._keep(taught)
-        self._link.events.publish("positions", what="taught", name=name)
+        self._link.events.publish("positions", what="taught", name=name, label=label or name)
         return made
 
     async def forget(self, name: str) -> None:
@@ -99,10 +99,11 @@ class PositionService:
         """
         async with self._turn:
             taught = dict(self._goals.taught)
-            if taught.pop(name, None) is None:
+            gone = taught.pop(name, None)
+            if gone is None:
                 raise NotFoundError(f"no position {shown(name)} was taught; GET /robot/positions lists them")
             await self._keep(taught)
-        self._link.events.publish("positions", what="forgotten", name=name)
+        self._link.events.publish("positions", what="forgotten", name=name, label=gone.label or name)
 
     async def _keep(self, taught: dict[str, NamedPosition]) -> None:
         content = _FILE.dump_json(taught, indent=1)

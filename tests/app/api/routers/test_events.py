@@ -124,9 +124,9 @@ def test_scene_tool_positions_and_sessions_are_told(run: VirtualService) -> None
         assert events.event("tool")["data"]["name"] == "gripper"
         run.post("/robot/tool", {"clear": True}).raise_for_status()
         run.post("/robot/positions", {"name": "beside"}).raise_for_status()
-        assert events.event("positions")["data"] == {"what": "taught", "name": "beside"}
+        assert events.event("positions")["data"] == {"what": "taught", "name": "beside", "label": "beside"}
         run.ask("DELETE", "/robot/positions/beside").raise_for_status()
-        assert events.event("positions")["data"] == {"what": "forgotten", "name": "beside"}
+        assert events.event("positions")["data"] == {"what": "forgotten", "name": "beside", "label": "beside"}
         with run.connect("/robot/stream") as socket:
             socket.send(json.dumps({"type": "session"}))
             begun = events.event("session")["data"]
