@@ -31,12 +31,23 @@ class CabinetProcess:
         port: where the client listens.
     """
 
+    device = "fri"
+
     def __init__(
-        self, *options: str, period_ms: int | None = PERIOD_MS, patience_s: float = PATIENCE_S
+        self,
+        *options: str,
+        period_ms: int | None = PERIOD_MS,
+        patience_s: float = PATIENCE_S,
+        port: int | None = None,
     ) -> None:
-        """period_ms: None for what it is by itself."""
-        self.port = free_udp_port()
-        command = [sys.executable, "-m", "cobot", "simulate", "fri", "--client", f"127.0.0.1:{self.port}"]
+        """
+        Args:
+            period_ms: None for what it is by itself.
+            port: where the client listens; None for a free one.
+        """
+        self.port = port or free_udp_port()
+        client = f"127.0.0.1:{self.port}"
+        command = [sys.executable, "-m", "cobot", "simulate", self.device, "--client", client]
         command += ["--patience", str(patience_s), *options]
         command += ["--period", str(period_ms)] if period_ms is not None else []
         self.process = subprocess.Popen(

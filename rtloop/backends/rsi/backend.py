@@ -95,10 +95,13 @@ class RsiBackend:
         self._enabled = self._asking = self._joins = self._starts = False
         self._answered = True  # the newest packet, which has one answer
         self._answered_state: RobState | None = None  # the newest packet that was answered
-        self._missed = self._seen_ms = self._malformed = 0
+        self._seen_ms = self._malformed = 0
+        # Of this session: late answers at its beginning, packets without an answer, and answers not used.
+        self._delay_before = self._unanswered = self._missed = 0
         self._refused = ""
         self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended: none follow until a reset.
         self._silenced = False  # Nothing but zeros is sent until the next session.
+        self._is_unknown = False  # whether corrections may be in effect that nothing reports
         self._reported = False  # whether this motion's error was raised
         self._outputs: dict[str, bool] = {}
         self._model: RobotModel | None = None
@@ -242,7 +245,7 @@ class RsiBackend:
         return DeviceStatus(
             connection="SILENT" if silent else "RSI is on",
             quality="" if state.delay is None else f"{state.delay} answers late since RSI_ON",
-            operation_mode=state.operation_mode,
+            operation_mode="AUT" if state.operation_mode == "EXT" else state.operation_mode,
             safety_stop="$ALARM_STOP: an emergency stop or a safety stop" if state.is_stopped else "",
             drives="" if state.is_ready is None else "on" if state.is_ready else "off",
             speed_scaling=share * (1.0 if state.override is None else state.override),
@@ -256,6 +259,8 @@ class RsiBackend:
             yield self._explain_silence()
         elif isinstance(ready, Rejected):
             yield ready.reason
+        if state.operation_mode == "EXT":
+            yield "the operation mode is EXT: another controller starts the program"
         if state.override is not None and state.override < 1.0:
             yield f"program override {100.0 * state.override:.0f} %"
         count = self._open_channel.strangers
@@ -294,6 +299,12 @@ class RsiBackend:
 
     def _checks_of_settings(self, state: RobState) -> Iterator[Accepted | Rejected]:
         yield check_settings(state, self._seen_ms, self._options, self._period_s)
+        if self._is_unknown:
+            yield Rejected(
+                f"RSI was on before cobot, with {state.delay} late answers, and its context reports no "
+                "AxisCorrMon, so the present correction is not known: start the program again while cobot "
+                "runs"
+            )
         yield check_position(state, self._layout, self._limits)
         if self._options.check_pose and self._model is not None:
             yield check_flange(self._model, state)
@@ -330,7 +341,7 @@ class RsiBackend:
     def _answer(self, target: Array | None) -> None:
         """Answer the newest packet, once."""
         state = self._beat.newest
-        if state is None or self._answered:
+        if state is None or self._answered or self._is_unknown:
             return
         before = self._answered_state
         periods = self._periods_between(state, before) if before is not None else 1
@@ -351,7 +362,7 @@ class RsiBackend:
             self._malformed += 1
             self._refused, self._refused_s = state, self._clock()
             return
-        before, silence_s = self._beat.newest, self._silence_s
+        before, silence_s, answered = self._beat.newest, self._silence_s, self._answered
         passed_ms = 0 if before is None else state.ipoc - before.ipoc
         if not self._beat.take(state, state.ipoc // self._step_ms, state.position):
             return
@@ -359,8 +370,7 @@ class RsiBackend:
             self._seen_ms = passed_ms if self._seen_ms == 0 else min(self._seen_ms, passed_ms)
         if before is None or self._is_new_session(before, state, passed_ms, silence_s):
             self._begin_session(state, is_first=before is None)
-        elif self._was_missed(state):
-            self._missed += 1
+        elif self._find_loss(state, passed_ms // self._step_ms - int(answered)):
             self._corrections.take_back()
         self._answered, self._heard_s = False, self._clock()
         self._corrections.settle(state)
@@ -373,10 +383,10 @@ class RsiBackend:
             return True
         if silence_s < SESSION_GAP_S and passed_ms < 1e3 * SESSION_GAP_S:
             return False
-        if state.correction:
-            return not self._corrections.agree(position_at_rest(state), state.correction)
-        if state.delay is None or before.delay is None:
+        if state.correction and not self._corrections.agree(position_at_rest(state), state.correction):
             return True
+        if state.delay is None or before.delay is None:
+            return not state.correction
         return state.delay - before.delay < passed_ms // self._step_ms - 1 - UNCOUNTED
 
     def _begin_session(self, state: RobState, *, is_first: bool) -> None:
@@ -384,21 +394,28 @@ class RsiBackend:
         set_position = np.array(position_at_rest(state))
         correction = np.array(state.correction) if state.correction else np.zeros(self._limits.dof)
         self._corrections.begin(set_position - correction, correction)
+        self._delay_before, self._unanswered, self._missed = state.delay or 0, 0, 0
         self._watch.forget()
         self._silenced = False
+        self._is_unknown = is_first and not state.correction and bool(state.delay)
         self._outputs.clear()
         if not is_first:
             self._end(
                 Rejected("the controller's program has started RSI again, its corrections begin at zero")
             )
 
-    def _was_missed(self, state: RobState) -> bool:
-        """Whether the controller has not used the newest answer. Then all periods since count as late."""
-        answered = self._answered_state
-        if answered is None or state.delay is None or answered.delay is None:
+    def _find_loss(self, state: RobState, unanswered: int) -> bool:
+        """Whether the controller has not used an answer: it counts more late ones than were not sent.
+
+        Args:
+            unanswered: number of its packets since the last one, with that one, that got no answer.
+        """
+        if state.delay is None:
             return False
-        periods = self._periods_between(state, answered)
-        return state.delay - answered.delay >= max(1, periods)
+        self._unanswered += unanswered
+        missed = state.delay - self._delay_before - self._unanswered
+        found, self._missed = missed > self._missed, max(missed, self._missed)
+        return found
 
     def _end(self, result: Rejected) -> None:
         """End the corrections. The arm stays where it is until a reset."""

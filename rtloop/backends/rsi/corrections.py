@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,8 +16,8 @@ Counts = NDArray[np.int64]
 
 FOLLOW_S = 0.2
 """Maximum time in which an arm reaches the position of a correction, s."""
-MADE_UP, RESOLUTION = 0.2, 1000
-"""Fraction of the missing correction that the next answer adds, and the remainder that it adds at once."""
+MADE_UP_S, RESOLUTION = 0.015, 1000
+"""Time constant with which answers add a missing correction, s, and the remainder that is added at once."""
 RESTED_S = 0.3
 """Time at rest after which the sum of relative corrections is compared with the controller's, s."""
 SLACK_RAD = 2e-4
@@ -55,6 +56,7 @@ class Corrections:
         self._scale = layout.scale * MICRO
         self._relative, self._period_s = relative, period_s
         self._most = np.floor(max_correction * MICRO).astype(np.int64)
+        self._made_up = 1.0 - math.exp(-period_s / MADE_UP_S)
         self._max_step = np.maximum(1.0, limits.max_velocity * period_s * self._scale)
         dof = limits.dof
         self.reference: Array | None = None
@@ -108,7 +110,8 @@ class Corrections:
         goal = np.clip(goal, -most, most)
         step = (goal - before) // max(periods, 1)
         rest = goal - self.sent - step
-        step = step + np.where(np.abs(rest) > RESOLUTION, np.trunc(MADE_UP * rest), rest).astype(np.int64)
+        part = np.where(np.abs(rest) > RESOLUTION, np.trunc(self._made_up * rest), rest)
+        step = step + part.astype(np.int64)
         excess = float((np.abs(step) / self._max_step).max())
         if excess > 1.0:
             step = np.trunc(step / excess).astype(np.int64)
@@ -141,12 +144,9 @@ class Corrections:
         """Adopt the controller's own sum of relative corrections, if it differs while the arm is at rest."""
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return
-        if state.correction:
-            theirs = np.array(state.correction)
-        elif state.setpoint:
-            theirs = np.array(state.setpoint) - self.reference
-        else:
+        if not state.setpoint:
             return
+        theirs = np.array(state.setpoint) - self.reference
         if (np.abs(theirs - self.sent / self._scale) > SLACK_RAD).any():
             self.sent = np.rint(theirs * self._scale).astype(np.int64)
             self._resting = 0

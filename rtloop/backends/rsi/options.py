@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -115,4 +114,4 @@ class RsiOptions(BaseModel):
 
 
 def is_external(axis: str) -> bool:
-    return re.fullmatch(r"E[1-6]", axis) is not None
+    return axis in EXTERNAL_AXES

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -56,12 +57,17 @@ class TelegramLayout:
     @property
     def corrections(self) -> list[tuple[str, list[int]]]:
         """The elements with corrections and their joints."""
-        found = []
-        for tag, external in ((self.axis_tag, False), (self.external_tag, True)):
-            joints = [index for index, axis in enumerate(self.axes) if is_external(axis) == external]
-            if joints:
-                found.append((tag, joints))
-        return found
+        return _groups(self.axes, self.axis_tag, self.external_tag)
+
+
+@cache
+def _groups(axes: tuple[str, ...], axis_tag: str, external_tag: str) -> list[tuple[str, list[int]]]:
+    found = []
+    for tag, external in ((axis_tag, False), (external_tag, True)):
+        joints = [index for index, axis in enumerate(axes) if is_external(axis) == external]
+        if joints:
+            found.append((tag, joints))
+    return found
 
 
 def layout_of(options: RsiOptions, limits: JointLimits) -> TelegramLayout:

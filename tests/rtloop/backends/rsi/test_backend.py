@@ -253,6 +253,19 @@ def test_a_backend_that_takes_over_a_running_session_keeps_its_correction(
     assert driven.controller.counters.sessions == 1
 
 
+def test_a_session_whose_correction_is_not_reported_is_not_taken_over(make: Make) -> None:
+    """Its first answer would be zero, and the arm would jump back."""
+    driven = make(ControllerOptions(reports=False, in_a_row=True, timeout=1000)).enabled()
+    driven.swing(393)
+    for _ in range(5):
+        driven.controller.packet()  # nobody answers while rtloop is started again
+    again = make()
+    again.backend._channel, again.backend._clock = driven.channel, driven.channel.clock
+    driven.channel.answers.clear()
+    with pytest.raises(BackendError, match="the present correction is not known: start the program again"):
+        again.backend.open(np.zeros(7))
+
+
 def test_packets_that_come_twice_or_too_late_are_not_answered(make: Make) -> None:
     driven = make().enabled()
     layout = driven.controller.layout
@@ -289,6 +302,12 @@ def test_the_status_says_how_the_controller_is(make: Make) -> None:
     driven.controller.switch_off("x")
     driven.run(30)
     assert driven.backend.status().connection == "SILENT"
+
+
+def test_automatic_external_is_an_automatic_mode(make: Make) -> None:
+    status = make(ControllerOptions(operation_mode="EXT")).enabled().backend.status()
+    assert (status.operation_mode, status.speed_scaling) == ("AUT", 1.0)
+    assert "the operation mode is EXT" in status.text
 
 
 @pytest.mark.parametrize(
