@@ -191,7 +191,11 @@ def test_five_percent_of_loss_ends_no_motion(run: RunOverRsi, controller: RsiPro
     ("fault", "end", "reason"),
     [
         ({"estop": True}, {"estop": False}, "RSI has ended (enabling switch released, emergency stop"),
-        ({"spoil": "nan"}, {"spoil": ""}, "what comes is AIPos.A1 is 'nan', which is not a finite number"),
+        (
+            {"spoil": "nan"},
+            {"spoil": ""},
+            "the last one was rejected: AIPos.A1 is 'nan', which is not a finite number",
+        ),
         ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
         ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot controller for"),
         ({"mode": "T2"}, {"mode": "AUT"}, "the controller's program has started RSI again"),
