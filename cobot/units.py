@@ -38,8 +38,8 @@ def require_way(value: float, most_m: float) -> float:
     """Return a coordinate in m, after checking its size.
 
     Raises:
-        ValueError: the coordinate is beyond `most_m`. The message converts it from millimetres if it looks
-            like them.
+        ValueError: the coordinate is beyond `most_m`. If the value looks like millimetres, the message
+            converts it.
     """
     if abs(value) <= most_m:
         return value

@@ -38,7 +38,7 @@ def load_with_rolled_out(path: Path | None) -> Settings:
 
 
 def advice(settings: Settings) -> str:
-    """What to look at if the start fails while rolled-out settings are in force; "" without them."""
+    """A hint for a start that fails while rolled-out settings are in force; "" without them."""
     link = settings.rolled_out
     if not settings.fleet.connect or not link.is_symlink():
         return ""

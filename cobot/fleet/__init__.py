@@ -1,5 +1,5 @@
 """Fleets: cells on several computers, and a hub that shows all of them and can stop them; see docs/fleet.md.
 
-The process of a cell is a client of its own service, and reads its robots' shared memory. No motion needs it,
-the hub or the network.
+The fleet process of a cell is a client of the cell's service, and reads the shared memory of its robots.
+Motions do not depend on this process, the hub or the network.
 """

@@ -34,19 +34,19 @@ PICTURE_S = 40.0
 WATCH_S = 0.5
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
-"""Status of the rest of a file, and of a file that has no rest."""
+"""HTTP status for the rest of a file, and for a file without a rest."""
 COLUMNS = ("cell", "robot", "state", "mode", "job", "program", "control", "version")
 DESCRIPTION = """\
 All cells of a plant in one place: docs/fleet.md.
 
   cobot fleet serve      run the hub: the cells connect to it, people open its page
-  cobot fleet list       all robots with their states
-  cobot fleet show CELL  all that the hub knows of a cell, and its last events
-  cobot fleet watch      what changes, a line each
-  cobot fleet stop CELL ...   stop the robots of these cells; --zone Z, --all: of a zone, of all
+  cobot fleet list       show all robots with their states
+  cobot fleet show CELL  show everything that the hub knows about a cell, and its last events
+  cobot fleet watch      print each change as a line
+  cobot fleet stop CELL ...   stop the robots of these cells, of a zone (--zone Z), or of all cells (--all)
   cobot fleet run CELL ... --program ID   start a stored program of the cells
   cobot fleet pause|resume|speed|control CELL ...
-  cobot fleet roll-out FOLDER CELL ...    programs and positions: one cell first, then in waves
+  cobot fleet roll-out FOLDER CELL ...    install programs and settings: on one cell first, then in waves
   cobot fleet pull FOLDER    copy recordings from the hub, which has fetched them from the cells
   cobot fleet certificate FOLDER hub|cell NAME ...   make certificates: TLS, and commands other than stops"""
 
@@ -80,17 +80,19 @@ def _parser() -> argparse.ArgumentParser:
         "--url",
         default=os.environ.get(URL_VARIABLE, DEFAULT_URL),
         metavar="URL",
-        help=f"of the hub; default: {URL_VARIABLE}, or {DEFAULT_URL}",
+        help=f"URL of the hub; default: {URL_VARIABLE}, or {DEFAULT_URL}",
     )
-    url.add_argument("--token", default=os.environ.get(TOKEN_VARIABLE), help=f"default: {TOKEN_VARIABLE}")
-    url.add_argument("--json", action="store_true", help="print what the hub answers")
+    url.add_argument(
+        "--token", default=os.environ.get(TOKEN_VARIABLE), help=f"access token; default: {TOKEN_VARIABLE}"
+    )
+    url.add_argument("--json", action="store_true", help="print the answers of the hub as JSON")
     listing = actions.add_parser("list", parents=[url], help="all robots with their states")
     listing.set_defaults(run=_list)
     show = actions.add_parser("show", parents=[url], help="one cell with its last events")
     show.add_argument("cell", metavar="CELL")
     show.add_argument("--picture", type=Path, metavar="FILE", help="also write a picture of the arm, as PNG")
     show.set_defaults(run=_show)
-    watch = actions.add_parser("watch", parents=[url], help="what changes, until Ctrl-C")
+    watch = actions.add_parser("watch", parents=[url], help="print changes until Ctrl-C")
     watch.set_defaults(run=_watch)
     target = argparse.ArgumentParser(add_help=False, parents=[url])
     target.add_argument("cells", nargs="*", metavar="CELL")
@@ -98,41 +100,51 @@ def _parser() -> argparse.ArgumentParser:
     target.add_argument("--zone", type=_name, help="all cells of this zone")
     target.add_argument("--robot", metavar="NAME", help="only this robot of the cells")
     target.add_argument(
-        "--deadline", type=float, default=DEADLINE_S, metavar="S", help="in which the cells must receive it"
+        "--deadline",
+        type=float,
+        default=DEADLINE_S,
+        metavar="S",
+        help="time in which the cells must receive the command, s",
     )
     stop = actions.add_parser("stop", parents=[target], help="stop robots and wait until they are at rest")
     stop.set_defaults(run=_stop)
     run = actions.add_parser("run", parents=[target], help="start a stored program of the cells")
     run.add_argument("--program", required=True, metavar="ID")
-    run.add_argument("--version", type=int, metavar="N", help="default: the newest")
+    run.add_argument("--version", type=int, metavar="N", help="version of the program; default: the latest")
     run.set_defaults(run=_run)
     pause = actions.add_parser("pause", parents=[target], help="pause the running program")
     pause.set_defaults(run=_pause)
-    resume = actions.add_parser("resume", parents=[target], help="resume what is paused")
+    resume = actions.add_parser("resume", parents=[target], help="resume the paused program or motion")
     resume.set_defaults(run=_resume)
     speed = actions.add_parser("speed", parents=[target], help="set the speed override")
     speed.add_argument(
-        "--fraction", type=float, required=True, metavar="F", help="0 to 1 of the planned speed"
+        "--fraction", type=float, required=True, metavar="F", help="share of the planned speed, 0 to 1"
     )
     speed.set_defaults(run=_speed)
     control = actions.add_parser("control", parents=[target], help="take control, or give it back")
     which = control.add_mutually_exclusive_group(required=True)
     which.add_argument("--take", dest="what", action="store_const", const="take")
     which.add_argument("--release", dest="what", action="store_const", const="release")
-    control.add_argument("--force", action="store_true", help="take it from another client")
+    control.add_argument("--force", action="store_true", help="take control even if another client has it")
     control.set_defaults(run=_control)
     roll_out = actions.add_parser(
-        "roll-out", parents=[url], help="bring programs and settings to cells: one first, then in waves"
+        "roll-out", parents=[url], help="install programs and settings: on one cell first, then in waves"
     )
     roll_out.add_argument(
         "folder", type=Path, metavar="FOLDER", help="with programs/, positions.json, settings/"
     )
     roll_out.add_argument("cells", nargs="+", metavar="CELL[/ROBOT]")
-    roll_out.add_argument("--name", type=_name, help="of the bundle; default: the folder's name")
-    roll_out.add_argument("--version", required=True, metavar="V", help="of the bundle, such as 1.4")
-    roll_out.add_argument("--wave", type=int, default=5, metavar="N", help="cells at a time; default: 5")
+    roll_out.add_argument("--name", type=_name, help="name of the bundle; default: the folder's name")
+    roll_out.add_argument("--version", required=True, metavar="V", help="version of the bundle, such as 1.4")
     roll_out.add_argument(
-        "--watch", type=float, default=5.0, metavar="S", help="after each wave, in seconds; default: 5"
+        "--wave", type=int, default=5, metavar="N", help="number of cells in a wave; default: 5"
+    )
+    roll_out.add_argument(
+        "--watch",
+        type=float,
+        default=5.0,
+        metavar="S",
+        help="time to watch the robots after each wave, s; default: 5",
     )
     roll_out.set_defaults(run=_roll_out)
     pull = actions.add_parser("pull", parents=[url], help="copy recordings from the hub to this computer")
@@ -208,7 +220,7 @@ def _watch(chosen: argparse.Namespace) -> int:
 
 
 def _said(robot: dict[str, Any]) -> list[str]:
-    """What is wrong, without ages, which always change."""
+    """The problems of a robot, without ages, which always change."""
     return _concerns(robot | {"age_s": 0.0})[0 if robot["alive"] else 1 :]
 
 
@@ -258,7 +270,7 @@ def _control(chosen: argparse.Namespace) -> int:
 
 
 def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
-    """Send a command to all that are named, at the same time. Without an action it is a stop."""
+    """Send a command to all named targets at the same time. Without an action it is a stop."""
     last, refusal = ("stop", "NOT stopped") if action is None else ("commands", "not done")
     body = {"deadline_s": chosen.deadline} | ({} if action is None else {"action": action})
     good, answers = True, []
@@ -285,7 +297,7 @@ def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
 
 
 def _roll_out(chosen: argparse.Namespace) -> int:
-    """Roll out, and print what happens until it has ended. Ctrl-C rolls back."""
+    """Roll out a bundle, and print the progress until the end. Ctrl-C rolls back."""
     from cobot.fleet.bundles import bundle_of
 
     content = bundle_of(chosen.folder, chosen.name or chosen.folder.resolve().name, chosen.version)
@@ -314,7 +326,7 @@ def _roll_out(chosen: argparse.Namespace) -> int:
 
 
 def _pull(chosen: argparse.Namespace) -> int:
-    """Copy what is not here yet. What was interrupted goes on where it ended."""
+    """Copy recordings that do not exist here yet. An interrupted copy continues where it ended."""
     found = _ask(chosen, "GET", "/recordings")["recordings"]
     wanted = [each for each in found if not chosen.cells or each["cell"] in chosen.cells]
     new = 0
@@ -330,10 +342,10 @@ def _pull(chosen: argparse.Namespace) -> int:
 
 
 def _plain(name: str) -> str:
-    """A name of a file or folder.
+    """Check the name of a file or folder.
 
     Raises:
-        InputError: it would lead elsewhere.
+        InputError: the name would lead to another folder.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", name):
         raise InputError(f"the hub's recording has an invalid name: {name!r}")
@@ -343,7 +355,7 @@ def _plain(name: str) -> str:
 def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
     """
     Raises:
-        UnavailableError: the hub does not answer; the next call goes on.
+        UnavailableError: the hub does not answer. The next call continues.
         InputError: the file cannot be written.
     """
     part = file.with_name(f"{file.name}.part")
@@ -365,7 +377,7 @@ def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
                         out.write(piece)
         part.rename(file)
     except httpx.HTTPError as exc:
-        raise UnavailableError(f"{path}: {str(exc) or type(exc).__name__}; the next call goes on") from exc
+        raise UnavailableError(f"{path}: {str(exc) or type(exc).__name__}; the next call continues") from exc
     except OSError as exc:
         raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
 
@@ -376,7 +388,7 @@ def _headers(chosen: argparse.Namespace) -> dict[str, str]:
 
 
 def _targets(chosen: argparse.Namespace) -> list[str]:
-    """The paths of those whom a command concerns."""
+    """The paths of the targets of a command."""
     if chosen.all:
         return [""]
     if chosen.zone:
@@ -416,8 +428,8 @@ def _get(
     except (httpx.HTTPError, ValueError) as exc:
         reason = str(exc) or type(exc).__name__
         raise UnavailableError(
-            f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; `cobot fleet serve` runs one, "
-            f"{URL_VARIABLE} or --url names it"
+            f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; start it with "
+            f"`cobot fleet serve`, or set its URL with {URL_VARIABLE} or --url"
         ) from exc
     code = str(answer.get("code", "error")).upper()
     kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError

@@ -1,7 +1,7 @@
-"""Bundles of programs, named positions and settings, as a cell stages, activates and rolls them back.
+"""Bundles of programs, named positions and settings. A cell stages, activates and rolls back bundles.
 
 A bundle is named by the SHA-256 of its content. The hub signs that name in its command, so the content can
-come from anywhere. What a bundle replaces is kept in a file before anything changes.
+come from anywhere. Everything that a bundle replaces is stored in a file before anything changes.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class BundlePosition(StrictModel):
 
 
 class Bundle(StrictModel):
-    """What is rolled out together."""
+    """The content of a bundle."""
 
     name: Name
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,48}$")]
@@ -79,14 +79,16 @@ class Bundle(StrictModel):
 
 
 class Installed(StrictModel):
-    """The newest bundle of a robot, and what it has replaced.
+    """The latest bundle of a robot, and everything that it has replaced.
 
     Attributes:
-        versions: of its programs, as the service has stored them.
-        programs_before, positions_before: as they were; null for those that did not exist.
+        versions: versions of its programs in the service.
+        programs_before, positions_before: programs and positions before; null for those that did not exist.
         settings_before: the bundle whose settings were in force, "" for none; None if this one has none.
-        restart_for: changes of settings that need a restart of the cell that began as process `supervisor`.
-        complete: whether all of it is active. An interrupted activation is rolled back at the next start.
+        restart_for: changes of settings that need a restart of the cell whose supervisor is process
+            `supervisor`.
+        complete: whether the whole bundle is active. An interrupted activation is rolled back at the next
+            start.
     """
 
     bundle: Hash
@@ -128,7 +130,7 @@ def hash_of(content: bytes) -> str:
 
 
 class BundlesCell(Protocol):
-    """What bundles need of their cell.
+    """Interface of a cell for its bundles.
 
     Attributes:
         config: the settings file in force, which a reload replaces.
@@ -146,7 +148,7 @@ class RobotBundles:
     """The bundles of one robot of a cell. One method at a time.
 
     Args:
-        settings: of the robot.
+        settings: settings of the robot.
     """
 
     def __init__(self, settings: Settings, client: Client, cell: BundlesCell) -> None:
@@ -158,7 +160,7 @@ class RobotBundles:
 
     @property
     def title(self) -> str:
-        """Name, version and hash of the newest bundle; "" without one."""
+        """Name, version and hash of the latest bundle; "" without one."""
         found = self.installed
         return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
 
@@ -169,10 +171,11 @@ class RobotBundles:
         return [] if found is None or found.supervisor != os.getppid() else found.restart_for
 
     def drift(self, versions: dict[str, int]) -> list[str]:
-        """The parts of the newest bundle that have changed since: ids of programs, and "settings".
+        """The parts of the latest bundle that have changed since its activation: ids of programs, and
+        "settings".
 
         Args:
-            versions: the newest version of each stored program.
+            versions: the latest version of each stored program.
         """
         found = self.installed  # another thread may replace it
         if found is None or not found.complete:
@@ -185,12 +188,12 @@ class RobotBundles:
         """Fetch a bundle and check it completely. Nothing changes.
 
         Args:
-            role: of the person at the hub.
+            role: role of the person at the hub.
 
         Raises:
-            UnavailableError: the hub does not have it.
-            PermissionDenied: it has settings, and the role may not change them.
-            InputError: it is not the bundle that was meant, is not valid, or does not fit this robot.
+            UnavailableError: the hub does not have the bundle.
+            PermissionDenied: the bundle has settings, and the role may not change them.
+            InputError: the content is another bundle, is invalid, or does not fit this robot.
         """
         content = self._cell.fetch_bundle(name)
         if content is None:
@@ -220,13 +223,13 @@ class RobotBundles:
             )
 
     def activate(self, name: str, role: Role) -> str:
-        """Store what the staged bundle has. The arm must rest. If it fails, all is as before.
+        """Activate the staged bundle. The arm must rest. If this fails, everything is restored.
 
         Args:
-            role: of the person at the hub.
+            role: role of the person at the hub.
 
         Raises:
-            ConflictError: it is not staged, or something runs.
+            ConflictError: the bundle is not staged, or a job runs.
             PermissionDenied: see `stage`.
             CobotError: the service does not accept a part of it; the message says which.
         """
@@ -276,11 +279,11 @@ class RobotBundles:
         """Restore what a bundle has replaced.
 
         Raises:
-            NotFoundError: it is not the newest bundle.
-            ConflictError: something runs.
+            NotFoundError: the bundle is not the latest one.
+            ConflictError: a job runs.
         """
         if self.installed is None or self.installed.bundle != name:
-            raise NotFoundError(f"the bundle {name[:SHORT]} is not the newest one here; nothing was changed")
+            raise NotFoundError(f"the bundle {name[:SHORT]} is not the latest one here; nothing was changed")
         self._require_rest()
         title = self.installed.title
         return f"rolled back {title}{_restart(self._undo())}"
@@ -289,15 +292,15 @@ class RobotBundles:
         """Roll back an activation that was interrupted.
 
         Raises:
-            CobotError: the service does not answer yet, or something runs.
+            CobotError: the service does not answer yet, or a job runs.
         """
         if self.installed is not None and not self.installed.complete:
             self._require_rest()
             changes = self._undo()
-            log.warning("an activation was interrupted; all is as before%s", _restart(changes))
+            log.warning("an activation was interrupted; its changes have been undone%s", _restart(changes))
 
     def _check(self, bundle: Bundle, settings: Settings) -> None:
-        """Check programs and positions against settings: those of this cell, or those of the bundle."""
+        """Check programs and positions with settings, which are those of this cell or of the bundle."""
         limits = load_joint_limits(settings.web.joint_limits)
         fixed = {each["name"] for each in self._client.positions() if not each["taught"]}
         for position in bundle.positions:
@@ -374,7 +377,8 @@ class RobotBundles:
         return int(saved["version"])
 
     def _restore(self, program: BundleProgram, note: str) -> None:
-        """Save it again, unless it is the newest version, as after an undo that was interrupted itself."""
+        """Save a program again, unless it is already the latest version because an earlier undo was
+        interrupted."""
         with contextlib.suppress(NotFoundError):
             newest = self._client.program(program.id)
             if all(newest[field] == value for field, value in program.model_dump().items()):
@@ -390,13 +394,13 @@ class RobotBundles:
         """Restore everything after an error.
 
         Raises:
-            CobotError: the error, with what has become of the rest.
+            CobotError: the same error. Its message also says whether everything is as before.
         """
         try:
             self._undo()
         except CobotError as problem:
-            raise type(exc)(f"{exc}; it cannot be undone now, and is tried again: {problem}") from exc
-        raise type(exc)(f"{exc}; all is as before") from exc
+            raise type(exc)(f"{exc}; the change cannot be undone now; cobot tries again: {problem}") from exc
+        raise type(exc)(f"{exc}; everything is as before") from exc
 
     def _undo(self) -> list[str]:
         """Restore everything. Returns the changes of settings that need a restart."""
@@ -447,7 +451,7 @@ def bundle_of(folder: Path, name: str, version: str) -> bytes:
             that it names, and `positions.json` is an object with the joint angles of each name.
 
     Raises:
-        InputError: it has none of them, or they cannot be read.
+        InputError: the folder has none of them, or they cannot be read.
     """
     try:
         files = sorted(each for each in (folder / "programs").glob("*") if each.suffix in (".json", ".lua"))

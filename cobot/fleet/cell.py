@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     import zenoh
 
 PERIOD_S = 0.1
-"""Interval between two looks at a robot, in seconds: states are published at most at 10 Hz."""
+"""Interval at which robots are read, in seconds. States are published at most at 10 Hz."""
 TIME_TIMEOUT_S = 1.0
 FETCH_S = 10.0
 SYNCHRONIZE_S = 10.0
@@ -66,7 +66,7 @@ class FleetCell:
     Args:
         config: the settings file in force, which a reload replaces.
         source: the settings file of the user.
-        url: of the service; "" without one.
+        url: URL of the service; "" without one.
     """
 
     def __init__(self, settings: Settings, config: Path, source: Path, url: str, token: str) -> None:
@@ -120,7 +120,7 @@ class FleetCell:
                     self._publish(robot, "state", state)
 
     def close(self) -> None:
-        """Leave the fleet. Without this, Zenoh may wait at the exit for a hub that is away."""
+        """Leave the fleet. Without this, Zenoh may wait at the exit for a hub that does not answer."""
         if self._session is not None:
             self._session.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
@@ -128,7 +128,7 @@ class FleetCell:
             robot.close()
 
     def _look_at_settings(self) -> None:
-        """Publish the hash of the settings in force. Another file replaces them after a reload."""
+        """Publish the hash of the settings in force. A reload replaces their file."""
         with contextlib.suppress(OSError, CobotError):
             changed_ns = self.config.stat().st_mtime_ns
             if changed_ns != self._config_ns:
@@ -158,7 +158,7 @@ class FleetCell:
         return None
 
     def _connect(self) -> bool:
-        """Whether the hub is connected. The first connection is tried until it succeeds."""
+        """Whether the hub is connected. The first connection is retried until it succeeds."""
         if self._session is None:
             try:
                 self._session = open_cell(self._fleet.connect, self._fleet.certificates)
@@ -175,7 +175,7 @@ class FleetCell:
         return self._keys.of(self.name, robot.name, last)
 
     def _watch_hub(self, connected: bool) -> None:
-        """Report a loss and a return of the hub, and stop if the settings want it."""
+        """Report the loss and the return of the hub, and stop the arm if the settings require it."""
         now_s = time.monotonic()
         if connected:
             if self._lost_s is not None and self._token is not None:
@@ -185,7 +185,7 @@ class FleetCell:
         if self._lost_s is None:
             self._lost_s = now_s
             if self._token is not None:
-                log.warning("the hub is lost; this cell goes on (fleet.on_loss: %s)", self._fleet.on_loss)
+                log.warning("the hub is lost; this cell continues (fleet.on_loss: %s)", self._fleet.on_loss)
         stops = self._fleet.on_loss == "stop" and self._token is not None and not self._stopped_for_loss
         if stops and now_s - self._lost_s >= self._fleet.loss_s:
             self._stopped_for_loss = True
@@ -198,7 +198,7 @@ class FleetCell:
             robot.stop("cobot", why)
 
     def _join(self) -> None:
-        """Declare this cell, unless another one has its name."""
+        """Declare this cell, unless another cell has the same name."""
         now_s = time.monotonic()
         if self._token is not None:
             if now_s >= self._synchronize_s:
@@ -233,7 +233,8 @@ class FleetCell:
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
 
     def _declare(self, robot: FleetRobot) -> None:
-        """The queries that a robot answers. An answer never sleeps: that would block the session."""
+        """Declare the queries that a robot answers. An answer must not wait, because that would block the
+        session."""
         keys = (self._key(robot, last) for last in ("state", "events", "programs", "command"))
         state, events, programs, command = keys
         assert self._session is not None
@@ -257,7 +258,7 @@ class FleetCell:
         self._declared.append(self._session.declare_queryable(key, give))
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
-        """Give a command to a thread: it takes as long as the arm needs."""
+        """Pass a command to a thread, because it takes as long as the arm needs."""
         if not self._waiting.acquire(blocking=False):
             busy = CommandAnswer(
                 id="", cell=self.name, robot=robot.name, code="busy",
@@ -279,7 +280,7 @@ class FleetCell:
             self._waiting.release()
 
     def _answer(self, content: bytes, robot: FleetRobot) -> CommandAnswer | None:
-        """None if the command is for another zone."""
+        """The answer to a command; None if it is for another zone."""
         try:
             command = (
                 read(FleetCommand, content) if self._verifier is None else self._verifier.command_of(content)
@@ -318,11 +319,12 @@ class FleetCell:
         own = self._fleet.name, self.name, robot.name
         given = command.fleet, command.cell, command.robot
         if any(name not in ("*", mine) for name, mine in zip(given, own, strict=True)):
-            raise InputError(f"the command is for {'/'.join(given)}, and came to {'/'.join(own)}")
+            raise InputError(f"the command is for {'/'.join(given)}, but {'/'.join(own)} received it")
         setting = command.action.accepted_by
         if self._verifier is None and setting != "stop":
             raise PermissionDenied(
-                "a cell without fleet.certificates accepts only stops: `cobot fleet certificate` makes them"
+                "a cell without fleet.certificates accepts only stops; create certificates with `cobot "
+                "fleet certificate`"
             )
         needed = str(getattr(self._fleet.accept, setting))
         if needed == NO_ROLE or Role[command.role.upper()] < Role[needed.upper()]:
@@ -366,7 +368,7 @@ def _unproven(who: str) -> str:
 
 
 def _give(query: zenoh.Query, *, key: str, answer: Callable[[bytes], bytes]) -> None:
-    """Answer a query; without an answer where it cannot be given."""
+    """Answer a query. If that is impossible, the query gets no answer."""
     with query:
         try:
             query.reply(key, answer(bytes(query.payload or b"")))
@@ -383,11 +385,9 @@ def _list_of(events: Iterable[RobotEvent]) -> bytes:
 def main() -> int:
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.fleet.cell", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
     parser.add_argument("--source", type=Path, help="settings file of the user, if --config is a copy of it")
-    parser.add_argument(
-        "--url", default="", help="address of the web service; without it only modes are shown"
-    )
+    parser.add_argument("--url", default="", help="URL of the web service; without it only modes are shown")
     parser.add_argument("--check", action="store_true", help="only check the certificate of this cell")
     arguments = parser.parse_args()
     if arguments.check:
@@ -414,7 +414,7 @@ def main() -> int:
 
 
 def _check(config: Path | None) -> int:
-    """Say whether the cell's certificate can be used."""
+    """Print whether the cell's certificate can be used."""
     try:
         section = load_settings(config).fleet
         if section.certificates is not None:

@@ -1,7 +1,7 @@
-"""Settings of a cell that come with a bundle: checked, put in force, and taken back.
+"""Checks, activates and removes settings of a cell that come with a bundle.
 
-The files of each bundle are in a folder named by its hash, and a link names the folder that is in force. The
-user's own settings file stays as it is, see `cobot.config.rolled_out`.
+The files of each bundle are in a folder named by its hash, and a link points to the folder in force. The
+user's own settings file does not change, see `cobot.config.rolled_out`.
 """
 
 from __future__ import annotations
@@ -76,10 +76,10 @@ class CellSettings:
 
     @contextlib.contextmanager
     def trial(self, files: Sequence[BundleFile]) -> Iterator[Settings]:
-        """The settings of this cell with these files, which exist as long as the context lasts.
+        """A context with the settings of this cell with these files. The files exist only during the context.
 
         Raises:
-            InputError: they are not valid, do not fit this cell, or `cobot check` finds a fault.
+            InputError: the settings are invalid, do not fit this cell, or `cobot check` finds an error.
         """
         with TemporaryDirectory(prefix="cobot-settings-") as name:
             folder = Path(name).resolve()
@@ -89,7 +89,10 @@ class CellSettings:
             except ConfigError as exc:
                 raise InputError(f"settings: {str(exc).replace(f'{folder}/', '')}") from exc
             if settings.robots:
-                raise InputError("settings: this cell has several robots; change its settings there")
+                raise InputError(
+                    "settings: this cell has several robots; its settings can only be changed in the cell "
+                    "itself"
+                )
             _check(settings, folder)
             yield settings
 
@@ -145,10 +148,10 @@ class CellSettings:
 
 
 def files_of(folder: Path) -> list[dict[str, str]]:
-    """The files in the folder of a bundle's settings, as in `BundleFile`; none if there is no such folder.
+    """The files in the settings folder of a bundle, as in `BundleFile`; none if there is no such folder.
 
     Raises:
-        InputError: it has no settings.yaml, or one that cannot be rolled out.
+        InputError: the folder has no settings.yaml, or one that cannot be rolled out.
         OSError: a file cannot be read.
     """
     if not folder.is_dir():
@@ -165,7 +168,8 @@ def files_of(folder: Path) -> list[dict[str, str]]:
 
 
 def configuration_of(settings: Settings) -> str:
-    """A hash of settings and the content of their files, without names and places of the cell."""
+    """A hash of settings and the content of their files, without names and paths that differ between
+    cells."""
     content = []
     for each in settings.each.values():
         dumped = each.model_dump(mode="json", exclude={"robots", *PLACES})
@@ -190,10 +194,10 @@ def _write(folder: Path, files: Sequence[BundleFile]) -> None:
 
 
 def _check(settings: Settings, folder: Path) -> None:
-    """Check settings as `cobot check` does, without the fleet's own.
+    """Check settings as `cobot check` does, except those of the fleet.
 
     Raises:
-        InputError: there is a fault.
+        InputError: there is an error.
     """
     content = settings.model_dump(mode="json", exclude={"robots"})
     content["fleet"]["connect"] = []

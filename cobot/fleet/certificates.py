@@ -4,8 +4,8 @@
     FLEET/hub/hub.pem, hub.key          of the hub: it is the only one that may be a server and sign commands
     FLEET/cells/CELL/cell.pem, cell.key, ca.pem    for the computer of a cell
 
-A command is signed, although the connection is encrypted, because a router between hub and cell could
-otherwise make up commands.
+Commands are signed although the connection is encrypted, because otherwise a router between hub and cell
+could forge commands.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from cobot.strict import StrictModel
 AUTHORITY, HUB_FOLDER, CELLS = "ca", "hub", "cells"
 CELL = "cell"
 EARLIER = timedelta(days=1)
-"""Certificates count from a day before they are made, for computers whose clock is late."""
+"""Certificates are valid from a day before their creation, for computers whose clock is late."""
 AUTHORITY_DAYS = 3650
 CURVE = ec.SECP256R1()
 
@@ -44,7 +44,7 @@ class SignedCommand(StrictModel):
 
     Attributes:
         command: `FleetCommand` as JSON, the text that is signed.
-        certificate: of the hub, PEM.
+        certificate: certificate of the hub, PEM.
         signature: ECDSA with SHA-256 of `command` in UTF-8, base64.
     """
 
@@ -54,7 +54,7 @@ class SignedCommand(StrictModel):
 
 
 def make_authority(folder: Path, fleet: str) -> None:
-    """Make the fleet's authority, unless the folder has one.
+    """Create the fleet's authority, unless the folder has one.
 
     Raises:
         ConfigError: the folder cannot be written.
@@ -80,11 +80,11 @@ def issue_hub(folder: Path, hosts: Iterable[str], days: int) -> Path:
     """Issue the certificate of the hub. Returns its folder.
 
     Args:
-        folder: of the fleet, with its authority.
+        folder: folder of the fleet, with its authority.
         hosts: names and addresses by which cells and browsers reach the hub.
 
     Raises:
-        ConfigError: the folder cannot be read or written, or has a hub's certificate.
+        ConfigError: the folder cannot be read or written, or already has a hub's certificate.
     """
     names: list[x509.GeneralName] = []
     for host in hosts:
@@ -100,7 +100,7 @@ def issue_cell(folder: Path, cell: str, days: int) -> Path:
     """Issue the certificate of a cell. Returns its folder, which belongs on the computer of the cell.
 
     Raises:
-        ConfigError: as `issue_hub`.
+        ConfigError: see `issue_hub`.
     """
     own = folder / CELLS / cell
     return _issue(folder, own, CELL, cell, [ExtendedKeyUsageOID.CLIENT_AUTH], [], days)
@@ -151,7 +151,7 @@ class Signer:
         self.hosts = [str(each.value) for each in names]
 
     def signed(self, command: FleetCommand) -> SignedCommand:
-        """The command with a signature."""
+        """Sign a command."""
         text = command.model_dump_json()
         signature = self._key.sign(text.encode(), ec.ECDSA(hashes.SHA256()))
         return SignedCommand(
@@ -162,10 +162,10 @@ class Signer:
 
 
 class Verifier:
-    """Checks on a cell that commands are from a hub of its fleet.
+    """Checks in a cell that commands are from a hub of its fleet.
 
     Args:
-        folder: of the cell's certificate.
+        folder: folder of the cell's certificate.
 
     Raises:
         ConfigError: the authority's certificate cannot be read.
@@ -178,7 +178,7 @@ class Verifier:
         """The command in a message.
 
         Raises:
-            InputError: it is no signed command.
+            InputError: the content is not a signed command.
             PermissionDenied: no hub of this fleet has signed it.
         """
         signed = read(SignedCommand, content)
@@ -260,7 +260,7 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
-    """Write the key first: where the certificate is, its key is there too."""
+    """Write the key first, so that a certificate never exists without its key."""
     secret = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
@@ -269,7 +269,7 @@ def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.Ellip
 
 
 def _create(path: Path, content: bytes) -> None:
-    """A new file that only its owner can read."""
+    """Create a file that only its owner can read."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
@@ -296,16 +296,16 @@ def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Errors of a file in cobot's words.
+    """A context in which errors of a file become a ConfigError.
 
     Raises:
-        ConfigError: it cannot be read, or is not valid.
+        ConfigError: the file cannot be read, or is invalid.
     """
     try:
         yield
     except OSError as exc:
         raise ConfigError(
-            f"{path}: cannot be read: {exc.strerror}; cobot fleet certificate makes it"
+            f"{path}: cannot be read: {exc.strerror}; create it with cobot fleet certificate"
         ) from exc
     except (ValueError, TypeError) as exc:
         raise ConfigError(f"{path}: is not valid: {exc}") from exc

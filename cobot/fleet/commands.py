@@ -1,8 +1,8 @@
-"""Which commands a cell executes: each once, none after its deadline.
+"""Decides which commands a cell executes: each one once, and none after its deadline.
 
 The clock of a computer may be wrong by minutes, so deadlines are on the hub's clock. A cell asks the hub for
-its time. The time of the answer is uncertain by the round trip, and the cell always takes the later time: a
-command is refused when it may be late.
+its time. That time is uncertain by the round trip. The cell uses the latest possible time, so a command that
+may be late is rejected.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from cobot.errors import BusyError, CobotError, ConflictError, InputError, Unava
 from cobot.fleet.messages import MAX_LIFETIME_S, CommandAnswer, FleetCommand, HubTime, StopArm
 
 FRESH_S = 30.0
-"""Age beyond which a known time of the hub is asked for again."""
+"""Maximum age of a known time of the hub, s. After it the cell asks again."""
 MAX_COMMANDS = 1000
 """Maximum number of commands that are remembered until their deadline."""
 ANSWER_S = 20.0
 """Longest wait of a retry for the answer to the first try."""
 AHEAD_S = 1.0
-"""How far a command's issue may be ahead of the hub's clock as this cell knows it."""
+"""Maximum time by which a command's issue may be ahead of the hub's time in this cell, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownTime:
-    """The hub's time at two moments of this computer's clock, before and after the question."""
+    """The hub's time, with the times of this computer's clock before and after the question."""
 
     hub: HubTime
     asked_s: float
@@ -45,15 +45,15 @@ class KnownTime:
 
 
 def _same(one: FleetCommand, other: FleetCommand) -> bool:
-    """Whether one is a retry of the other: it may have another deadline, or concern fewer robots."""
+    """Whether one command is a retry of the other. A retry may have another deadline, or fewer robots."""
     return (one.action, one.who, one.role, one.epoch) == (other.action, other.who, other.role, other.epoch)
 
 
 class CommandBook:
-    """The commands of one robot, from any thread.
+    """The commands of one robot. Thread safe.
 
     Args:
-        ask_time: asks the hub for its time; None if it does not answer.
+        ask_time: asks the hub for its time; returns None if it does not answer.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class CommandBook:
         self._lock = threading.Lock()
 
     def run(self, command: FleetCommand, execute: Callable[[], str]) -> CommandAnswer:
-        """Execute a command once, or give the answer of its first try.
+        """Execute a command once, or return the answer of its first try.
 
         Args:
-            execute: does it, and returns a sentence about the result.
+            execute: executes the command, and returns a sentence about the result.
         """
         try:
             first = self._begin(command)
@@ -81,7 +81,7 @@ class CommandBook:
             try:
                 return first.result(ANSWER_S).model_copy(update={"repeated": True})
             except FutureTimeout:
-                return self._answer(command, BusyError.code, "the first try of this command still runs")
+                return self._answer(command, BusyError.code, "the first try of this command is still running")
         try:
             answer = self._answer(command, "ok", execute())
         except CobotError as exc:
@@ -93,7 +93,8 @@ class CommandBook:
         return answer
 
     def synchronize(self) -> None:
-        """Ask the hub for its time. Call it at the start: commands from before the first time are refused."""
+        """Ask the hub for its time. Call this at the start, because commands from before the first answer are
+        rejected."""
         asked_s = self._clock.now_s()
         found = self._ask_time()
         with self._lock:
@@ -102,12 +103,12 @@ class CommandBook:
                 self._started = self._started or self._known
 
     def _begin(self, command: FleetCommand) -> Future[CommandAnswer] | None:
-        """None if the command has to be executed now, or else the future of its first try.
+        """None if the command must be executed now; otherwise the future of its first try.
 
         Raises:
-            InputError: its times are not valid.
-            ConflictError: it is late, or was issued before this process knew of it.
-            UnavailableError: the hub's time is not known.
+            InputError: the times of the command are invalid.
+            ConflictError: the command is late, or was issued before this process started.
+            UnavailableError: the hub's time is unknown.
         """
         known = self._time_for(command)
         with self._lock:
@@ -128,7 +129,7 @@ class CommandBook:
             return None
 
     def _time_for(self, command: FleetCommand) -> KnownTime:
-        """The hub's time, asked for again if it is old or of another epoch."""
+        """The hub's time. The hub is asked again if the known time is old or from another epoch."""
         known = self._known
         if (
             known is None
@@ -139,7 +140,7 @@ class CommandBook:
             known = self._known
         if known is None:
             raise UnavailableError(
-                "the hub does not tell its time, so the deadline cannot be checked; send the command again"
+                "the hub does not send its time, so the deadline cannot be checked; send the command again"
             )
         return known
 
@@ -152,8 +153,8 @@ class CommandBook:
             )
         if command.epoch != known.hub.epoch:
             raise ConflictError(
-                f"epoch: {command.epoch} is not that of the present hub; ask it for its time and send a new "
-                "command"
+                f"epoch: {command.epoch} is not the epoch of the present hub; ask the hub for its time and "
+                "send a new command"
             )
         latest_s = known.latest(now_s)
         if latest_s > command.expires_s:
@@ -174,12 +175,12 @@ class CommandBook:
             and command.issued_s < started.hub.time_s
         ):
             raise ConflictError(
-                "the command was issued before this cell joined the fleet, which may have executed it "
-                "already; send a new one"
+                "the command was issued before this cell joined the fleet, so this cell may have executed it "
+                "before a restart; send a new one"
             )
 
     def _forget(self, known: KnownTime, now_s: float) -> None:
-        """Drop the commands whose deadline has passed: a retry of them is refused as late."""
+        """Drop the commands whose deadline has passed. A retry of one is rejected as late."""
         earliest_s = known.earliest(now_s)
         for name in [
             name for name, entry in self._answers.items() if self._is_over(entry, earliest_s, known)

@@ -1,4 +1,4 @@
-"""What a cell does with the commands of a fleet that are not stops: it asks its own service."""
+"""Executes the commands of a fleet, except stops, through the cell's own service."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from cobot.fleet.messages import (
 CONTROL_S = 600.0
 """Time without a motion after which the fleet loses control."""
 LEASE = "explicit"
-"""How the service says that a client holds control by a lease."""
+"""The service's value for control by a lease."""
 NEWEST = 20
 PROGRAM = "sequence"
 
 
 class ServiceCommands:
-    """Commands to one robot of the cell's service, from any thread, one at a time.
+    """Sends commands for one robot to the cell's service. Thread safe; one command at a time.
 
     Args:
-        cell: where its bundles and its settings come from.
+        cell: gives access to bundles and settings.
     """
 
     def __init__(self, url: str, settings: Settings, token: str, cell: BundlesCell) -> None:
@@ -52,7 +52,7 @@ class ServiceCommands:
         """Execute an action. Returns a sentence about the result.
 
         Args:
-            role: of the person at the hub.
+            role: role of the person at the hub.
 
         Raises:
             CobotError: the service's error.
@@ -99,10 +99,10 @@ class ServiceCommands:
         return self._client.picture()
 
     def recover(self) -> None:
-        """Undo what a process that was killed has left: its control, and an activation in the middle.
+        """Undo the effects of a killed process: release its control, and roll back an interrupted activation.
 
         Raises:
-            CobotError: the service does not answer yet, or something runs.
+            CobotError: the service does not answer yet, or a job runs.
         """
         with self._lock:
             if self._looks_for_left_control:
@@ -111,16 +111,16 @@ class ServiceCommands:
             self.bundles.recover()
 
     def close(self) -> None:
-        """Give control back, and close the connection."""
+        """Release control, and close the connection."""
         with self._lock:
             self._control.close()
             self._client.close()
 
     def _release(self) -> None:
-        """Give control back, also what a process that was killed had: its token is lost.
+        """Release control, including that of a killed process, whose token is lost.
 
         Raises:
-            ConflictError: something runs with that control; taking it would end it.
+            ConflictError: a job runs under that control, and would end.
         """
         self._control.close()
         state = self._client.who_controls()
@@ -138,10 +138,10 @@ class ServiceCommands:
         return f"started {action.program}, version {version}"
 
     def _job(self, state: str) -> str:
-        """The id of the program in this state, or else of the single motion.
+        """The id of the program in this state, or without one that of the single motion.
 
         Raises:
-            ConflictError: there is none.
+            ConflictError: there is neither.
         """
         jobs = self._client.jobs(NEWEST, state)
         found = [job for job in jobs if job["kind"] == PROGRAM] or jobs

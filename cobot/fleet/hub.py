@@ -1,4 +1,4 @@
-"""The hub: what it knows of all cells, and commands to them."""
+"""The hub: its data on all cells, and commands to them."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ RETRY_S = 0.1
 FILE_S = 30.0
 """Timeout of a piece of a recording, of the hash of a large one, and of a picture, in seconds."""
 ROLL_OUT_S = 20.0
-"""Deadline of the commands of a roll-out, in seconds."""
+"""Deadline for the commands of a roll-out, in seconds."""
 CHECK_S = 180.0
-"""Time that a cell has to check a bundle, or to store it, in seconds."""
+"""Timeout for a cell to check or store a bundle, in seconds."""
 ASK_S = 2.0
 MAX_PICTURE_BYTES = 4 * 2**20
 PNG = b"\x89PNG\r\n\x1a\n"
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
-NOT_KNOWN = "look at the cell before you try again"
+NOT_KNOWN = "inspect the cell before you try again"
 _EVENTS = TypeAdapter(list[RobotEvent])
 _PROGRAMS = TypeAdapter(list[FleetProgram])
 
@@ -65,12 +65,12 @@ log = logging.getLogger("cobot.fleet")
 
 @dataclass(slots=True)
 class Tile:
-    """A robot as the hub knows it.
+    """The hub's data on a robot.
 
     Attributes:
-        heard_s: when the newest state arrived, on this computer's clock.
-        gone_s: when its cell was lost; None while it is there.
-        asked: instances of the cell that have been asked for their earlier events.
+        heard_s: time at which the latest state arrived, on this computer's clock.
+        gone_s: time at which its cell was lost; None while the cell is connected.
+        asked: instances of the cell that the hub has asked for earlier events.
     """
 
     state: FleetState
@@ -80,14 +80,15 @@ class Tile:
     asked: set[str] = field(default_factory=set)
 
     def add(self, event: RobotEvent) -> None:
-        """Add an event, in any order. The newest are kept."""
+        """Add an event, in any order. Only the latest events are kept."""
         self.events[event.id] = event
         newest = sorted(self.events.values(), key=lambda each: each.time)[-KEPT_EVENTS:]
         self.events = {each.id: each for each in newest}
 
 
 def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]:
-    """One answer for each name: that two cells have one name must not hide the one that goes on."""
+    """One answer for each name: the worst one. If two cells have the same name, one that continues must not
+    be hidden."""
     found: dict[tuple[str, str], CommandAnswer] = {}
     for answer in answers:
         name = answer.cell, answer.robot
@@ -100,7 +101,7 @@ def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
     """
     Raises:
         InputError: the content is too long.
-        ValidationError: it is not a list of events.
+        ValidationError: the content is not a list of events.
     """
     if len(content) > KEPT_EVENTS * MAX_BYTES:
         raise InputError(f"the events of {cell}/{robot} have {len(content)} bytes")
@@ -109,7 +110,7 @@ def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
 
 
 def _is_open(answer: CommandAnswer | None) -> bool:
-    """Whether the command is worth another try."""
+    """Whether the command should be tried again."""
     return answer is None or answer.code in (BusyError.code, UnavailableError.code)
 
 
@@ -125,11 +126,11 @@ class Hub:
         connect: routers that the hub joins.
         certificates: folder of the fleet's certificates. With it, connections are encrypted, both sides show
             their certificates, and commands are signed.
-        recordings: where recordings of the cells are kept; None: none are fetched.
+        recordings: store for recordings of the cells; None: recordings are not fetched.
 
     Raises:
         ConfigError: a certificate cannot be used.
-        UnavailableError: it cannot listen there, or reach a router.
+        UnavailableError: the hub cannot listen on an address, or cannot reach a router.
         ConflictError: the fleet has another hub.
     """
 
@@ -171,7 +172,7 @@ class Hub:
         ]
 
     def programs(self, cell: str, robot: str) -> list[dict[str, Any]]:
-        """The stored programs of a robot: `id`, `label` and newest `version`.
+        """The stored programs of a robot: `id`, `label` and latest `version`.
 
         Raises:
             NotFoundError: the fleet has no such cell or robot.
@@ -195,7 +196,7 @@ class Hub:
         for content in payloads(self._session.get(self._keys.of(cell, robot, "picture"), timeout=FILE_S)):
             if content.startswith(PNG) and len(content) <= MAX_PICTURE_BYTES:
                 return content
-        raise UnavailableError(f"{cell}/{robot}: the cell gives no picture; its log says why")
+        raise UnavailableError(f"{cell}/{robot}: the cell cannot draw a picture; its log has the reason")
 
     def _ask_file(self, cell: str, robot: str, last: str, question: bytes | None) -> bytes | None:
         import zenoh
@@ -218,7 +219,7 @@ class Hub:
             return [self._shown(tile) for _, tile in sorted(self._tiles.items())]
 
     def robots_of(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
-        """The robots of one cell, or one of them.
+        """All robots of a cell, or one robot.
 
         Raises:
             NotFoundError: the fleet has no such cell or robot. The error lists the names.
@@ -262,20 +263,21 @@ class Hub:
         work_s: float = REST_S,
         command_id: str | None = None,
     ) -> list[dict[str, Any]]:
-        """Send a command to robots, all at the same time, and wait until it is done.
+        """Send a command to several robots at the same time, and wait until it is done.
 
         A cell that does not answer is asked again until the deadline. It recognises the retry by the id.
 
         Args:
-            who, role: the person or program, and the role that the hub knows of it.
+            who, role: the person or program, and its role at the hub.
             cell, robot: names; "*" for all.
-            zone: only cells of this zone.
-            deadline_s: in which a cell must receive it.
-            work_s: how long a cell may take to do it.
-            command_id: of an earlier call, which is repeated.
+            zone: if given, only cells of this zone.
+            deadline_s: time in which a cell must receive the command.
+            work_s: time in which a cell must execute it.
+            command_id: id of an earlier call that is repeated.
 
         Returns:
-            For each robot: cell, robot, code ("ok": done; after a stop the arm is at rest) and text.
+            For each robot: cell, robot, code ("ok" for success, which for a stop means that the arm is at
+            rest) and text.
 
         Raises:
             NotFoundError: the fleet has no such cell, robot or zone.
@@ -362,8 +364,8 @@ class Hub:
         ]
         if others:
             raise ConflictError(
-                f"the fleet {self.fleet} has a hub already, and one may run; stop the other one, or give "
-                "this one another --name"
+                f"the fleet {self.fleet} already has a hub, and only one may run; stop the other one, or "
+                "give this one another --name"
             )
         self._declared = [
             session.liveliness().declare_token(keys.hub(self.instance)),
@@ -383,10 +385,10 @@ class Hub:
         wave: int,
         watch_s: float,
     ) -> dict[str, Any]:
-        """Begin to roll a bundle out. See `RollOuts.begin`.
+        """Start to roll out a bundle. See `RollOuts.begin`.
 
         Args:
-            robots: pairs of cell and robot; "*" is the only robot of a cell.
+            robots: pairs of cell and robot; "*" means the only robot of a cell.
 
         Raises:
             NotFoundError, BusyError, InputError: see `RollOuts.begin`; or a robot is unknown, or there are
@@ -395,7 +397,7 @@ class Hub:
         named = [self._only(cell, robot) for cell, robot in robots]
         twice = sorted({robot for robot in named if named.count(robot) > 1})
         if twice:
-            raise InputError(f"{'/'.join(twice[0])} is named twice")
+            raise InputError(f"{'/'.join(twice[0])} is listed twice")
 
         def send(action: FleetAction, cell: str, robot: str) -> dict[str, Any]:
             answers = self.command(action, who, role, cell, robot, deadline_s=ROLL_OUT_S, work_s=CHECK_S)
@@ -436,7 +438,7 @@ class Hub:
             threading.Thread(target=self._ask_states, args=(cell,), daemon=True).start()
 
     def _ask_states(self, cell: str) -> None:
-        """Ask a cell for its states, which it may have published before this hub heard it."""
+        """Ask a cell for its states, because it may have published them before this hub listened."""
         import zenoh
 
         with contextlib.suppress(zenoh.ZError):

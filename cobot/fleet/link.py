@@ -1,4 +1,4 @@
-"""The session on Zenoh: its configuration, and errors in the words of the settings."""
+"""The session on Zenoh: its configuration, and errors that name the settings."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ if TYPE_CHECKING:
     import zenoh
 
 LEASE_MS = 2000
-"""Time without a sign of life after which a frozen peer counts as gone. One that dies is noticed at once."""
+"""Time without a sign of life after which a hung peer counts as gone. The end of a peer is noticed at
+once."""
 CONNECT_MS = 500
-"""Time in which a cell's first connection must succeed. The cell then tries again."""
+"""Timeout for a cell's first connection. After it the cell tries again."""
 TLS = "transport/link/tls"
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 
 
 def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh.Session:
-    """The session of a cell. After a loss it connects again by itself.
+    """Open the session of a cell. After a loss it reconnects by itself.
 
-    It is a client, not a peer: a router expects of peers that they find each other, and does not tell one of
-    another.
+    The cell is a client, not a peer, because a router expects that peers find each other, and does not
+    introduce them.
 
     Args:
         certificates: folder of the cell's certificate, for addresses that begin with tls.
 
     Raises:
-        UnavailableError: the hub does not answer now.
+        UnavailableError: the hub does not answer.
     """
     values: dict[str, Any] = {
         "mode": "client",
@@ -49,11 +50,11 @@ def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh
 def open_hub(
     fleet: str, listen: Sequence[str], connect: Sequence[str] = (), certificates: Path | None = None
 ) -> zenoh.Session:
-    """The session of a hub, to which cells connect.
+    """Open the session of a hub, to which cells connect.
 
     Args:
         connect: routers that this one joins.
-        certificates: folder of the fleet. With it, each cell reaches its own keys only.
+        certificates: folder of the fleet. With it, each cell can access only its own keys.
     """
     values: dict[str, Any] = {
         "mode": "router",
@@ -83,7 +84,7 @@ def _client_tls(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _rights(keys: FleetKeys, cells: Sequence[str]) -> dict[str, Any]:
-    """Zenoh's access control: a cell publishes and answers below its own name, and asks for the time."""
+    """Zenoh's access control: a cell may publish and answer below its own name, and ask for the time."""
     out, into = ["egress"], ["ingress"]
 
     def rule(name: str, flows: list[str], messages: list[str], *allowed: str) -> dict[str, Any]:
@@ -145,10 +146,10 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
 
 
 def has_router(session: zenoh.Session) -> bool:
-    """Whether a router is connected: the hub, or one between."""
+    """Whether a router is connected: the hub, or a router on the way to it."""
     return bool(list(session.info.routers_zid()))
 
 
 def payloads(replies: Iterable[zenoh.Reply]) -> list[bytes]:
-    """The content of the replies that are not errors."""
+    """The contents of all replies that are not errors."""
     return [bytes(reply.ok.payload) for reply in replies if reply.ok is not None]

@@ -1,4 +1,4 @@
-"""The messages of a fleet, as JSON. Each is checked when it arrives: the network may bring anything."""
+"""The messages of a fleet, as JSON. Each message is checked on arrival, because it may come from anywhere."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cobot.strict import StrictModel, sentences
 MAX_BYTES = 64 * 1024
 """Maximum size of a message."""
 KEPT_EVENTS = 50
-"""Number of events per robot that cells and hubs keep for clients that come late."""
+"""Number of events per robot that cells and hubs keep for clients that connect later."""
 MAX_LIFETIME_S = 60.0
 """Maximum time between the issue of a command and its deadline."""
 NOT_ENDED = ("queued", "planning", "running", "paused")
-"""States of a job of the cell's service that goes on."""
+"""States of a job of the cell's service that has not ended."""
 DEADLINE_S = 2.0
-"""Default time in which a cell must receive a command, in seconds."""
+"""Default timeout for a cell to receive a command, in seconds."""
 REST_S = 6.0
-"""Time that a cell has, after the deadline of a command, to bring the arm to rest and answer, in seconds."""
+"""Timeout for a cell to stop the arm and answer, after the deadline of a command, in seconds."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 Person = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,64}$")]
@@ -35,7 +35,7 @@ StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "
 
 
 class FleetProgram(StrictModel):
-    """A stored program of a cell: its id, its name for people, and its newest version."""
+    """A stored program of a cell: its id, its name for people, and its latest version."""
 
     id: Text
     label: Text
@@ -46,14 +46,15 @@ class FleetState(StrictModel):
     """The state of one robot of a cell.
 
     Attributes:
-        instance: a number for each start of the cell's process.
-        state: the state in a word; `silent`: rtloop publishes nothing.
-        configuration: hash of the settings and their files, the same in cells with the same robots.
-        problems: what the service reports as wrong, and why the service does not answer.
+        instance: a different number for each start of the cell's process.
+        state: the state as a word; `silent` means that rtloop publishes nothing.
+        configuration: hash of the settings and their files, which is the same in cells with the same robots.
+        problems: problems that the service reports, or the reason why the service does not answer.
         panel: address of the cell's own panel; "" if it has none.
-        bundle: name, version and hash of the newest bundle.
+        bundle: name, version and hash of the latest bundle.
         recordings: whether the hub may fetch recordings.
-        drift: programs of that bundle that have changed since, and "settings" if others are in force.
+        drift: programs of that bundle that have changed since its activation, and "settings" if other
+            settings are in force.
     """
 
     cell: Name
@@ -89,10 +90,10 @@ class RobotEvent(StrictModel):
 
 
 class HubTime(StrictModel):
-    """The time of the fleet: a clock that counts from the start of one hub, whatever the time of day.
+    """The time of the fleet: a clock that counts from the start of one hub, independent of the time of day.
 
     Attributes:
-        epoch: the hub's instance. A time of another epoch has no meaning.
+        epoch: the hub's instance. Times of different epochs cannot be compared.
     """
 
     epoch: Id
@@ -100,14 +101,14 @@ class HubTime(StrictModel):
 
 
 class StopArm(StrictModel):
-    """Stop the arm, and whatever moves it."""
+    """Stop the arm, and the program or motion that moves it."""
 
     accepted_by: ClassVar = "stop"
     kind: Literal["stop"]
 
 
 class StartProgram(StrictModel):
-    """Start a stored program of the cell, by default its newest version."""
+    """Start a stored program of the cell, by default its latest version."""
 
     accepted_by: ClassVar = "program"
     kind: Literal["start"]
@@ -123,7 +124,7 @@ class PauseProgram(StrictModel):
 
 
 class ResumeProgram(StrictModel):
-    """Resume what is paused."""
+    """Resume the paused program or motion."""
 
     accepted_by: ClassVar = "program"
     kind: Literal["resume"]
@@ -138,7 +139,7 @@ class SetSpeed(StrictModel):
 
 
 class TakeFleetControl(StrictModel):
-    """Take control for the fleet: other clients of the cell cannot move the arm then."""
+    """Take control for the fleet, so that other clients of the cell cannot move the arm."""
 
     accepted_by: ClassVar = "control"
     kind: Literal["take_control"]
@@ -146,7 +147,7 @@ class TakeFleetControl(StrictModel):
 
 
 class ReleaseFleetControl(StrictModel):
-    """Give control back."""
+    """Release control."""
 
     accepted_by: ClassVar = "control"
     kind: Literal["release_control"]
@@ -196,11 +197,11 @@ class FleetCommand(StrictModel):
     """A command to robots.
 
     Attributes:
-        id: the same in each retry, by which the cell recognises it.
-        cell, robot, zone: whom it concerns. A cell of another zone does not answer.
-        who: the person or program that the cell's audit names.
-        role: of that person, as the hub knows it.
-        epoch: of `issued_s` and `expires_s`, see `HubTime`.
+        id: the same in each retry, so that the cell recognises a retry.
+        cell, robot, zone: targets of the command. A cell of another zone does not answer.
+        who: the person or program, for the cell's audit.
+        role: role of that person at the hub.
+        epoch: epoch of `issued_s` and `expires_s`, see `HubTime`.
     """
 
     id: Id
@@ -217,11 +218,11 @@ class FleetCommand(StrictModel):
 
 
 class CommandAnswer(StrictModel):
-    """What became of a command.
+    """The result of a command.
 
     Attributes:
         code: "ok", or the code of the error, see docs/services.md.
-        repeated: whether it is the answer to an earlier try; nothing was executed again.
+        repeated: whether this is the answer to an earlier try, so that nothing was executed again.
     """
 
     id: Text
@@ -238,7 +239,7 @@ Model = TypeVar("Model", bound=StrictModel)
 def read(kind: type[Model], content: bytes) -> Model:
     """
     Raises:
-        InputError: the content is not such a message.
+        InputError: the content is not a message of this kind.
     """
     if len(content) > MAX_BYTES:
         raise InputError(f"{kind.__name__}: has {len(content)} bytes, allowed are {MAX_BYTES}")

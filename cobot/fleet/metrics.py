@@ -1,4 +1,4 @@
-"""What Prometheus scrapes from a hub: its cells, the age of their states, and the commands."""
+"""Metrics of a hub for Prometheus: its cells, the age of their states, and the commands."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class HubMetrics(Collector):
             states.add_metric([state], counts[state])
         yield states
         age = GaugeMetricFamily(
-            "cobot_fleet_state_age_seconds", "Age of the newest state of a robot.", labels=["cell", "robot"]
+            "cobot_fleet_state_age_seconds", "Age of the latest state of a robot.", labels=["cell", "robot"]
         )
         problems = GaugeMetricFamily(
             "cobot_fleet_problems", "Number of problems that a robot reports.", labels=["cell", "robot"]

@@ -1,12 +1,12 @@
 """The keys of a fleet on Zenoh.
 
-    cobot/FLEET/CELL/ROBOT/state      the newest state of a robot: published, and the answer to a query
+    cobot/FLEET/CELL/ROBOT/state      the latest state of a robot: published, and the answer to a query
     cobot/FLEET/CELL/ROBOT/event      an event, when it happens
     cobot/FLEET/CELL/ROBOT/events     the last events: the answer to a query
-    cobot/FLEET/CELL/ROBOT/command    a query that stops the robot, or does something else
+    cobot/FLEET/CELL/ROBOT/command    a query with a command, such as a stop
     cobot/FLEET/CELL/ROBOT/programs   the stored programs: the answer to a query
     cobot/FLEET/CELL/ROBOT/recordings   the complete recordings: the answer to a query
-    cobot/FLEET/CELL/ROBOT/recording    a piece of one, or its hash: the answer to a query
+    cobot/FLEET/CELL/ROBOT/recording    a piece of a recording, or its hash: the answer to a query
     cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process
     cobot/FLEET/@hub/time             the time of the fleet: the answer to a query
     cobot/FLEET/@hub/bundles/HASH     the content of a bundle: the answer to a query
@@ -59,5 +59,5 @@ def parts(key: str) -> tuple[str, str]:
 
 
 def own_cell_name(given: str | None) -> str:
-    """The name of this cell: the one in the settings, or else the name of this computer."""
+    """The name of this cell: that in the settings, or without one the name of this computer."""
     return given or NOT_IN_NAMES.sub("-", socket.gethostname())[:48].strip("-") or "cell"

@@ -1,7 +1,8 @@
-"""Recordings come home: a cell gives pieces of its files, and the hub puts them together.
+"""Transfers recordings: a cell sends pieces of its files, and the hub assembles them.
 
-Only the hub asks, one piece at a time, so a slow link delays no command. A file of the hub is complete when
-its SHA-256 is the one that the cell has computed; until then it is NAME.part, which goes on where it ended.
+The hub requests one piece at a time, so a slow link delays no command. A file at the hub is complete when its
+SHA-256 equals that of the cell. Until then its name is NAME.part, and an interrupted transfer continues where
+it ended.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from cobot.strict import StrictModel, sentences
 
 PIECE_BYTES = 512 * 1024
 PULL_S = 2.0
-"""Interval at which the hub looks for new recordings, in seconds."""
+"""Interval at which the hub checks for new recordings, in seconds."""
 MAX_LISTED = 10_000
 SUFFIX, PART, TAKEN = ".mcap", ".part", "taken.txt"
 RecordingName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,150}\.mcap$")]
@@ -41,7 +42,7 @@ class ListedRecording(StrictModel):
 
 
 class RecordingPiece(StrictModel):
-    """What the hub asks for: the piece from this byte on, or the hash of the whole file."""
+    """A request of the hub for the piece from this byte on, or for the hash of the whole file."""
 
     name: RecordingName
     offset: Annotated[int, Field(ge=0)] | None = None
@@ -65,10 +66,10 @@ class GivenRecordings:
         return json.dumps(found[-MAX_LISTED:]).encode()
 
     def answer(self, content: bytes) -> bytes:
-        """A piece, or the SHA-256 of the file as hexadecimal text.
+        """Answer with a piece, or with the SHA-256 of the file as hexadecimal text.
 
         Raises:
-            InputError: it is not a valid question.
+            InputError: the request is invalid.
             NotFoundError: there is no such recording.
         """
         asked = read(RecordingPiece, content)
@@ -96,7 +97,7 @@ class FleetRecordingStore:
     """The recordings of a fleet on the hub's disk: FOLDER/CELL/ROBOT/NAME.
 
     Args:
-        max_bytes: of all files; the oldest complete ones are deleted for new ones.
+        max_bytes: maximum size of all files. The oldest complete ones are deleted to make room.
 
     Raises (constructor):
         UnavailableError: the folder cannot be written.
@@ -131,14 +132,14 @@ class FleetRecordingStore:
     def take(
         self, cell: str, robot: str, listing: bytes, ask: Callable[[RecordingPiece], bytes | None]
     ) -> int:
-        """Fetch what is new. Returns the number of recordings that were completed.
+        """Fetch new recordings. Returns the number of recordings that were completed.
 
         Args:
-            ask: asks the cell; None if it does not answer.
+            ask: asks the cell; returns None if it does not answer.
 
         Raises:
             InputError: the listing is not valid.
-            UnavailableError: the disk is full, or the connection was lost; the next call goes on.
+            UnavailableError: the disk is full, or the connection was lost. The next call continues.
         """
         try:
             found = LISTED.validate_json(listing)
@@ -166,12 +167,16 @@ class FleetRecordingStore:
             while (offset := file.seek(0, os.SEEK_END)) < recording.size:
                 piece = ask(RecordingPiece(name=recording.name, offset=offset))
                 if not piece:
-                    raise UnavailableError(f"{recording.name}: the cell does not answer; it goes on later")
+                    raise UnavailableError(
+                        f"{recording.name}: the cell does not answer; the copy continues later"
+                    )
                 file.write(piece[: recording.size - offset])
                 file.flush()
             expected = ask(RecordingPiece(name=recording.name))
             if expected is None:
-                raise UnavailableError(f"{recording.name}: the cell does not answer; it goes on later")
+                raise UnavailableError(
+                    f"{recording.name}: the cell does not answer; the copy continues later"
+                )
             file.seek(0)
             right = file_digest(file, "sha256").hexdigest().encode() == expected
             os.fsync(file.fileno())
@@ -186,12 +191,12 @@ class FleetRecordingStore:
 
     @staticmethod
     def _known(folder: Path) -> set[str]:
-        """What was taken, also if it has been deleted since to make room."""
+        """Names of the recordings that were fetched, including those that were deleted to make room."""
         return {path.name for path in folder.glob(f"*{SUFFIX}")} | _taken(folder)
 
     @staticmethod
     def _forget(folder: Path, listed: set[str]) -> None:
-        """Remove what the cell has no more: parts of recordings, and names of those that were taken."""
+        """Remove unfinished files and names of fetched recordings that the cell no longer has."""
         for part in folder.glob(f"*{SUFFIX}{PART}"):
             if part.name.removesuffix(PART) not in listed:
                 part.unlink(missing_ok=True)
@@ -201,7 +206,7 @@ class FleetRecordingStore:
             keep(folder / TAKEN, lines.encode(), "the list of recordings")
 
     def _make_room(self, size: int) -> bool:
-        """Delete the oldest recordings. False if this one alone is too large."""
+        """Delete the oldest recordings to make room. False if the new one alone is too large."""
         if size > self._max_bytes:
             return False
         kept = self.all()
@@ -219,8 +224,8 @@ class RecordingPuller:
     """Fetches recordings in a thread, one robot after the other.
 
     Args:
-        robots: the cells and robots that give their recordings now.
-        ask: sends a question to the key of a robot; None without an answer.
+        robots: returns the cells and robots that presently provide recordings.
+        ask: sends a request to the key of a robot; returns None without an answer.
     """
 
     def __init__(
@@ -261,7 +266,7 @@ class RecordingPuller:
 
         completed = self.store.take(cell, robot, listing, ask)
         if completed:
-            log.info("%d recordings of %s/%s are here", completed, cell, robot)
+            log.info("%d recordings of %s/%s have been fetched", completed, cell, robot)
 
 
 def _taken(folder: Path) -> set[str]:

@@ -23,16 +23,16 @@ from cobot.fleet.watching import ArmWatch, ServiceWatch
 from cobot.launch.stop import stop
 
 UNCHANGED_S = 1.0
-"""Interval at which a state is published again while nothing changes, in seconds."""
+"""Interval at which an unchanged state is published again, in seconds."""
 WORKERS = 8
-"""Number of commands that a robot works on at the same time: the first one, and retries that wait for it."""
+"""Maximum number of commands in progress for a robot: the first one, and retries that wait for it."""
 FROM = "fleet"
 
 log = logging.getLogger("cobot.fleet")
 
 
 class RobotsCell(BundlesCell, Protocol):
-    """What a robot needs of its cell."""
+    """Interface of a cell for its robots."""
 
     name: str
     facts: dict[str, Any]
@@ -41,7 +41,7 @@ class RobotsCell(BundlesCell, Protocol):
 
 
 class FleetRobot:
-    """One robot of the cell, as the fleet sees it."""
+    """One robot of the cell in the fleet."""
 
     def __init__(self, cell: RobotsCell, settings: Settings, url: str, token: str) -> None:
         self.name = settings.robot.name
@@ -74,11 +74,11 @@ class FleetRobot:
 
     @property
     def programs(self) -> list[dict[str, Any]]:
-        """The stored programs as the service last told: `id`, `label` and `version`."""
+        """The stored programs in the last answer of the service: `id`, `label` and `version`."""
         return [] if self._service is None else self._service.programs
 
     def update(self) -> FleetState | None:
-        """The new state, if it is time to publish it."""
+        """The new state if it is due to be published; else None."""
         state, now_s = self._look(), time.monotonic()
         if state == self.state and now_s - self._published_s < UNCHANGED_S:
             return None
@@ -86,7 +86,7 @@ class FleetRobot:
         return state
 
     def stop(self, who: str, command: str) -> str:
-        """Stop the arm by shared memory, as `cobot stop` does, and add the stop to the cell's audit.
+        """Stop the arm through shared memory, as `cobot stop` does, and add the stop to the cell's audit.
 
         Raises:
             UnavailableError: the arm is not known to be at rest.
@@ -95,7 +95,7 @@ class FleetRobot:
         at_rest = stop([self.name], latched=False, out=said)
         outcome = "ok" if at_rest else "not known to be at rest"
         record_beside(self.settings, who, FROM, f"stop {self.name}", outcome, command=command)
-        log.warning("%s has stopped %s by the fleet: %s", who, self.name, outcome)
+        log.warning("%s has stopped %s through the fleet: %s", who, self.name, outcome)
         if not at_rest:
             raise UnavailableError(said.getvalue().strip())
         return said.getvalue().strip()
@@ -107,7 +107,7 @@ class FleetRobot:
             who: the name for the audit.
 
         Raises:
-            CobotError: it was not executed, or the arm is not known to be at rest.
+            CobotError: the command was not executed, or the arm is not known to be at rest.
         """
         if isinstance(command.action, StopArm):
             return self.stop(who, command.id)
@@ -141,7 +141,7 @@ class FleetRobot:
                 self._commands.recover()
 
     def wish(self, command: FleetCommand) -> str:
-        """What a command wants, for the audit."""
+        """A description of a command, for the audit."""
         action = command.action.model_dump(exclude_defaults=True)
         return " ".join(str(each) for each in (action.pop("kind"), self.name, *action.values()))
 

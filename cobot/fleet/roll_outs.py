@@ -1,4 +1,5 @@
-"""A bundle reaches many cells: one first, then the others in waves, and back in all of them if one fails."""
+"""Rolls a bundle out to many cells: first to one, then to the others in waves. If one fails, all are rolled
+back."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ WATCH_S = 0.5
 WRONG = ("fault", "estop", "gone")
 """States of a robot that end a roll-out."""
 SILENT_S = 5.0
-"""Time in which a robot may be silent: new limits restart its real-time process, in about a second."""
+"""Maximum time for which a robot may be silent, s. New limits restart its real-time process, which takes
+about 1 s."""
 UNKNOWN = UnavailableError.code
 Send = Callable[[FleetAction, str, str], dict[str, Any]]
 """Sends an action to a cell and a robot. Returns the answer with `code` and `text`."""
@@ -42,9 +44,10 @@ class RollOut:
 
     Attributes:
         waves: pairs of cell and robot; the first wave is one robot.
-        state: `refused`: nothing has changed anywhere; `failed`: `done` names the robots that still have it.
+        state: `refused`: nothing has changed anywhere; `failed`: `done` lists the robots that still have the
+            bundle.
         done: the robots in which the bundle is active.
-        lines: what has happened, for people.
+        lines: progress as text for people.
     """
 
     id: str
@@ -72,7 +75,7 @@ class RollOuts:
         self._lock = threading.Lock()
 
     def add(self, content: bytes) -> tuple[str, Bundle]:
-        """Keep a bundle. Returns its name.
+        """Store a bundle. Returns its name.
 
         Raises:
             InputError: the content is not a bundle.
@@ -104,20 +107,20 @@ class RollOuts:
         return [asdict(each) for each in self._roll_outs.values()]
 
     def cancel(self, name: str, role: RoleName) -> dict[str, Any]:
-        """Roll back what has been activated.
+        """Roll back the activated bundles.
 
         Args:
-            role: of the person behind the request.
+            role: role of the person who sends the request.
 
         Raises:
             NotFoundError: there is none with this id.
-            PermissionDenied: the role is lower than that of the person who began it.
-            ConflictError: it has ended.
+            PermissionDenied: the role is lower than that of the person who started the roll-out.
+            ConflictError: the roll-out has ended.
         """
         self.get(name)
         found = self._roll_outs[name]
         if Role[role.upper()] < Role[found.role.upper()]:
-            raise PermissionDenied(f"{found.who} has begun it with the role {found.role}; yours is {role}")
+            raise PermissionDenied(f"{found.who} has started it with the role {found.role}; yours is {role}")
         if found.state != "running":
             raise ConflictError(f"the roll-out {name} has ended: {found.state}")
         found.cancelled = True
@@ -134,13 +137,13 @@ class RollOuts:
         send: Send,
         states: Callable[[], dict[tuple[str, str], str]],
     ) -> dict[str, Any]:
-        """Begin in a thread.
+        """Start a roll-out in a thread.
 
         Args:
             robots: pairs of cell and robot, in the order of the roll-out.
             wave: number of robots in each wave after the first one.
-            watch_s: how long the robots of a wave are watched before the next one.
-            states: the present state of each robot.
+            watch_s: time for which the robots of a wave are watched before the next one.
+            states: returns the present state of each robot.
 
         Raises:
             NotFoundError: the hub does not have the bundle.
@@ -151,7 +154,7 @@ class RollOuts:
         if content is None:
             raise NotFoundError("the hub does not have this bundle; POST it to /bundles first")
         if not robots:
-            raise InputError("there are no robots to roll the bundle out to")
+            raise InputError("there are no robots for the roll-out")
         rest = list(robots[1:])
         waves = [[robots[0]], *(rest[index : index + wave] for index in range(0, len(rest), wave))]
         made = RollOut(secrets.token_hex(6), bundle, read_bundle(content).title, who, role, waves)
@@ -180,14 +183,15 @@ def _run(
             roll_out.state = "done"
     except Exception as exc:  # whatever it was, the state says that it has ended
         log.exception("the roll-out %s ended", roll_out.id)
-        roll_out.tell(f"ended by an error of the hub: {exc}")
+        roll_out.tell(f"ended because of an error in the hub: {exc}")
         roll_out.state = "failed"
 
 
 def _go(
     roll_out: RollOut, watch_s: float, send: Send, states: Callable[[], dict[tuple[str, str], str]]
 ) -> str:
-    """Stage everywhere, then activate wave by wave. Returns the problem that ended it, or ""."""
+    """Stage the bundle everywhere, then activate it wave by wave. Returns the problem that ended the
+    roll-out, or ""."""
     everywhere = [robot for wave in roll_out.waves for robot in wave]
     problem = _all(roll_out, everywhere, StageBundle(kind="stage", bundle=roll_out.bundle), send, [])
     if problem:
@@ -212,10 +216,10 @@ def _all(
     done: list[tuple[str, str]],
     counted: str = "",
 ) -> str:
-    """Send an action to robots, all at the same time.
+    """Send an action to several robots at the same time.
 
     Args:
-        done: gets the robots that have done it, and those that answer with the code `counted`.
+        done: gets the robots that have executed it, and those that answer with the code `counted`.
 
     Returns:
         The first problem; "" for none.
@@ -228,7 +232,7 @@ def _all(
         if answer["code"] in ("ok", counted):
             done.append(robot)
         if answer["code"] != "ok":
-            problem = problem or f"{'/'.join(robot)} has not done it"
+            problem = problem or f"{'/'.join(robot)} has not executed it"
     return problem
 
 

@@ -1,4 +1,5 @@
-"""`cobot fleet serve` and `cobot fleet certificate`: the hub on this computer."""
+"""`cobot fleet serve` and `cobot fleet certificate`: run the hub on this computer, and create
+certificates."""
 
 from __future__ import annotations
 
@@ -25,14 +26,14 @@ def add_serve(actions: Any) -> None:
     """Add the command `serve`."""
     serve = actions.add_parser("serve", help="run the hub until Ctrl-C")
     serve.add_argument(
-        "--name", default="cobot", metavar="FLEET", help="of the fleet, as fleet.name of its cells"
+        "--name", default="cobot", metavar="FLEET", help="name of the fleet, as in fleet.name of its cells"
     )
     serve.add_argument(
         "--listen",
         nargs="+",
         default=[],
         metavar="tls/HOST:PORT",
-        help=f"where cells connect; default: {LISTEN}, with certificates the same with tls",
+        help=f"addresses for cells; default: {LISTEN}, with certificates the same with tls",
     )
     serve.add_argument(
         "--connect",
@@ -41,16 +42,28 @@ def add_serve(actions: Any) -> None:
         metavar="tls/HOST:PORT",
         help="routers of Zenoh that the hub joins",
     )
-    serve.add_argument("--host", default="127.0.0.1", metavar="H", help="of the page and the REST API")
-    serve.add_argument("--port", type=int, default=8070, metavar="P", help="of them; 0 picks a free one")
+    serve.add_argument(
+        "--host", default="127.0.0.1", metavar="H", help="address of the page and the REST API"
+    )
+    serve.add_argument(
+        "--port",
+        type=int,
+        default=8070,
+        metavar="P",
+        help="port of the page and the REST API; 0 picks a free one",
+    )
     serve.add_argument(
         "--certificates",
         type=Path,
         metavar="FOLDER",
-        help="of the fleet: connections are encrypted, clients need tokens, and more than stops is possible",
+        help="folder of the fleet's certificates; with it connections are encrypted, clients need tokens, "
+        "and not only stops are possible",
     )
     serve.add_argument(
-        "--tokens", type=Path, metavar="FILE", help="with certificates; default: FOLDER/tokens.json"
+        "--tokens",
+        type=Path,
+        metavar="FILE",
+        help="file of tokens, with certificates; default: FOLDER/tokens.json",
     )
     serve.add_argument(
         "--recordings",
@@ -63,24 +76,26 @@ def add_serve(actions: Any) -> None:
         type=float,
         default=20.0,
         metavar="GB",
-        help="size of all of them: the oldest are deleted; default: 20",
+        help="maximum size of all recordings, above which the oldest are deleted; default: 20",
     )
     serve.set_defaults(run=_serve)
 
 
 def add_certificate(actions: Any) -> None:
     """Add the command `certificate`."""
-    certificate = actions.add_parser("certificate", help="make the certificates of hub and cells")
-    certificate.add_argument("folder", type=Path, metavar="FOLDER", help="of the fleet; keep it private")
+    certificate = actions.add_parser("certificate", help="create certificates for hub and cells")
+    certificate.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="folder of the fleet's certificates; keep it private"
+    )
     certificate.add_argument("of", choices=("hub", "cell"))
     certificate.add_argument(
         "names",
         nargs="+",
         metavar="NAME",
-        help="hub: names and addresses by which it is reached; cell: names of cells",
+        help="hub: names and addresses of the hub; cell: names of cells",
     )
     certificate.add_argument(
-        "--days", type=int, default=730, metavar="N", help=f"validity, 1 to {MAX_DAYS}; default: 730"
+        "--days", type=int, default=730, metavar="N", help=f"validity in days, 1 to {MAX_DAYS}; default: 730"
     )
     certificate.set_defaults(run=_certificate)
 
@@ -107,7 +122,7 @@ def _certificate(chosen: argparse.Namespace) -> int:
     for cell in chosen.names:
         own = issue_cell(folder, cell, chosen.days)
         print(f"{cell}: copy {own} to the cell, and set fleet.certificates to the copy", flush=True)
-    print("a hub that runs accepts the new cells after a restart", file=sys.stderr)
+    print("a running hub accepts the new cells after a restart", file=sys.stderr)
     return 0
 
 
@@ -181,8 +196,8 @@ def _require_protected(listen: list[str], host: str, folder: Path | None) -> Non
         for name in names:
             if name != "localhost" and not is_loopback(name):
                 raise ConfigError(
-                    f"{option}: {name} can be reached from other computers, and everybody there could stop "
-                    "the cells and change what the page shows; use --certificates, see `cobot fleet "
+                    f"{option}: {name} can be reached from other computers, and every client there could "
+                    "stop the cells and change the data on the page; use --certificates, see `cobot fleet "
                     "certificate`, or 127.0.0.1"
                 )
 

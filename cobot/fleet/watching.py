@@ -1,4 +1,4 @@
-"""What a cell tells of a robot: the mode from shared memory, the rest from the cell's own service."""
+"""Data of a robot for the fleet: the mode from shared memory, the rest from the cell's own service."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.types import LoopMode
 
 ASK_S = 1.0
-"""Interval at which the service is asked, in seconds."""
+"""Interval of requests to the service, in seconds."""
 TIMEOUT_S = 2.0
 RETRY_S = 0.5
 PROGRAM_FIELDS = tuple(FleetProgram.model_fields)
 PROGRAMS_S = 5.0
-"""Interval at which the stored programs are listed, in seconds."""
+"""Interval of requests for the list of stored programs, in seconds."""
 EVENT_TYPES = (
     "service",
     "rtloop",
@@ -40,7 +40,7 @@ EVENT_TYPES = (
     "planning",
     "speed",
 )
-"""Events that a fleet shows. Those of single motions stay in the cell."""
+"""Types of events that a fleet shows. Events of single motions stay in the cell."""
 WORDS = {
     LoopMode.HOLD: "ready",
     LoopMode.STOPPING: "stopping",
@@ -63,7 +63,7 @@ class ArmWatch:
         try:
             if self._memory is None:
                 if time.monotonic() < self._retry_s:
-                    return {"state": "silent", "reason": "rtloop does not run"}
+                    return {"state": "silent", "reason": "rtloop is not running"}
                 self._retry_s = time.monotonic() + RETRY_S
                 self._memory = RobotMemory.attach(self._robot, MemoryRole.READER)
             if not self._memory.state.sequence:
@@ -90,8 +90,8 @@ class ServiceWatch:
 
     Attributes:
         found: fields of `FleetState`: job, program, control, speed override, problems, backend.
-        programs: the newest version of each stored program.
-        paused: whether a job is paused, and none runs.
+        programs: the latest version of each stored program.
+        paused: whether a job is paused and none is running.
     """
 
     def __init__(self, url: str, robot: str, token: str) -> None:
@@ -150,7 +150,7 @@ class ServiceWatch:
 
 
 class EventWatch:
-    """Hears the events of the service, in its own thread.
+    """Receives the events of the service, in its own thread.
 
     Args:
         tell: called with each event, in that thread.

@@ -59,14 +59,14 @@ MAX_PICTURES = 8
 """Maximum number of pictures that are fetched at the same time; further requests are rejected."""
 log = logging.getLogger("cobot.fleet")
 TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
-"""Whom a command may concern: all, a zone, a cell, a robot."""
+"""Targets of a command: all, a zone, a cell, a robot."""
 
 
 class FleetStop(StrictModel):
     """The body of a stop. All fields may be left out.
 
     Attributes:
-        id: of the command. A second request with it does nothing again and has the first answer.
+        id: id of the command. A second request with the same id executes nothing, and gets the first answer.
         deadline_s: time in which a cell must receive it, in seconds.
     """
 
@@ -81,19 +81,19 @@ class FleetOrder(FleetStop):
 
 
 class RobotName(StrictModel):
-    """A robot of the fleet; without a name, the only one of its cell."""
+    """A robot of the fleet. Without a name, it is the only robot of its cell."""
 
     cell: Name
     robot: Target = "*"
 
 
 class WishedRollOut(StrictModel):
-    """What to roll out, and where.
+    """A request for a roll-out.
 
     Attributes:
-        robots: in this order; the first one is a wave of its own.
+        robots: the robots, in this order; the first one is a separate wave.
         wave: number of robots in each of the following waves.
-        watch_s: how long the robots of a wave are watched before the next one, in seconds.
+        watch_s: time for which the robots of a wave are watched before the next one, in seconds.
     """
 
     bundle: Hash
@@ -104,10 +104,10 @@ class WishedRollOut(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """The person behind a request.
+    """The person who sends a request.
 
     Attributes:
-        name: of the token; without tokens the name that the client gives itself, in quotes.
+        name: name of the token; without tokens the name that the client gives itself, in quotes.
     """
 
     name: str
@@ -115,7 +115,7 @@ class Person:
 
 
 class People:
-    """Finds the person behind a request.
+    """Finds the person who sends a request.
 
     Args:
         tokens: None if everybody who reaches the hub may use it.
@@ -146,7 +146,8 @@ class People:
 
 
 class SameSite:
-    """Rejects requests that a page of another site makes: it could stop the fleet in a visitor's browser."""
+    """Rejects requests from pages of other sites, which otherwise could stop the fleet from a visitor's
+    browser."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -161,14 +162,14 @@ class SameSite:
                 or headers.get(b"origin") not in own
             )
             if foreign and scope["method"] not in ("GET", "HEAD"):
-                answer = _error(403, "permission", "a page of another site may not use the hub")
+                answer = _error(403, "permission", "pages of other sites must not use the hub")
                 await answer(scope, receive, send)
                 return
         await self._app(scope, receive, send)
 
 
 class LimitedBody:
-    """Rejects bodies that are larger than a bundle, before they are in memory."""
+    """Rejects bodies that are larger than a bundle, before they are loaded into memory."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -188,10 +189,10 @@ class LimitedBody:
 
 
 def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) -> FastAPI:
-    """The application.
+    """Create the web application.
 
     Args:
-        hosts: names and addresses by which it may be asked, without ports.
+        hosts: names and addresses that requests may use for the hub, without ports.
         tokens: None if everybody who reaches the hub may use it.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
@@ -308,7 +309,9 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
 def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:
     def store() -> FleetRecordingStore:
         if hub.recordings is None:
-            raise NotFoundError("this hub fetches no recordings: `cobot fleet serve --recordings FOLDER`")
+            raise NotFoundError(
+                "this hub fetches no recordings; start it with `cobot fleet serve --recordings FOLDER`"
+            )
         return hub.recordings
 
     @app.get("/recordings", dependencies=[person])

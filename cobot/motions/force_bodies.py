@@ -111,8 +111,8 @@ class FollowMotion(ForceMotion):
         given = [name for name in SignalFields.model_fields if getattr(self.motion, name)]
         if given:
             raise ValueError(
-                f"motion.{given[0]}: a path with force has no actions and conditions; leave it out, and use "
-                "steps before and after the motion"
+                f"motion.{given[0]}: a path with force cannot have actions or conditions; remove this, and "
+                "use steps before and after the motion"
             )
         planner = PlannerName(self.motion.planner)
         if not PLANNERS[planner].follows_path:

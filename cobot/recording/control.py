@@ -53,7 +53,7 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
         raise UnavailableError(f"the recorder does not run ({exc}); cobot run restarts it") from exc
     except ValueError as exc:
         raise UnavailableError(
-            "the recorder ended before it had answered; cobot run restarts it: ask again"
+            "the recorder ended before it answered; cobot run restarts it; try again"
         ) from exc
     if "error" in answer:
         raise BY_CODE.get(answer.get("code", ""), CobotError)(answer["error"])

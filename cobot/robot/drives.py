@@ -44,8 +44,8 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
     ]
     if tuple(driven) != limits.names:
         raise ConfigError(
-            f"the actuators move {', '.join(driven) or 'nothing'}, they must move {', '.join(limits.names)}: "
-            "one <motor> for each joint in this order, or let `cobot new-robot` write them"
+            f"the actuators move {', '.join(driven) or 'nothing'}, but must move {', '.join(limits.names)}; "
+            "write one <motor> for each joint in this order, or let `cobot new-robot` write them"
         )
 
 

@@ -99,8 +99,8 @@ def solid(shape: str, size: tuple[float, ...]) -> Facets:
     """The surface of a solid around its centre.
 
     Args:
-        size: m; of a box its edges, of a sphere its radius, of a cylinder and a capsule radius and length, of
-            an ellipsoid its three radii.
+        size: m. Box: its edges; sphere: its radius; cylinder and capsule: radius and length; ellipsoid: its
+            three radii.
     """
     match shape:
         case "box":
@@ -162,7 +162,7 @@ def _of_body(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array,
 
 
 def _geom(mj: mujoco.MjModel, geom: int) -> Facets | None:
-    """The surface of a body's shape; None for planes and for what is only to be looked at."""
+    """The surface of a geom; None for planes and for geoms without collisions."""
     kind = int(mj.geom_type[geom])
     if not (mj.geom_contype[geom] or mj.geom_conaffinity[geom]):
         return None
@@ -252,7 +252,7 @@ def _camera(view: PictureView) -> tuple[Array, Array, Array]:
 
 
 def _paint(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
-    """Fill the image with the nearest of the points of all triangles."""
+    """Colour each pixel like the nearest point that is drawn there."""
     edges = np.abs(points[..., :2] - np.roll(points[..., :2], 1, axis=1)).max((1, 2))
     steps = STEPS[np.minimum(np.searchsorted(STEPS, edges), len(STEPS) - 1)]
     depth = np.full(width * height, -np.inf, np.float32)

@@ -188,7 +188,7 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_step(self, step: Step, here: Where, doing: str) -> Iterator[None]:
-        """A context for another step. The step is logged and reported, and its error gets the place."""
+        """A context for another step. The step is logged and reported, and its place is added to errors."""
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
         event = {

@@ -166,8 +166,7 @@ class SampledStudy(Study):
         )
 
     def _numbers(self, columns: Columns, found: list[tuple[int, Column]]) -> dict[str, Any]:
-        """The distribution, and the best point of the grid, chosen by its mean, or without samples by its
-        value."""
+        """The distribution, and the point of the grid with the best mean."""
         values = np.asarray(columns[self.measure], dtype=float)
         finite = values[np.isfinite(values)]
         if not len(finite):

@@ -1,1 +1,1 @@
-"""Backups of what people have set up, and bundles for support."""
+"""Backups of configuration and programs, and bundles for support."""

@@ -26,7 +26,8 @@ from cobot.types import Array
 from cobot.xml_file import where
 
 FLOOR = 1e-6
-"""Least second moment of a repaired tensor, as a share of their sum: MuJoCo checks without a tolerance."""
+"""Smallest second moment of a repaired tensor, as a share of the sum of all three. It is above 0 because
+MuJoCo checks inertias without a tolerance."""
 ROUNDING = 1e-3
 """Changes below this share of the tensor are rounding errors of the file, and are not reported."""
 MAX_RADIUS, MIN_RADIUS = 30.0, 0.001

@@ -58,7 +58,7 @@ class Meshes:
         """The files of the convex solids that stand for a link's <mesh>; each mesh is converted once.
 
         Raises:
-            ConfigError: names the line, the link and the user's path.
+            ConfigError: the mesh cannot be used. The message names the line, the link and the user's path.
         """
         try:
             path = find_mesh(self.file, mesh, link, self.packages)

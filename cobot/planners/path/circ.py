@@ -85,8 +85,8 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
     for name, way in (("start", x), ("goal", to_goal)):
         if abs(way @ axis) > EQUAL_RADII_M:
             raise PlanningError(
-                f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm outside the plane through the centre "
-                f"that the axis defines, allowed are {1e3 * EQUAL_RADII_M:g} mm",
+                f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm outside the plane of the arc, which is "
+                f"normal to the axis; allowed are {1e3 * EQUAL_RADII_M:g} mm",
                 findings=[_shape("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
             )
     angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))

@@ -33,7 +33,8 @@ MAX_STEP_RAD = 0.12
 THIN = 0.4
 """Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""
 MIN_SHARE = 1e-9
-"""If joints still turn too far between places this close, they jump: the path is singular there."""
+"""Distance between places, as a share of the path. If joints turn too far within it, the path is singular
+there, because the joints would jump."""
 SHARE_RAD = 0.1
 """Contribution of the whole TCP path to the parameter, next to that of the joints, so that it always
 increases."""

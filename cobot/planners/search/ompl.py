@@ -1,4 +1,4 @@
-"""Planner ompl: a way around obstacles by sampling. Under constraints it samples only where they hold."""
+"""Planner ompl: a path around obstacles by sampling. With constraints, all samples satisfy them."""
 
 from __future__ import annotations
 

@@ -35,9 +35,8 @@ ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 USUAL_ROUNDS, MIN_TURNS = 8, 30
 """A long motion gets fewer turns per round, so that several rounds remain possible."""
 PER_DEVIATION = 0.08
-"""Where the motion leaves the corridor, time is stretched by this power of the excess: carefully, because the
-remaining turns reduce most of it.
-"""
+"""Exponent of the excess over the corridor. The result is the factor by which time is stretched there. It is
+small because the remaining turns reduce most of the excess."""
 INNER, MIN_INNER = 0.85, 0.2
 """Share of the corridor that the fit's control points may use, less the part that noise takes."""
 AS_ASKED = 1.002

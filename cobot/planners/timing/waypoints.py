@@ -204,8 +204,8 @@ def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Tr
 
 
 def _slow_interval(found: Fitted, duration_s: float) -> tuple[float, float] | None:
-    """The interval, in the points' times, in which the motion falls behind them, without a little at either
-    end."""
+    """The interval in which the motion falls behind the times of the points, without a small part at each
+    end. None if it is not late."""
     late_s = found.motion.duration_s - duration_s
     if late_s <= (AS_ASKED - 1.0) * duration_s:
         return None

@@ -72,7 +72,7 @@ def test_what_was_cut_goes_on_where_it_ended(cell: Cell, tmp_path: Path) -> None
     content = cell.record("a.mcap", 5 * PIECE_BYTES)
     for _ in range(2):
         cell.answers = 2
-        with pytest.raises(UnavailableError, match="it goes on later"):
+        with pytest.raises(UnavailableError, match="the copy continues later"):
             cell.into(FleetRecordingStore(tmp_path / "hub", 10**9))  # a hub that was killed begins anew
     store = FleetRecordingStore(tmp_path / "hub", 10**9)
     assert not names(store)

@@ -147,7 +147,10 @@ def test_what_cannot_be_rolled_back_is_named(outs: RollOuts, cells: Cells) -> No
 def test_an_error_of_the_hub_ends_it_visibly(outs: RollOuts, cells: Cells) -> None:
     cells.raises = RuntimeError("out of memory")
     found = run(outs, cells)
-    assert (found["state"], found["lines"][-1]) == ("failed", "ended by an error of the hub: out of memory")
+    assert (found["state"], found["lines"][-1]) == (
+        "failed",
+        "ended because of an error in the hub: out of memory",
+    )
 
 
 def test_it_can_be_cancelled_and_another_one_waits_for_its_end(outs: RollOuts, cells: Cells) -> None:
@@ -155,7 +158,7 @@ def test_it_can_be_cancelled_and_another_one_waits_for_its_end(outs: RollOuts, c
     with pytest.raises(BusyError, match=f"the roll-out {name} of welding 1.4 runs"):
         begin(outs, cells, 0.0)
     until(lambda: order_of(cells, "activate"))
-    with pytest.raises(PermissionDenied, match="begun it with the role operator; yours is observer"):
+    with pytest.raises(PermissionDenied, match="started it with the role operator; yours is observer"):
         outs.cancel(name, "observer")
     outs.cancel(name, "operator")
     until(lambda: outs.get(name)["state"] == "rolled_back")

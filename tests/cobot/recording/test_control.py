@@ -24,5 +24,5 @@ def test_a_recorder_that_is_killed_during_a_request_is_named_without_words_of_th
         async with await asyncio.start_unix_server(killed, tmp_path / "recorder"):
             await ask(tmp_path / "recorder", {"action": "dump"}, 5.0)
 
-    with pytest.raises(UnavailableError, match=r"ended before it had answered; cobot run restarts it: ask"):
+    with pytest.raises(UnavailableError, match=r"ended before it answered; cobot run restarts it; try"):
         asyncio.run(run())

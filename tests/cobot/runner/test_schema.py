@@ -316,7 +316,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         ),
         (
             [{"follow": {**PUSH, "motion": {**ALONG, "start_when": PART}}}],
-            "steps[0].follow: motion.start_when: a path with force has no actions and conditions",
+            "steps[0].follow: motion.start_when: a path with force cannot have actions or conditions",
         ),
         (
             [{**JOINTS, "radius": 0.1}, {"press": PUSH}],

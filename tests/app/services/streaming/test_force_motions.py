@@ -341,7 +341,7 @@ def test_a_stop_ends_it(service: VirtualService, table: Table, end: str) -> None
                 "force": 10.0,
                 "motion": {**START, "y": 0.1, "planner": "lin", "until": {"input": "part", "is": True}},
             },
-            "motion.until: a path with force has no actions and conditions",
+            "motion.until: a path with force cannot have actions or conditions",
         ),
         ("search", {"force": 10.0, "pattern": "zigzag"}, "spiral"),
         ("insert", {"force": 10.0}, "depth"),
