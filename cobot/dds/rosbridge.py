@@ -114,7 +114,7 @@ class Rosbridge:
             client: the caller, for the limit on calls of one client.
 
         Raises:
-            UnavailableError: the service of cobot is away, goes away, or is overloaded.
+            UnavailableError: the service of cobot is not connected, disconnects, or is overloaded.
             PayloadError: the request is too large for the service.
             CobotError: the call was rejected, with the reason; the class is that of the answer's code.
         """

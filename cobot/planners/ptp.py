@@ -60,7 +60,7 @@ def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 
 def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """Each joint in the time of the slowest one; in proportion where that costs no time."""
+    """Move all joints in the time of the slowest one. They move in proportion if that costs no time."""
     problem = ruckig.InputParameter(limits.dof)
     problem.current_position = start.tolist()
     problem.target_position = goal.tolist()

@@ -34,7 +34,8 @@ def bases(x: float, count: int) -> Array:
 
 @lru_cache(maxsize=32)
 def acceleration_stations(cells: int) -> tuple[Array, Array]:
-    """Cells, shape (n,), and their bases, (n, 3, 3): at each cell's beginning and middle, and at the end."""
+    """Places at the beginning and middle of each cell, and at the end: their cells, shape (n,), and bases,
+    shape (n, 3, 3)."""
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
     return index, np.concatenate([bases(0.0, cells), bases(MIDDLE, cells), bases(1.0, 1)])
@@ -42,7 +43,8 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
-    """Cells and bases: at both ends of each cell, and in the middle of `ending` cells at either end."""
+    """Places at both ends of each cell, and in the middle of the first and last `ending` cells: their cells
+    and bases."""
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])
     return index, np.concatenate([bases(0.0, cells), bases(1.0, cells), bases(MIDDLE, 2 * ending)])
