@@ -112,7 +112,7 @@ def test_two_bundles_are_rolled_back_in_the_order_in_which_they_came(
     first, second = (service.send(str(count), settings=workers(count)) for count in (3, 4))
     roll_out(own, first)
     roll_out(own, second)
-    with pytest.raises(Exception, match="is not the newest one here; nothing was changed"):
+    with pytest.raises(Exception, match="is not the latest one here; nothing was changed"):
         own.roll_back(first)
     assert service.workers == 4
     own.roll_back(second)
