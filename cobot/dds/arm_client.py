@@ -13,6 +13,10 @@ says why something was not done.
     start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
     cancel   cancel all goals of the action; the answer's `failed` says why that failed
     forget   forget the last goal, and choose the controller again
+
+With `stream`, the descriptor of a socket, there are no goals: each datagram that comes on it, doubles, is
+published as a command of a forward command controller; each joint state goes out on it, as doubles: the
+moment on the monotonic clock, positions, velocities, efforts.
 """
 
 from __future__ import annotations
@@ -25,6 +29,8 @@ import json
 import math
 import os
 import signal
+import socket
+import struct
 import sys
 import time
 import uuid
@@ -34,16 +40,18 @@ from typing import Any
 import numpy as np
 
 from cobot.dds.caller import ENDED, ActionCaller
-from cobot.dds.controllers import ControllerLister, takes_trajectories
+from cobot.dds.controllers import ControllerLister, takes_positions, takes_trajectories
 from cobot.dds.names import ENCLAVE, NodeName
-from cobot.dds.node import DdsNode, Message
+from cobot.dds.node import DdsNode, Message, NodePublisher
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES
 
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
-FLOAT = "std_msgs/msg/Float64"
+FLOAT, COMMANDS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
+COMMANDS_READER, COMMANDS_BEGIN, COMMANDS_END = "std_msgs::msg::dds_::Float64MultiArray_", "rt", "/commands"
+DATAGRAM_BYTES = 4096
 SEND_GOAL = "control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"
 BEGIN, END = "rq", "/_action/send_goalRequest"
 OWN = "/cobot"
@@ -91,9 +99,12 @@ class ArmClient:
         self._settings, self._node = settings, node
         self._joints: list[str] = settings["joints"]
         self._action: ActionCaller | None = None
+        self._commands: NodePublisher | None = None
+        stream = settings.get("stream")
+        self._socket = None if stream is None else socket.socket(fileno=stream)
         self._name, self._controller = settings["action"] or "", settings["controller"] or ""
         if self._controller and not self._name:
-            self._name = f"{settings['namespace']}/{self._controller}/follow_joint_trajectory"
+            self._name = self._name_of(self._controller)
         self._fixed = bool(self._name)
         self._choices: list[str] = []
         self._controllers: list[dict[str, Any]] | None = None
@@ -114,6 +125,9 @@ class ArmClient:
         node.subscription(settings["speed_scaling"], FLOAT, self._take_scaling, reliable=False)
         if self._fixed:
             self._connect(self._name)
+        if self._socket is not None:
+            self._socket.setblocking(False)
+            node.loop.add_reader(self._socket, self._take_commands)
         for type_ in (f"{FOLLOW}_SendGoal_Request", "action_msgs/srv/CancelGoal_Request"):
             node.messages.to_cdr(type_, {})  # else the first goal and the first stop take 0.05 s longer
 
@@ -137,8 +151,18 @@ class ArmClient:
             pass  # rtloop has ended
         finally:
             listing.cancel()
-            if self._goal is not None and self._goal.is_active:
-                await self._cancel()
+            await self._leave_nothing()
+
+    async def _leave_nothing(self) -> None:
+        """Cancel the goal, also one whose answer is late."""
+        goal = self._goal
+        if goal is None:
+            return
+        deadline_s = time.monotonic() + self._settings["answer_timeout_s"]
+        while goal.facts["accepted"] is None and time.monotonic() < deadline_s:
+            await asyncio.sleep(0.01)
+        if goal.is_active:
+            await self._cancel()
 
     async def _answer(self, question: dict[str, Any], content: bytes) -> dict[str, Any]:
         ask = question["ask"]
@@ -189,7 +213,14 @@ class ArmClient:
 
     @property
     def _is_ready(self) -> bool:
+        if self._commands is not None:
+            return self._commands.readers > 0
         return self._action is not None and self._action.is_ready
+
+    def _name_of(self, controller: str) -> str:
+        """The action of a controller, or the topic of its commands."""
+        end = "follow_joint_trajectory" if self._socket is None else "commands"
+        return f"{self._settings['namespace']}/{controller}/{end}"
 
     def _is_active(self, name: str) -> bool:
         return any(each["name"] == name and each["state"] == "active" for each in self._controllers or ())
@@ -211,13 +242,14 @@ class ArmClient:
         """Choose the controller of the arm's joints, and its action."""
         namespace = self._settings["namespace"]
         if self._lister.is_ready or self._controllers is not None:
-            able = [each for each in self._controllers or () if takes_trajectories(each)]
+            able_one = takes_trajectories if self._socket is None else takes_positions
+            able = [each for each in self._controllers or () if able_one(each)]
             mine = [each for each in able if set(self._joints) <= set(each["joints"])] or able
             found = [each for each in mine if each["state"] == "active"] or mine
             if self._controller and any(each["name"] == self._controller for each in found):
                 return
             names = [each["name"] for each in found]
-            actions = {f"{namespace}/{name}/follow_joint_trajectory": name for name in names}
+            actions = {self._name_of(name): name for name in names}
         else:
             actions = dict.fromkeys(self._actions(f"{namespace}/"), "")
         self._choices = sorted(actions) if len(actions) > 1 else []
@@ -227,14 +259,18 @@ class ArmClient:
                 self._connect(name)
 
     def _actions(self, below: str) -> list[str]:
-        """The actions of this type in the graph."""
+        """The actions in the graph, or the topics of commands."""
+        goals = self._socket is None
+        begin, last, type_name = (
+            (BEGIN, END, SEND_GOAL) if goals else (COMMANDS_BEGIN, COMMANDS_END, COMMANDS_READER)
+        )
         return [
-            end.topic.removeprefix(BEGIN).removesuffix(END)
+            end.topic.removeprefix(begin).removesuffix(last if goals else "")
             for end in self._node.participant.discovered()
             if end.kind == "reader"
-            and end.type_name == SEND_GOAL
-            and end.topic.startswith(f"{BEGIN}{below}")
-            and end.topic.endswith(END)
+            and end.type_name == type_name
+            and end.topic.startswith(f"{begin}{below}")
+            and end.topic.endswith(last)
             and not end.participant.name.startswith(OWN)
         ]
 
@@ -242,6 +278,11 @@ class ArmClient:
         if self._action is not None:
             self._action.close()
         self._name, self._statuses = name, []
+        if self._socket is not None:
+            if self._commands is not None:
+                self._commands.close()
+            self._commands = self._node.publisher(name, COMMANDS, depth=1)
+            return
         self._action = ActionCaller(self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses)
 
     # Goals
@@ -275,6 +316,8 @@ class ArmClient:
         goal.facts["error_string"] = result["error_string"]
 
     async def _cancel(self) -> str:
+        if self._socket is not None:
+            return ""
         action, goal = self._action, self._goal
         if action is None or not self._is_ready:
             return (
@@ -363,6 +406,22 @@ class ArmClient:
             values = message[row]
             complete = len(values) > max(order)
             self._rows[row] = [values[place] for place in order] if complete else None
+
+        if self._socket is not None:
+            nothing = [math.nan] * len(self._joints)
+            rows = [value for row in self._rows.values() for value in row or nothing]
+            with contextlib.suppress(OSError):  # rtloop has not read the last ones: it is busy, or gone
+                self._socket.send(struct.pack(f"<{1 + len(rows)}d", self._joint_s[-1], *rows))
+
+    def _take_commands(self) -> None:
+        """Publish the newest command; the controller takes no other either."""
+        assert self._socket is not None
+        newest = b""
+        with contextlib.suppress(OSError):
+            while content := self._socket.recv(DATAGRAM_BYTES):
+                newest = content
+        if newest and self._commands is not None:
+            self._commands.publish({"data": list(struct.unpack(f"<{len(newest) // 8}d", newest))})
 
     def _take_scaling(self, message: Message) -> None:
         self._scaling = message["data"]

@@ -16,6 +16,9 @@ STATES = frozenset({"unconfigured", "inactive", "active", "finalized", "unknown"
 TRAJECTORIES = "JointTrajectoryController"
 """End of the types of controllers that take trajectories; UR's is a ScaledJointTrajectoryController."""
 
+POSITIONS = ("ForwardCommandController", "JointGroupPositionController")
+"""End of the types of controllers that pass commands on."""
+
 
 class ControllerLister(ServiceCaller):
     """Asks a controller manager for its controllers."""
@@ -43,6 +46,11 @@ def takes_trajectories(controller: dict[str, Any]) -> bool:
     return str(controller["type"]).endswith(TRAJECTORIES)
 
 
+def takes_positions(controller: dict[str, Any]) -> bool:
+    """Whether it passes positions on as they come."""
+    return str(controller["type"]).endswith(POSITIONS) and set(controller["interfaces"]) == {"position"}
+
+
 def _plausible(controller: Message) -> bool:
     interfaces = [*controller["claimed_interfaces"], *controller["required_command_interfaces"]]
     return controller["state"] in STATES and all("/" in each for each in interfaces)
@@ -51,4 +59,10 @@ def _plausible(controller: Message) -> bool:
 def _controller(answer: Message) -> dict[str, Any]:
     interfaces = [*answer["required_command_interfaces"], *answer["claimed_interfaces"]]
     joints = dict.fromkeys(each.rsplit("/", 1)[0] for each in interfaces)
-    return {"name": answer["name"], "type": answer["type"], "state": answer["state"], "joints": list(joints)}
+    return {
+        "name": answer["name"],
+        "type": answer["type"],
+        "state": answer["state"],
+        "joints": list(joints),
+        "interfaces": sorted({each.rsplit("/", 1)[-1] for each in interfaces}),
+    }

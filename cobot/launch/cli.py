@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -134,12 +135,23 @@ def _advise(settings: Settings) -> None:
 
 
 def _new_robot(chosen: argparse.Namespace) -> int:
+    if chosen.ros is None:
+        return _new_robot_of(chosen, chosen.file)
+    from cobot.launch.new_robot.from_ros import save_description
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{chosen.ros.strip('/').replace('/', '_') or 'robot'}.urdf"
+        save_description(chosen.ros, file)
+        return _new_robot_of(chosen, file)
+
+
+def _new_robot_of(chosen: argparse.Namespace, file: Path) -> int:
     from cobot.launch.new_robot.masses import Wishes
     from cobot.launch.new_robot.new_robot import NewRobot
     from cobot.launch.robot_file.typed import typed
 
     robot = NewRobot(
-        chosen.file,
+        file,
         chosen.actuators,
         chosen.without,
         chosen.package,
@@ -152,7 +164,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
         skip_missing_meshes=chosen.skip_missing_meshes,
         xacro=dict(chosen.xacro),
     )
-    folder = chosen.output or Path(chosen.file.name.split(".")[0])
+    folder = chosen.output or Path(file.name.split(".")[0])
     robot.write(folder)
     print(f"{folder} has been created. Check these guessed values:")
     for sentence in robot.guessed:

@@ -230,7 +230,13 @@ def _add_doctor_and_install(commands: Any, config: argparse.ArgumentParser) -> N
 
 def _add_new_robot(commands: Any) -> None:
     new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
-    new.add_argument("file", type=Path, metavar="FILE", help="URDF, xacro or MJCF")
+    source = new.add_mutually_exclusive_group(required=True)
+    source.add_argument("file", type=Path, nargs="?", metavar="FILE", help="URDF, xacro or MJCF")
+    source.add_argument(
+        "--ros",
+        metavar="NAMESPACE",
+        help="read NAMESPACE/robot_description of a running ROS 2 instead of a file; / for no namespace",
+    )
     new.add_argument(
         "--output", type=Path, metavar="FOLDER", help="folder to create; by default the name of FILE"
     )

@@ -23,6 +23,7 @@ REGISTRY = Registry(
         "rsi": "rtloop.backends.rsi:RsiBackend",
         "ros2_control": "rtloop.backends.ros2_control:Ros2ControlArm",
         "ur": "rtloop.backends.ur:UrBackend",
+        "ros2_control_stream": "rtloop.backends.ros2_control:Ros2ControlStream",
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}

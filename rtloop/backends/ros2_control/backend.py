@@ -8,30 +8,29 @@ ages are those of this computer.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from cobot.config import Settings
-from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.robot.device import Capabilities
 from cobot.types import Array, JointLimits
 from rtloop.backends.compiled import Measured
 from rtloop.backends.protocols import BackendError
 from rtloop.backends.ros2_control import words
+from rtloop.backends.ros2_control.common import LOOK_S, ControllerClient, options_of
 from rtloop.backends.ros2_control.link import ClientProcess, ControllerLink, Facts
 from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_settings, ros_names
 from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import Ros2ControlRig
 
-LOOK_S = 0.05
 START_RAD = 0.02
 """Largest distance of the arm from the first point of a motion."""
 FEEDBACK_S = 0.25
 """Older feedback does not count; then the measured position does."""
 
 
-class Ros2ControlArm:
+class Ros2ControlArm(ControllerClient):
     """See the module; a `TrajectoryDevice` with `status`."""
 
     Options = Ros2ControlOptions
@@ -46,23 +45,9 @@ class Ros2ControlArm:
         Raises:
             ConfigError: the joints or the namespace are wrong.
         """
-        options = settings.backend_options(Ros2ControlOptions)
-        assert isinstance(options, Ros2ControlOptions)
-        self._options, self._names = options, ros_names(options, limits)
-        self._link = link or ClientProcess(client_settings(options, settings, self._names))
-        self._expected = words.Expectation(
-            options.below(options.joint_states),
-            self._names,
-            limits.min_position,
-            limits.max_position,
-            tuple(options.measured),
-            options.state_timeout_s,
-            options.min_rate_hz,
-        )
-        self.capabilities = replace(
-            type(self).capabilities, measured=frozenset({"position", *options.measured})
-        )
-        self._facts = Facts()
+        options = options_of(settings, Ros2ControlOptions)
+        made = link or ClientProcess(client_settings(options, settings, ros_names(options, limits)))
+        super().__init__(options, limits, made)
         self._progress: PathProgress | None = None
         self._loaded: tuple[Array, Array] | None = None
 
@@ -146,49 +131,11 @@ class Ros2ControlArm:
     def close(self) -> None:
         self._link.close()
 
-    def status(self) -> DeviceStatus:
-        facts = self._facts
-        state = next(
-            (each["state"] for each in facts.controllers or () if each["name"] == facts.controller), ""
-        )
-        scaling = facts.scaling
-        share = 1.0 if scaling is None else scaling / self._options.speed_scaling_full
-        return DeviceStatus(
-            connection="connected" if facts.ready else "not connected",
-            quality=f"joint states {facts.rate_hz:.0f} Hz" if facts.rate_hz else "",
-            drives=f"{facts.controller} {state}".strip() if facts.controller else "",
-            speed_scaling=min(max(share, 0.0), 1.0) if np.isfinite(share) else 0.0,
-        )
-
-    def _await(self) -> None:
-        """Wait until the driver is there and nothing is wrong.
-
-        Raises:
-            BackendError: it is not, with the reason.
-        """
-        problem = ""
-        for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
-            facts = self._facts = self._link.facts()
-            problem = (
-                words.of_connection(facts, self._options.namespace)
-                or words.of_joints_of_controller(facts, self._names)
-                or words.of_joint_states(facts, self._expected)
-            )
-            if not problem:
-                return
-            self._link.pause(LOOK_S)
-        raise BackendError(problem)
-
     def _problem(self, facts: Facts) -> str:
         """Why the arm cannot be driven now; "" if it can."""
         goal = facts.goal
         failed = "" if goal is None else words.of_goal(goal, facts.action)
-        problem = (
-            failed
-            or words.of_connection(facts, self._options.namespace)
-            or words.of_joints_of_controller(facts, self._names)
-            or words.of_joint_states(facts, self._expected)
-        )
+        problem = failed or self._of_driver(facts)
         if problem or goal is None:
             return problem or self._of_others(facts)
         if goal.accepted and goal.status is None and not goal.stopping:

@@ -149,15 +149,27 @@ class ClientProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._rest = b""
 
+    @property
+    def _runs(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
     def open(self) -> None:
-        if self._process is not None and self._process.poll() is None:
-            return
-        self.close()
-        command = [sys.executable, "-P", "-m", "cobot.dds.arm_client", json.dumps(self._settings)]
+        if not self._runs:
+            self.close()
+            self._begin(self._settings)
+
+    def _begin(self, settings: dict[str, Any], descriptors: tuple[int, ...] = ()) -> None:
+        """Start the process.
+
+        Args:
+            descriptors: of this process, which it inherits.
+        """
+        command = [sys.executable, "-P", "-m", "cobot.dds.arm_client", json.dumps(settings)]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            pass_fds=descriptors,
             start_new_session=True,  # Ctrl-C is the service's
         )
         self._rest = b""

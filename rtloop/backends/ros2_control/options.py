@@ -42,7 +42,8 @@ class Ros2ControlOptions(BackendOptions):
         result_timeout_s: timeout for the result after the end of a motion, s.
         connect_s: timeout for the driver when the backend is opened or reset, s.
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
-        speed_scaling_full: value of the speed slider at full speed.
+        speed_scaling_full: value of the speed slider at full speed; None: 100 after a value above 1 was seen,
+            else 1, because drivers differ.
     """
 
     namespace: Namespace = ""
@@ -64,7 +65,7 @@ class Ros2ControlOptions(BackendOptions):
     result_timeout_s: Seconds = 5.0
     connect_s: Seconds = 5.0
     speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
-    speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] = 100.0
+    speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
 
     def below(self, name: str) -> str:
         """Put a name below the namespace, unless it begins with a slash."""

@@ -52,15 +52,28 @@ class Expectation:
     min_rate_hz: float
 
 
-def of_connection(facts: Facts, namespace: str) -> str:
-    """Why no goal can be sent; "" if one can."""
+@dataclass(frozen=True, slots=True)
+class CommandWords:
+    """How the arm is commanded, in words."""
+
+    kind: str
+    end: str
+    ends: str
+
+
+GOALS = CommandWords("joint trajectory controller", "server of the action", "actions")
+COMMANDS = CommandWords("forward position controller", "subscriber of the topic", "topics")
+
+
+def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> str:
+    """Why the arm cannot be commanded; "" if it can."""
     if facts.problem:
         return facts.problem
     where = f"in the namespace {namespace}" if namespace else "in the root namespace"
     if facts.choices:
         return (
-            f"there are several actions that could be meant: {', '.join(facts.choices)}; name one in "
-            "robot.backend.controller or robot.backend.action"
+            f"there are several {way.ends} that could be meant: {', '.join(facts.choices)}; name one in "
+            "robot.backend.controller"
         )
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
     if state is not None and state["state"] != "active":
@@ -72,15 +85,15 @@ def of_connection(facts: Facts, namespace: str) -> str:
         return ""
     if facts.action:
         return (
-            f"there is no server of the action {facts.action}: start the driver, and compare ROS_DOMAIN_ID "
+            f"there is no {way.end} {facts.action}: start the driver, and compare ROS_DOMAIN_ID "
             "with ros.domain_id and ROS_LOCALHOST_ONLY with ros.localhost_only"
         )
     known = ", ".join(f"{each['name']} ({each['state']})" for each in facts.controllers or ())
     if known:
-        return f"no joint trajectory controller {where} moves the arm's joints; controllers: {known}"
+        return f"no {way.kind} {where} moves the arm's joints; controllers: {known}"
     return (
-        f"there is no joint trajectory controller {where}: start the driver, and compare ROS_DOMAIN_ID with "
-        "ros.domain_id and robot.backend.namespace with `ros2 action list`"
+        f"there is no {way.kind} {where}: start the driver, and compare ROS_DOMAIN_ID with "
+        "ros.domain_id and robot.backend.namespace with `ros2 topic list`"
     )
 
 

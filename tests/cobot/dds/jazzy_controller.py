@@ -30,9 +30,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, String
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
@@ -58,6 +58,25 @@ def quintic(s: float, d: float, p: list[list[float]], q: list[list[float]], j: i
     return position, velocity / d
 
 
+LINK = """<link name="{name}"><inertial><mass value="2"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.03" length="0.12"/></geometry></collision>
+</link>"""
+JOINT = """<joint name="{name}" type="revolute"><parent link="{before}"/><child link="{link}"/>
+<origin xyz="0 0 0.2"/><axis xyz="{axis}"/>
+<limit lower="-2.5" upper="2.5" velocity="2" effort="100"/></joint>"""
+
+
+def urdf(joints: list[str]) -> str:
+    """A robot_description: links one above the other."""
+    parts, before = [LINK.format(name="base_link")], "base_link"
+    for number, name in enumerate(joints):
+        link, axis = f"link_{number}", "0 1 0" if number % 2 else "0 0 1"
+        parts += [LINK.format(name=link), JOINT.format(name=name, before=before, link=link, axis=axis)]
+        before = link
+    return f'<robot name="arm">{"".join(parts)}</robot>'
+
+
 class Controllers(Node):
     """The node."""
 
@@ -68,10 +87,14 @@ class Controllers(Node):
         self.velocity = [0.0] * len(joints)
         self.active, self.goal, self.newest = JTC, None, None
         self.begun: Any = None
+        self.accepted_s = 0.0
         self.told_s, self.frozen, self.commands = 0.0, list(self.position), 0
         group, alone = ReentrantCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self.states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
         self.slider = self.create_publisher(Float64, "speed_scaling_state_broadcaster/speed_scaling", 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.description = self.create_publisher(String, "robot_description", latched)
+        self.description.publish(String(data=urdf(joints)))
         self.create_subscription(Float64MultiArray, f"{FORWARD}/commands", self.command, 10)
         self.create_service(
             ListControllers, "controller_manager/list_controllers", self.list, callback_group=group
@@ -123,7 +146,7 @@ class Controllers(Node):
                 times, points = [], []
             times.append(now)
             points.append(at(point, order, 3))
-        self.goal, self.begun = handle, [0.0, times, points]
+        self.goal, self.begun, self.accepted_s = handle, [0.0, times, points], time.monotonic()
         handle.execute()
 
     def execute(self, handle: Any) -> Any:
@@ -262,6 +285,7 @@ class Controllers(Node):
             "times": [times[0], times[-1]] if times else [],
             "joints": [] if self.newest is None else list(self.newest.joint_names),
             "position": self.position,
+            "accepted_s": self.accepted_s,
             "commands": self.commands,
         }
 

@@ -2,7 +2,8 @@
 became of each as JSON: a line when it is answered, one with `took_s` when it has ended.
 
 Usage: jazzy_follower.py ACTION GOALS, where GOALS is a JSON list of objects: `joints`, `points` (pairs of
-time_from_start and positions), `cancel_s` (optional: cancelled so long after it was accepted).
+time_from_start and positions), `cancel_s` (optional: cancelled so long after it was accepted),
+`repeat` (optional: so many times).
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ def main() -> None:
     client = ActionClient(node, FollowJointTrajectory, sys.argv[1])
     assert client.wait_for_server(timeout_sec=WAIT_S)
     for wish in json.loads(sys.argv[2]):
-        print(json.dumps(follow(node, client, wish)), flush=True)
+        for _ in range(wish.get("repeat", 1)):
+            print(json.dumps(follow(node, client, wish)), flush=True)
 
 
 if __name__ == "__main__":

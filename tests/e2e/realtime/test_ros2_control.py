@@ -21,76 +21,32 @@ import httpx
 import numpy as np
 import pytest
 import rest_tour
-import yaml
 from arm_activities import robot_health
 from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, answering, until
 from dds_peers import own_domain
+from jazzy_controllers import (
+    ACTION,
+    JOINTS,
+    NAMESPACE,
+    PEERS,
+    Double,
+    RunAtDouble,
+    acknowledge,
+    motion,
+    rclpy_follows,
+)
 from real_ros import PYTHON, built_packages, controller_packages, environment
+from streaming_client import StreamClient
 
-from cobot.config import Settings, load_settings
+from cobot.config import SETTINGS_FILE, load_settings
 from cobot.robot.description import load_robot
-from cobot.trajectory import Trajectory, from_hermite
+from cobot.trajectory import Trajectory
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ros2_control import Ros2ControlArm
 
 pytestmark = pytest.mark.timeout(600)
-PEERS = Path(__file__).parents[2] / "cobot" / "dds"
-JOINTS = [f"ur_joint{number}" for number in range(1, 8)]
-NAMESPACE = "/left"
-ACTION = f"{NAMESPACE}/joint_trajectory_controller/follow_joint_trajectory"
-OPTIONS: dict[str, Any] = {"namespace": NAMESPACE, "prefix": "ur_", "state_timeout_s": 1.0}
 REACHED_RAD = 2e-3
-
-
-class Double:
-    """The controllers' process."""
-
-    def __init__(self, domain: int, prefix: Path) -> None:
-        self.domain, self.prefix = domain, prefix
-        self.start()
-
-    def start(self) -> None:
-        self.process = subprocess.Popen(
-            [str(PYTHON), str(PEERS / "jazzy_controller.py"), NAMESPACE, *JOINTS],
-            env=environment(self.prefix, domain=self.domain),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._line() == "ready"
-
-    def be(self, mode: str) -> str:
-        assert self.process.stdin is not None
-        print(mode, file=self.process.stdin, flush=True)
-        return self._line()
-
-    def seen(self) -> dict[str, Any]:
-        """What it has seen of the newest goal."""
-        found: dict[str, Any] = json.loads(self.be("seen"))
-        return found
-
-    def _line(self) -> str:
-        assert self.process.stdout is not None
-        return self.process.stdout.readline().strip()
-
-    def kill(self) -> None:
-        with self.process:
-            self.process.kill()
-
-    def settings(self, **options: Any) -> Settings:
-        """Settings of a robot behind it."""
-        settings = load_settings()
-        ros = settings.ros.model_copy(update={"domain_id": self.domain, "localhost_only": True})
-        chosen = {"type": "ros2_control", "options": {**OPTIONS, **options}}
-        backend = settings.robot.backend.model_copy(update=chosen)
-        robot = settings.robot.model_copy(update={"backend": backend})
-        return settings.model_copy(update={"ros": ros, "robot": robot})
-
-    def arm(self, **options: Any) -> Ros2ControlArm:
-        """A backend at it, not open yet."""
-        settings = self.settings(**options)
-        return Ros2ControlArm(settings, load_robot(settings).limits)
 
 
 @pytest.fixture(scope="module")
@@ -121,14 +77,6 @@ def measured(arm: Ros2ControlArm) -> Array:
     found = Measured(7)
     arm.state(found)
     return found.position.copy()
-
-
-def motion(start: Array, change: float, duration_s: float) -> tuple[Trajectory, Array, Array]:
-    """A motion of all joints with its points."""
-    still = np.zeros((2, 7))
-    made = from_hermite(np.array([0.0, duration_s]), np.array([start, start + change]), still, still)
-    times_s = np.linspace(0.0, duration_s, 2 + int(duration_s / 0.02))
-    return made, times_s, np.array([made.sample(times_s, order) for order in range(3)])
 
 
 def begin(arm: Ros2ControlArm, change: float = 0.1, duration_s: float = 1.5) -> Trajectory:
@@ -383,29 +331,12 @@ def test_a_killed_rtloop_leaves_no_motion(double: Double) -> None:
     assert time.monotonic() - begun_s < 5.0
 
 
-class RunAtDouble(Run):
-    """The shipped iiwa with one other line."""
-
-    def __init__(self, folder: Path, double: Double) -> None:
-        self._options = {"type": "ros2_control", **OPTIONS, "connect_s": 20.0}
-        super().__init__(folder, clock="realtime", ros_domain=double.domain)
-
-    def start(self) -> subprocess.Popen[str]:
-        settings = yaml.safe_load(self.config.read_text(encoding="utf-8"))
-        settings["robot"]["backend"] = self._options
-        self.config.write_text(yaml.safe_dump(settings), encoding="utf-8")
-        return super().start()
-
-
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory, double: Double) -> Iterator[Run]:
     double.be("good")
     double.be("speed 1")
     with answering(RunAtDouble(tmp_path_factory.mktemp("ros2_control"), double)) as started:
-        (robot,) = httpx.get(f"{started.url}/robots", timeout=WAIT_S).json()
-        checked = {"payload_checked": True}
-        if robot["device"]["unacknowledged"]:
-            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(started)
         yield started
 
 
@@ -440,20 +371,29 @@ def test_the_service_tells_of_an_abort_and_moves_again_after_a_reset(service: Ru
     )
 
 
-def rclpy_follows(double: Double, action: str, goals: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What rclpy's action client tells of each goal."""
-    command = [str(PYTHON), str(PEERS / "jazzy_follower.py"), action, json.dumps(goals)]
-    ended = subprocess.run(
-        command,
-        env=environment(double.prefix, domain=double.domain),
-        capture_output=True,
-        text=True,
-        timeout=WAIT_S,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr[-2000:]
-    told = [json.loads(line) for line in ended.stdout.splitlines()]
-    return [each for each in told if "took_s" in each]
+@pytest.mark.parametrize("mode", ["nan", "swapped", "silent"])
+def test_a_fault_of_the_joint_states_stops_the_arm(service: Run, double: Double, mode: str) -> None:
+    """Oracle: where rclpy's controllers have the arm."""
+    double.be("good")
+    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
+    until(lambda: robot_health(service).get("mode") == "HOLD")
+    begun = np.array(double.seen()["position"])
+    way = np.where(begun > 0.0, -0.4, 0.4)
+    far = {"joints": (begun + way).tolist(), "speed": 0.1}
+    httpx.post(f"{service.url}/robot/move/joints?wait=false", json=far, timeout=WAIT_S).raise_for_status()
+    until(lambda: np.abs(np.array(double.seen()["position"]) - begun).max() > 0.01)
+    double.be(mode)
+    until(lambda: robot_health(service).get("mode") == "FAULT")
+
+    def rests() -> bool:
+        before = double.seen()["position"]
+        time.sleep(0.1)
+        return bool(before == double.seen()["position"])
+
+    until(rests)
+    assert np.abs(np.array(double.seen()["position"]) - begun).max() < 0.35
+    double.be("good")
+    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
 
 
 @pytest.fixture(scope="module")
@@ -499,3 +439,63 @@ def test_rclpy_s_client_at_our_simulated_controllers(simulator: Double) -> None:
     assert cancelled["status"] == 5
     assert cancelled["took_s"] < 2.0
     assert [each["accepted"] for each in rejected] == [False] * 4
+
+
+def test_a_stream_goes_through_the_forward_controller(tmp_path: Path) -> None:
+    """And planned motions too. What a deactivated controller is sent moves nothing afterwards."""
+    prefix = built_packages(controller_packages())
+    with own_domain() as domain:
+        double = Double(domain, prefix)
+        try:
+            double.be("forward")
+            with answering(RunAtDouble(tmp_path, double, "ros2_control_stream")) as run:
+                acknowledge(run)
+                rest_tour.tour(run, "programs", "jobs")
+                place = list(run.joints())
+
+                def turned() -> bool:
+                    with StreamClient(run.url) as client:
+                        client.session()
+                        for step in range(300):
+                            client.target([place[0] + 0.1 - 0.1 * np.cos(0.02 * step), *place[1:]])
+                            if abs(double.seen()["position"][0] - place[0]) > 0.05:
+                                break
+                            time.sleep(0.01)
+                        client.ended()
+                    return bool(abs(double.seen()["position"][0] - place[0]) > 0.05)
+
+                until(turned)
+                double.be("inactive")
+                until(lambda: robot_health(run).get("mode") == "FAULT")
+                reason = httpx.get(f"{run.url}/robot/state", timeout=WAIT_S).text
+                assert "forward_position_controller is inactive" in reason
+                time.sleep(0.2)
+                commands = double.seen()["commands"]
+                time.sleep(0.5)
+                assert double.seen()["commands"] == commands
+                double.be("forward")
+                until(lambda: httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).is_success)
+                rest_tour.tour(run, "programs")
+        finally:
+            double.kill()
+
+
+def test_the_arm_s_model_is_made_of_the_description_on_the_graph(double: Double, tmp_path: Path) -> None:
+    """Oracle: rclpy's latched topic, written by the double."""
+    given = HELPER_ENVIRONMENT | {"ROS_DOMAIN_ID": str(double.domain), "ROS_LOCALHOST_ONLY": "1"}
+    command = [sys.executable, "-m", "cobot", "new-robot", "--output", str(tmp_path / "arm"), "--ros"]
+    subprocess.run([*command, "left"], env=given, check=True, capture_output=True, timeout=WAIT_S)
+    robot = load_robot(load_settings(tmp_path / "arm" / SETTINGS_FILE))
+    assert list(robot.limits.names) == JOINTS
+    again = subprocess.run(
+        [*command[:5], str(tmp_path / "other"), "--ros", "right"],
+        env=given,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+    )
+    assert again.returncode == 1
+    assert "topics of this name in domain" in again.stderr
+    assert ": /left/robot_description" in again.stderr
+    assert not (tmp_path / "other").exists()

@@ -156,6 +156,14 @@ def test_ros2_control_keeps_it_beside_a_controller(capsys: pytest.CaptureFixture
     assert set(results.values()) == {"passed", "not tested"}
 
 
+def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "ros2_control_stream", "--json"]) == 0
+    results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
+    untold = {check for check, result in results.items() if result == "not tested"}
+    assert untold == {*ON_REQUEST, "io", "operation_mode", "reorder", "pile_up"}
+    assert set(results.values()) == {"passed", "not tested"}
+
+
 @pytest.mark.parametrize(
     ("arm", "check", "found"),
     [

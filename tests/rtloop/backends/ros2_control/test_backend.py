@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ros2_control_settings import settings_with
 
-from cobot.config import Settings, load_settings
+from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.robot.description import load_robot
 from cobot.trajectory import Trajectory, from_hermite
@@ -21,13 +22,6 @@ from rtloop.backends.ros2_control import Ros2ControlArm
 from rtloop.backends.ros2_control.link import Facts, GoalFacts, facts_of
 from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import RigLink, Ros2ControlRig
-
-
-def settings_with(**options: Any) -> Settings:
-    settings = load_settings()
-    chosen = {"type": "ros2_control", "options": options}
-    robot = settings.robot.model_copy(update={"backend": settings.robot.backend.model_copy(update=chosen)})
-    return settings.model_copy(update={"robot": robot})
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +100,28 @@ def test_what_is_wrong_is_named_at_the_start_too(limits: JointLimits) -> None:
     link.change = {}
     arm.enable()
     arm.state(Measured(7))
+
+
+@pytest.mark.parametrize(
+    ("options", "values", "share"),
+    [
+        ({}, [None], 1.0),
+        ({}, [0.3], 0.3),
+        ({}, [100.0, 0.5], 0.005),
+        ({"speed_scaling_full": 100.0}, [0.5], 0.005),
+        ({}, [120.0], 1.0),
+        ({}, [float("nan")], 0.0),
+    ],
+)
+def test_the_speed_slider_is_a_share_or_per_cent(
+    limits: JointLimits, options: dict[str, Any], values: list[float | None], share: float
+) -> None:
+    arm, link = arm_told(limits, options)
+    for value in values:
+        link.change = {"scaling": value}
+        arm.state(Measured(7))
+        status = arm.status()
+    assert status.speed_scaling == pytest.approx(share)
 
 
 def test_a_stop_that_is_not_answered_says_that_the_arm_may_move(limits: JointLimits) -> None:

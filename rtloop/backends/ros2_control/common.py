@@ -1,0 +1,91 @@
+"""What both backends for ros2_control have in common."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.types import JointLimits
+from rtloop.backends.protocols import BackendError
+from rtloop.backends.ros2_control import words
+from rtloop.backends.ros2_control.link import ControllerLink, Facts
+from rtloop.backends.ros2_control.options import Ros2ControlOptions, ros_names
+
+LOOK_S = 0.05
+
+
+class ControllerClient:
+    """A client of the controllers of an arm: what is expected of them, and its status."""
+
+    capabilities: Capabilities
+    way = words.GOALS
+
+    def __init__(self, options: Ros2ControlOptions, limits: JointLimits, link: ControllerLink) -> None:
+        self._options, self._names, self._link = options, ros_names(options, limits), link
+        self._expected = words.Expectation(
+            options.below(options.joint_states),
+            self._names,
+            limits.min_position,
+            limits.max_position,
+            tuple(options.measured),
+            options.state_timeout_s,
+            options.min_rate_hz,
+        )
+        self.capabilities = replace(
+            type(self).capabilities, measured=frozenset({"position", *options.measured})
+        )
+        self._facts = Facts()
+        self._percent = False
+
+    def status(self) -> DeviceStatus:
+        facts = self._facts
+        state = next(
+            (each["state"] for each in facts.controllers or () if each["name"] == facts.controller), ""
+        )
+        share = 1.0 if facts.scaling is None else facts.scaling / self._full_speed(facts.scaling)
+        return DeviceStatus(
+            connection="connected" if facts.ready else "not connected",
+            quality=f"joint states {facts.rate_hz:.0f} Hz" if facts.rate_hz else "",
+            drives=f"{facts.controller} {state}".strip() if facts.controller else "",
+            speed_scaling=min(max(share, 0.0), 1.0) if np.isfinite(share) else 0.0,
+        )
+
+    def _full_speed(self, scaling: float) -> float:
+        """The speed slider's value at full speed."""
+        if self._options.speed_scaling_full is not None:
+            return self._options.speed_scaling_full
+        self._percent = self._percent or scaling > 1.0
+        return 100.0 if self._percent else 1.0
+
+    def _await(self) -> None:
+        """Wait until the driver is there and nothing is wrong.
+
+        Raises:
+            BackendError: it is not, with the reason.
+        """
+        problem = ""
+        for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
+            facts = self._facts = self._link.facts()
+            problem = self._of_driver(facts)
+            if not problem:
+                return
+            self._link.pause(LOOK_S)
+        raise BackendError(problem)
+
+    def _of_driver(self, facts: Facts) -> str:
+        """Why the driver cannot be used; "" if it can."""
+        return (
+            words.of_connection(facts, self._options.namespace, self.way)
+            or words.of_joints_of_controller(facts, self._names)
+            or words.of_joint_states(facts, self._expected)
+        )
+
+
+def options_of(settings: Settings, kind: type[Ros2ControlOptions]) -> Ros2ControlOptions:
+    """The options in the settings."""
+    options = settings.backend_options(kind)
+    assert isinstance(options, Ros2ControlOptions)
+    return options

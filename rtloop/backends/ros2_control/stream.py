@@ -1,0 +1,167 @@
+"""An arm behind ros2_control that takes a command in each cycle: a forward command controller, which passes
+positions on as they come. The controller's own cycle must be as fast as the joint states.
+
+The cycle exchanges datagrams with the process that speaks DDS and never waits for it; a thread asks it some
+times a second what else it has seen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from types import MappingProxyType
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.device import Capabilities
+from cobot.types import Array, JointLimits
+from rtloop.backends.compiled import Measured
+from rtloop.backends.protocols import BackendError
+from rtloop.backends.ros2_control import words
+from rtloop.backends.ros2_control.common import LOOK_S, ControllerClient, options_of
+from rtloop.backends.ros2_control.link import ControllerLink
+from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_settings, ros_names
+from rtloop.backends.ros2_control.stream_link import StreamProcess
+from rtloop.backends.ros2_control.stream_rig import StreamRig
+
+CLOSE_S = 2.0
+ROWS = ("position", "velocity", "effort")
+MIN_STATES = 2.0
+"""Joint states within `rt.frozen_after_s`, else they seem to be frozen."""
+
+
+class StreamOptions(Ros2ControlOptions):
+    """As for whole motions; `controller` is the forward command controller."""
+
+    min_rate_hz: float = 100.0
+    state_timeout_s: float = 0.1
+
+
+class StreamLink(ControllerLink, Protocol):
+    """What the stream needs of its link in addition.
+
+    Attributes:
+        threaded: whether its facts are asked for by a thread.
+    """
+
+    threaded: bool
+
+    def latest(self, rows: Array) -> float:
+        """The newest joint state, shape (3, dof); returns its age, s. Real-time safe."""
+        ...
+
+    def command(self, position: Array) -> None:
+        """Send a command. Real-time safe."""
+        ...
+
+
+class Ros2ControlStream(ControllerClient):
+    """See the module; a `Backend` with `status`."""
+
+    Options = StreamOptions
+    capabilities = Capabilities(
+        measured=frozenset({"position"}), stops=MappingProxyType({2: False}), hardware=True
+    )
+    way = words.COMMANDS
+
+    def __init__(self, settings: Settings, limits: JointLimits, link: StreamLink | None = None) -> None:
+        """link: for tests.
+
+        Raises:
+            ConfigError: the joints or the namespace are wrong.
+        """
+        options = options_of(settings, StreamOptions)
+        made: Any = link or StreamProcess(
+            client_settings(options, settings, ros_names(options, limits)), limits.dof
+        )
+        super().__init__(options, limits, made)
+        self._stream = cast(StreamLink, made)
+        self._needed_hz = MIN_STATES / settings.rt.frozen_after_s
+        self._rows = np.full((3, limits.dof), np.nan)
+        self._problem = ""
+        self._enabled = False
+        self._turn = threading.Lock()
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> StreamRig:
+        """A controller in the same process."""
+        return StreamRig(Ros2ControlStream, settings, limits)
+
+    def open(self, initial_position: Array) -> None:
+        self._stream.open()
+        self._await()
+        if self._facts.rate_hz < self._needed_hz:
+            raise BackendError(
+                f"{self._expected.topic} comes with {self._facts.rate_hz:.0f} Hz, a stream needs "
+                f"{self._needed_hz:.0f} Hz: {MIN_STATES:g} within rt.frozen_after_s; use the backend "
+                "ros2_control, or a faster controller manager"
+            )
+        self._problem = ""
+        if self._stream.threaded:
+            self._ending.clear()
+            self._thread = threading.Thread(target=self._keep_looking, name="controllers", daemon=True)
+            self._thread.start()
+
+    def enable(self) -> None:
+        """Look for the reason of the fault again; the drives are the driver's."""
+        with self._turn:
+            self._stream.open()
+            self._stream.forget()
+            self._await()
+            self._problem = ""
+        self._enabled = True
+
+    def read(self, measured: Measured) -> None:
+        if not self._stream.threaded:
+            self._look()
+        if self._problem:
+            raise BackendError(self._problem)
+        age_s = self._stream.latest(self._rows)
+        if not age_s <= self._options.state_timeout_s:
+            self._problem = (
+                f"{self._expected.topic} has been silent for {age_s:.2f} s, allowed are "
+                f"{self._options.state_timeout_s:g} s: does the driver still run?"
+            )
+            raise BackendError(self._problem)
+        measured.position[:] = self._rows[0]
+        for order, row in enumerate(ROWS):
+            if row in self._options.measured:
+                getattr(measured, row)[:] = self._rows[order]
+
+    def write(self, command: Array) -> None:
+        if (
+            self._enabled and not self._problem
+        ):  # after a fault the arm may have been moved: `enable` comes first
+            self._stream.command(command[0])
+
+    def disable(self) -> None:
+        """Send no more commands; the drives are the driver's."""
+        self._enabled = False
+
+    def close(self) -> None:
+        self._ending.set()
+        if self._thread is not None:
+            self._thread.join(CLOSE_S)
+            self._thread = None
+        self._stream.close()
+
+    def _keep_looking(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):  # a thread inherits the cycle's priority
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            os.sched_setaffinity(0, range(os.cpu_count() or 1))
+        while not self._ending.wait(LOOK_S):
+            with self._turn:
+                self._look()
+
+    def _look(self) -> None:
+        """Note why the arm cannot be driven."""
+        try:
+            self._facts = self._stream.facts()
+            self._problem = self._problem or self._of_driver(self._facts)
+        except BackendError as exc:
+            self._problem = str(exc)

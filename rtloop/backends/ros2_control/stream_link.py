@@ -1,0 +1,60 @@
+"""The link of a stream: datagrams between the cycle and the process that speaks DDS."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from typing import Any
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.ros2_control.link import ClientProcess
+
+BUFFER_BYTES = 1 << 16
+
+
+class StreamProcess(ClientProcess):
+    """A `StreamLink` over the process."""
+
+    threaded = True
+
+    def __init__(self, settings: dict[str, Any], dof: int) -> None:
+        super().__init__(settings)
+        self._dof = dof
+        self._socket: socket.socket | None = None
+        self._values = np.full(1 + 3 * dof, np.nan)
+        self._values[0] = -np.inf
+        self._into = np.zeros_like(self._values)
+
+    def open(self) -> None:
+        if self._runs:
+            return
+        self.close()
+        own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with other:
+            own.setblocking(False)
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            self._socket = own
+            self._begin({**self._settings, "stream": other.fileno()}, (other.fileno(),))
+
+    def close(self) -> None:
+        super().close()
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def latest(self, rows: Array) -> float:
+        connection = self._socket
+        if connection is not None:
+            with contextlib.suppress(OSError):  # nothing more has come
+                while connection.recv_into(self._into.data) == self._into.nbytes:
+                    self._values, self._into = self._into, self._values
+        rows[:] = self._values[1:].reshape(3, self._dof)
+        return time.monotonic() - float(self._values[0])
+
+    def command(self, position: Array) -> None:
+        if self._socket is not None:
+            with contextlib.suppress(OSError):  # its buffer is full, or it has ended: its silence is a fault
+                self._socket.send(np.ascontiguousarray(position).data)
