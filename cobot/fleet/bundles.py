@@ -201,7 +201,7 @@ class RobotBundles:
         if hash_of(content) != name:
             raise InputError(f"the content is not that of the bundle {name[:SHORT]}: its hash differs")
         bundle = read_bundle(content)
-        self._require_accepted(bundle, role)
+        self._require_accepted(bundle.title, bool(bundle.settings), role)
         try:
             if bundle.settings:
                 with self._own.trial(bundle.settings) as settings:
@@ -214,11 +214,11 @@ class RobotBundles:
         parts = f"{len(bundle.programs)} programs, {len(bundle.positions)} positions"
         return f"staged {bundle.title}: {parts}{', settings' if bundle.settings else ''}"
 
-    def _require_accepted(self, bundle: Bundle, role: Role) -> None:
+    def _require_accepted(self, title: str, has_settings: bool, role: Role) -> None:
         needed = self._settings.fleet.accept.settings
-        if bundle.settings and (needed == "none" or role < Role[needed.upper()]):
+        if has_settings and (needed == "none" or role < Role[needed.upper()]):
             raise PermissionDenied(
-                f"{bundle.title} has settings, which this cell accepts from {needed} "
+                f"{title} has settings, which this cell accepts from {needed} "
                 f"(fleet.accept.settings), and the role is {role.name.lower()}"
             )
 
@@ -236,7 +236,7 @@ class RobotBundles:
         bundle = self._staged.get(name)
         if bundle is None:
             raise ConflictError(f"the bundle {name[:SHORT]} is not staged here; stage it first")
-        self._require_accepted(bundle, role)
+        self._require_accepted(bundle.title, bool(bundle.settings), role)
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
@@ -275,17 +275,22 @@ class RobotBundles:
             return False
         return not self.drift({each["id"]: each["version"] for each in self._client.programs()})
 
-    def roll_back(self, name: str) -> str:
+    def roll_back(self, name: str, role: Role) -> str:
         """Restore what a bundle has replaced.
+
+        Args:
+            role: of the person at the hub.
 
         Raises:
             NotFoundError: the bundle is not the latest one.
+            PermissionDenied: see `stage`.
             ConflictError: a job runs.
         """
         if self.installed is None or self.installed.bundle != name:
             raise NotFoundError(f"the bundle {name[:SHORT]} is not the latest one here; nothing was changed")
-        self._require_rest()
         title = self.installed.title
+        self._require_accepted(title, self.installed.settings_before is not None, role)
+        self._require_rest()
         return f"rolled back {title}{_restart(self._undo())}"
 
     def recover(self) -> None:

@@ -86,7 +86,7 @@ class ServiceCommands:
                 case ActivateBundle():
                     return self.bundles.activate(action.bundle, role)
                 case RollBackBundle():
-                    return self.bundles.roll_back(action.bundle)
+                    return self.bundles.roll_back(action.bundle, role)
                 case _:
                     raise AssertionError(f"{action.kind} does not need the service")
 

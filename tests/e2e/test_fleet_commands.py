@@ -511,6 +511,7 @@ def test_settings_are_rolled_out_and_back(
     cell: Run,
     client: Client,
     with_settings: Path,
+    tokens: dict[str, str],
     roll_out: Any,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -530,7 +531,10 @@ def test_settings_are_rolled_out_and_back(
     assert hub.robot("one")["configuration"] != configuration
     assert client.reload()["taken_over"] == [], "a reload of the cell keeps them"
     name = hub.http.get("/roll-outs").json()["roll_outs"][-1]["bundle"]
-    assert "rolled back seams 1.4" in order(hub, "roll_back", action={"bundle": name})["text"]
+    refused = order(hub, "roll_back", action={"bundle": name})
+    assert "accepts from admin" in refused["text"]
+    eve = {"Authorization": f"Bearer {tokens['eve']}"}
+    assert "rolled back seams 1.4" in order(hub, "roll_back", action={"bundle": name}, headers=eve)["text"]
     assert velocity_limit(client) == limit
     until(lambda: hub.robot("one")["configuration"] == configuration)
 

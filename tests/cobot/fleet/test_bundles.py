@@ -13,7 +13,7 @@ import pytest
 from cobot.access.roles import Role
 from cobot.client import Client
 from cobot.config import load_settings, load_with_rolled_out
-from cobot.errors import ConflictError, UnavailableError
+from cobot.errors import ConflictError, PermissionDenied, UnavailableError
 from cobot.fleet import bundles, cell_settings
 from cobot.fleet.bundles import Installed, RobotBundles, hash_of
 
@@ -102,7 +102,7 @@ def test_settings_stay_in_force_under_a_later_bundle_without_settings(
     later = service.send("2", positions=position(0.1))
     roll_out(own, later)
     assert load_with_rolled_out(service.config).planning.workers == 3
-    own.roll_back(later)
+    own.roll_back(later, Role.ADMIN)
     assert load_with_rolled_out(service.config).planning.workers == 3
 
 
@@ -113,10 +113,23 @@ def test_two_bundles_are_rolled_back_in_the_order_in_which_they_came(
     roll_out(own, first)
     roll_out(own, second)
     with pytest.raises(Exception, match="is not the latest one here; nothing was changed"):
-        own.roll_back(first)
+        own.roll_back(first, Role.ADMIN)
     assert service.workers == 4
-    own.roll_back(second)
+    own.roll_back(second, Role.ADMIN)
     assert service.workers == 3
+
+
+def test_settings_are_rolled_back_only_with_the_role_that_may_change_them(
+    service: Service, own: RobotBundles
+) -> None:
+    """Else an operator could take back limits that an administrator has rolled out."""
+    name = service.send("1", settings=workers(3))
+    roll_out(own, name)
+    with pytest.raises(PermissionDenied, match="accepts from admin"):
+        own.roll_back(name, Role.OPERATOR)
+    assert service.workers == 3
+    own.roll_back(name, Role.ADMIN)
+    assert service.workers == 2
 
 
 def test_a_service_that_refuses_a_reload_leaves_all_as_it_was(service: Service, own: RobotBundles) -> None:
@@ -129,7 +142,7 @@ def test_a_service_that_refuses_a_reload_leaves_all_as_it_was(service: Service, 
     service.refuses = None
     assert own.title == f"seams 1 ({first[:8]})"
     assert (service.reload() and service.workers, service.taught["seam"][0]) == (3, 0.1)
-    own.roll_back(first)
+    own.roll_back(first, Role.ADMIN)
     assert (service.workers, service.taught) == (2, {})
 
 
@@ -149,7 +162,7 @@ def test_an_interrupted_bundle_is_undone_before_the_next_one(service: Service) -
     own = bundles_of(service)
     name = service.send("2", positions=position(0.2))
     roll_out(own, name)
-    own.roll_back(name)
+    own.roll_back(name, Role.ADMIN)
     assert service.taught == {}
 
 
