@@ -58,6 +58,7 @@ from benchmarks import (
     time_law,
     timed,
     torn,
+    ur,
     virtual_clock,
     web,
 )
@@ -109,6 +110,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "fanuc": lambda quick: fanuc.fanuc(*(2000, 4, 1) if quick else (20_000, 20, 5)),
     "fri": lambda quick: fri.fri(*(2000, 4, 2) if quick else (20_000, 40, 10)),
     "rsi": lambda quick: rsi.rsi(*(2000, 4, 2) if quick else (100_000, 40, 10)),
+    "ur": lambda quick: ur.ur(*(2000, 4, 2) if quick else (20_000, 20, 5)),
     "franka": lambda quick: franka.franka(2000 if quick else 20_000),
     "ros2_control": lambda quick: ros2_control.ros2_control(20 if quick else 100),
     "policy": lambda quick: policy.policy(*(100, 2) if quick else (1000, 10)),
@@ -121,6 +123,7 @@ FULL: dict[str, Callable[[], Iterator[Row]]] = {
     "clutter": lambda: clutter.clutter(125, 3, 10.0),
     "fanuc": lambda: fanuc.fanuc(100_000, 100, 20),
     "fri": lambda: fri.fri(100_000, 100, 20),
+    "ur": lambda: ur.ur(100_000, 100, 20),
     "steady": lambda: steady.steady(3600.0),
 }
 """What --full does instead, where it does something else."""
