@@ -142,6 +142,22 @@ def test_the_drives_follow_without_ripple(connect: Joined, period_ms: int) -> No
     assert np.abs(found[50:]).max() == pytest.approx(most, rel=0.1)
 
 
+@pytest.mark.parametrize("period_ms", [2, 8])
+def test_packages_that_are_left_out_make_no_jump(connect: Joined, period_ms: int) -> None:
+    """One in five, with accelerations up to 12.5 rad/s². Oracle: the reflex of the controller."""
+    backend, way = opened(connect, period_ms=period_ms)
+    hold(backend, way, 1200 // period_ms)
+    way.network.loss = 0.2
+    command = np.zeros((3, 6))
+    begin = way.controller.arm.setpoint.copy()
+    for cycle in range(2000 // period_ms):
+        command[0] = begin + 0.5 * (1.0 - math.cos(5e-3 * period_ms * cycle))
+        backend.wait(0.1)
+        backend.write(command)
+    assert way.network.lost > 20
+    assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
+
+
 def test_local_control_is_named_with_what_to_press(connect: Joined) -> None:
     backend, way = opened(connect, UrControllerOptions(is_on=True, is_remote=False))
     assert "Remote Control" in refusal(backend, way)
