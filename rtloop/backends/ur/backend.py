@@ -59,6 +59,8 @@ USEFUL = (
     "actual_TCP_pose",
     *(each for each in READ if "analog" in each),
 )
+REST_RAD_S, REST_S = 0.01, 2.0
+"""Speed below which the arm is at rest, and for how long that is awaited."""
 SETTING_UP_S = 0.01
 """Interval at which a connection that is set up is looked at."""
 POSE_S = 0.1
@@ -131,6 +133,7 @@ class UrBackend:
             if self._link.lasting or self._transport.clock() > until_s:
                 raise BackendError(self._link.problem or "the controller sends no data")
         require_accepted(self._check_period())
+        self._await_rest()
 
     def enable(self) -> None:
         """Enable the arm. At the start, the first command reports why it takes none, and a reset tries
@@ -269,6 +272,14 @@ class UrBackend:
         from rtloop.backends.ur.simulator.lockstep import UrRig
 
         return UrRig(settings, limits)
+
+    def _await_rest(self) -> None:
+        """Wait until the program of a killed process has stopped the arm: a position from before is stale."""
+        until_s = self._transport.clock() + REST_S
+        while self._transport.clock() < until_s:
+            if not np.abs(self._newest["actual_qd"]).max() > REST_RAD_S:
+                return
+            self.wait(self._options.silence_s)
 
     def _make_ready(self) -> Generator[None, None, None]:
         require_accepted(self._check_period())
