@@ -89,7 +89,7 @@ class RunAtDouble(Run):
     """The shipped iiwa with one other line."""
 
     def __init__(self, folder: Path, double: Double, kind: str = "ros2_control") -> None:
-        self._options = {"type": kind, **OPTIONS, "connect_s": 20.0}
+        self._options = {"type": kind, **OPTIONS, "connect_s": 20.0, "min_rate_hz": 10.0}
         super().__init__(folder, clock="realtime", ros_domain=double.domain)
 
     def start(self) -> subprocess.Popen[str]:
