@@ -21,6 +21,8 @@ from cobot.client.connection import LONG_TIMEOUTS_S, MOTION_TIMEOUT_S
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
 WITHOUT_CONTROL = {
+    "DELETE /access/tokens/{name}",
+    "POST /access/tokens",
     "POST /stop",
     "POST /robot/gripper/stop",
     "POST /jobs/{job}/cancel",
@@ -43,7 +45,7 @@ WITHOUT_CONTROL = {
         for kind in ("named", "joints", "pose", "arc", "path", "sequence", "gripper")
     ),
 }
-"""They stop, wait, plan or record."""
+"""They stop, wait, plan, record, or manage files and access."""
 OF_THE_CONTROL = {"POST /robot/control", "DELETE /robot/control"}
 VENDOR = "POST /{robot}/{Class}/{method}"
 """Each method of the vendor's has its own rule: tests/app/api/routers/test_control.py."""
