@@ -230,6 +230,9 @@ class FleetCell:
         self._synchronize()
         self._synchronize_s = now_s + SYNCHRONIZE_S
         self._token = token
+        for robot in self.robots.values():  # the hub may have asked for them before they were there
+            for event in list(robot.events):
+                self._publish(robot, "event", event)
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
 
     def _declare(self, robot: FleetRobot) -> None:
