@@ -4,6 +4,7 @@ other users may write to.
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,7 +24,8 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
     """
     try:
         path = (folder / name).resolve()
-        path.exists()  # raises what `resolve` passes over
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            path.stat()  # raises what `resolve` passes over: since Python 3.13 also a circular link
     except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
         raise InputError(f"{field}: {exc}") from exc
     if path == folder or not path.is_relative_to(folder):
