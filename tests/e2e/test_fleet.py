@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import io
 import json
 import os
 import re
@@ -27,6 +28,7 @@ from cobot_run import Run, again, answering, until
 from fleets import FLEET, Hub, OtherCell, free_port
 
 from cobot.fleet.__main__ import main
+from cobot.launch.stop import stop
 
 if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
@@ -410,6 +412,17 @@ def test_the_page_shows_a_tile_and_stops_after_a_confirmation(hub: Hub, cell: Ru
         page.click("#sure")
         require_stopped(cell, job)
         wait_on(page, "document.querySelector('#result').textContent.includes('at rest')")
+        alarms = "[...document.querySelectorAll('#alarms li')].map((each) => each.textContent)"
+        alarm = f"{alarms}.some((each) => each.startsWith('one /'))"
+        assert stop([cell.name], latched=True, out=io.StringIO())
+        wait_on(page, f"{alarm} && /^\\(\\d+\\) /.test(document.title)")
+        page.write("#find", "no such cell")  # a filter does not hide it
+        wait_on(page, f"{alarm} && !document.querySelector('article[data-state=estop]')")
+        shown = "(each) => each.textContent.startsWith('one /')"
+        page.run(f"[...document.querySelectorAll('#alarms button')].find({shown}).click()")
+        wait_on(page, "!!document.querySelector('article[data-state=estop]')")
+        httpx.post(f"{cell.url}/robot/reset").raise_for_status()
+        wait_on(page, f"!{alarm}")
         for language in ("de", "zh"):
             page.set_to("#language", language)
             wait_on(page, f"document.documentElement.lang === '{language}'")

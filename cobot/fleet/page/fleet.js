@@ -8,6 +8,7 @@ const SPEEDS = [10, 25, 50, 75, 100];
 const TOKEN = "cobot.fleet.token";
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
 const FIELDS = ["robot", "zone", "mode", "job", "program", "control", "speed_override", "backend", "bundle", "version", "age"];
+const ALARMS = ["estop", "fault", "silent", "gone"];
 const byId = (id) => document.getElementById(id);
 const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
@@ -164,6 +165,32 @@ function draw() {
     button.hidden = !count && !chosen.has(button.dataset.filter);
   }
   byId("empty").hidden = robots.length > 0;
+  drawAlarms();
+}
+
+// All alarms are listed, also those of tiles that a filter hides. A click shows the tile.
+function drawAlarms() {
+  const found = robots.filter((robot) => ALARMS.includes(robot.state));
+  const key = JSON.stringify([language, found.map((robot) => [robot.cell, robot.robot, robot.state, robot.reason])]);
+  document.title = `${found.length ? `(${found.length}) ` : ""}${byId("fleet").textContent} – cobot`;
+  const list = byId("alarms");
+  list.hidden = !found.length;
+  if (list.dataset.key === key) return;
+  list.dataset.key = key;
+  list.replaceChildren(...found.map((robot) => {
+    const name = `${robot.cell} / ${robot.robot}`;
+    const reason = robot.state !== "gone" && robot.reason ? ` – ${robot.reason}` : "";
+    const row = element("button", { type: "button" }, `${name}: ${word(robot.state)}${reason}`);
+    row.onclick = () => {
+      chosen.clear();
+      byId("find").value = "";
+      translate();
+      tiles.get(`${robot.cell}/${robot.robot}`)?.scrollIntoView({ block: "center" });
+    };
+    const item = element("li");
+    item.append(row);
+    return item;
+  }));
 }
 
 function tellConnection(text, bad) {
@@ -180,7 +207,6 @@ async function poll() {
     const answer = await response.json();
     robots = answer.robots;
     byId("fleet").textContent = answer.fleet;
-    document.title = `${answer.fleet} – cobot`;
     tellConnection(`${robots.filter((robot) => robot.alive).length} / ${robots.length} ${word("connected")}`, false);
   } catch {
     tellConnection(word("no_hub"), true);
