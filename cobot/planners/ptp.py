@@ -17,6 +17,8 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits, Synchronization
 
 MIN_PIECE_S = 1e-9
+SMALL_WAY = 1e-4
+"""Way of a joint below which Ruckig may find no profile, rad or m."""
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
@@ -72,6 +74,9 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
         solution = fastest_profile(problem)
     except PlanningError:
         # Ruckig finds no profile for some motions in which a joint turns by less than 1e-5 rad.
+        ways = np.abs(goal - start)
+        if not np.any((ways > 0.0) & (ways < SMALL_WAY)):
+            raise
         return _in_phase(start, goal, limits)
     return from_profiles(solution.profiles[0], solution.duration)
 

@@ -59,7 +59,7 @@ def test_an_older_client_looks_plans_and_moves_and_stops_the_arm_when_it_is_kill
         offered = told(process)
         assert {"plan_to_joints", "execute", "stop"} <= set(offered["tools"])
         assert set(offered["prompts"]) == {"move_safely", "diagnose"}
-        assert "1. get_state tells" in offered["manual"]
+        assert "1. get_state reports" in offered["manual"]
         assert told(process)["success"]
         assert fenced.joints() == pytest.approx(NEAR, abs=5e-3)
         fenced.until(lambda: fenced.joints()[0] > 0.01)

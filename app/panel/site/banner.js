@@ -1,5 +1,5 @@
 // Why the arm will not move, in words, and the way out; or that nobody says how it is.
-import { reasonOf } from "./reasons.js";
+import { sentenceOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 // What the real-time process says when it latches begins or goes on like this; the word says it in each language.
@@ -62,7 +62,7 @@ export class Banner {
       await this.api.post("/reset");
       this.problem = "";
     } catch (error) {
-      this.problem = reasonOf(error);
+      this.problem = sentenceOf(error);
     }
     this.write();
   }

@@ -32,11 +32,16 @@ export function causeOf({ cause, by = "" } = {}) {
   return cause && cause !== "stop" ? word(`stopped_${cause}`, { by: named(by) }, "") : "";
 }
 
+// The service's own sentence, which has what only the device knows.
+export function sentenceOf(error) {
+  return named(error.detail ?? error.message ?? "");
+}
+
 // error: {code, explain, details} and the service's sentence as `detail` or `message`; or a text.
 export function reasonOf(error) {
   if (typeof error === "string") return error;
   const { code, explain, details } = error;
-  const sentence = named(error.detail ?? error.message ?? "");
+  const sentence = sentenceOf(error);
   if (!code) return sentence;
   if (details?.share !== undefined) {
     return [causeOf(details), word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");

@@ -212,7 +212,7 @@ def test_a_device_that_answers_something_else_is_told_and_asked_again(
         port = device.sockets[0].getsockname()[1]
         async with device, asking() as (ask, modbus):
             await add(ask, f"127.0.0.1:{port}", "odd", 2, 0)
-            await eventually(lambda: "something else" in modbus.signal("odd").problem)
+            await eventually(lambda: "does not match the request" in modbus.signal("odd").problem)
             await eventually(lambda: modbus.signal("odd").value == 7 and not modbus.signal("odd").problem)
 
     run(check())
@@ -328,6 +328,9 @@ MALFORMED: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
+KNOWN_PROBLEMS = ("does not match the request", "has not answered", "has closed", "exception 238", "reset")
+
+
 @pytest.mark.parametrize("ends", [False, True])
 def test_a_device_may_answer_whatever_it_likes(ends: bool, caplog: pytest.LogCaptureFixture) -> None:
     """With each of these until the signal has said what is wrong, then well: it has the true value then.
@@ -376,8 +379,7 @@ def test_a_device_may_answer_whatever_it_likes(ends: bool, caplog: pytest.LogCap
             await eventually(all_well)
             for name in MALFORMED:
                 for problem in told(name):
-                    known = ("something else", "has not answered", "has closed", "exception 238", "reset")
-                    assert any(words in problem for words in known), (name, problem)
+                    assert any(words in problem for words in KNOWN_PROBLEMS), (name, problem)
             await ask("modbusDeleteAllSignals")
 
     run(check())

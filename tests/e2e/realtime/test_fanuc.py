@@ -185,7 +185,7 @@ def test_five_percent_of_loss_ends_no_motion(
         ({"contact_stop": 2}, {"contact_stop": 1}, "has stopped at a contact"),
         ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
         ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
-        ({"loss": 1.0}, {"loss": 0.0}, "has given no beat for"),
+        ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot"),
     ],
     ids=["emergency stop", "fence", "collision", "alarm", "mode", "contact", "nan", "frozen", "disconnect"],
 )

@@ -162,7 +162,7 @@ def test_a_stop_cancels(gripper: RosGripper) -> None:
     [
         ("reject", "has rejected the goal"),
         ("abort", "has aborted the goal"),
-        ("never", "has not reported a result within 3 s: it is lost"),
+        ("never", "has not reported a result within 3 s: the result is lost"),
         ("nan", "the position of jaw is not a number"),
         ("silent", "/joint_states has had no joint jaw for"),
     ],

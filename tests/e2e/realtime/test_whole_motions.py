@@ -42,7 +42,7 @@ def test_what_it_can_is_shown_and_what_not_is_refused(slow: Run) -> None:
     assert "trajectories" in shown["device"]["able"]
     assert shown["device"]["status"]["operation_mode"] == "AUT"
     refused = httpx.post(f"{slow.url}/robot/speed_override", json={"fraction": 0.5}, timeout=WAIT_S)
-    assert "takes whole motions" in refused.json()["detail"]
+    assert "executes whole motions itself" in refused.json()["detail"]
 
 
 def test_a_stop_lets_it_rest(slow: Run) -> None:

@@ -203,7 +203,7 @@ def test_a_pause_of_one_during_the_motion_is_one_of_both(pair: Pair) -> None:
         targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 1.0, 0.3)
         await pair.done(pair.sync.move(targets))
         await pair.until(lambda: pair.moved(RIGHT))
-        with pytest.raises(ConflictError, match="keeps the speed"):
+        with pytest.raises(ConflictError, match="the speed of a synchronous motion cannot be changed"):
             await override.set_fraction(0.5)
         await pair.done(override.pause())
         at = [rig.commanded[-1].copy() for rig in pair.rigs.values()]

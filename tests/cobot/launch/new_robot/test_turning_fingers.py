@@ -231,7 +231,7 @@ def test_the_contract_of_grippers_holds(check: str, linkage: tuple[Settings, str
     ("change", "words"),
     [
         ({"widths": []}, r"robot\.gripper\.hand: unknown key 'widths' \(did you mean 'widths_m'\?\)"),
-        ({"widths_m": [0.0, 0.02, 0.01]}, r"widths_m: \[2\] is 0\.01 after 0\.02, each must be"),
+        ({"widths_m": [0.0, 0.02, 0.01]}, r"widths_m: \[2\] is 0\.01 after 0\.02; each must be"),
         ({"widths_m": [0.0]}, r"widths_m"),
         ({"travel_rad": 0.0}, r"travel_rad: must be greater than or equal to 0\.02"),
         ({"joints": []}, r"joints"),
