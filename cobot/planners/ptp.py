@@ -17,8 +17,9 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits, Synchronization
 
 MIN_PIECE_S = 1e-9
-SMALL_WAY = 1e-4
-"""Way of a joint below which Ruckig may find no profile, rad or m."""
+MAX_DURATION_S = 3600.0
+"""Duration of a motion for which no profile was found and that is not planned in another way, in seconds: its
+limits are all but 0."""
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
@@ -73,11 +74,11 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
     try:
         solution = fastest_profile(problem)
     except PlanningError:
-        # Ruckig finds no profile for some motions in which a joint turns by less than 1e-5 rad.
-        ways = np.abs(goal - start)
-        if not np.any((ways > 0.0) & (ways < SMALL_WAY)):
+        # Ruckig finds no profile for some motions in which a joint turns by a small part of a degree.
+        motion = _in_phase(start, goal, limits)
+        if motion.duration_s > MAX_DURATION_S:
             raise
-        return _in_phase(start, goal, limits)
+        return motion
     return from_profiles(solution.profiles[0], solution.duration)
 
 
