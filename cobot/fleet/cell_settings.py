@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Any
 
 import yaml
 from pydantic import AfterValidator, Field
@@ -168,19 +168,24 @@ def files_of(folder: Path) -> list[dict[str, str]]:
 
 
 def configuration_of(settings: Settings) -> str:
-    """A hash of settings and the content of their files, without names and paths that differ between
+    """A hash of settings and the content of their files, without names and paths, which differ between
     cells."""
     content = []
     for each in settings.each.values():
-        dumped = each.model_dump(mode="json", exclude={"robots", *PLACES})
-        for section, keys in FILES.items():
-            for key in keys:
-                named = getattr(getattr(each, section), key)
-                dumped[section][key] = None if named is None else _content_of(Path(named))
+        dumped = _without_paths(each.model_dump(exclude={"robots", *PLACES}))
+        files = {"robot": (*FILES["robot"], "model"), "web": (*FILES["web"], "endpoints")}
+        for section, keys in files.items():
+            named = [getattr(getattr(each, section), key) for key in keys]
+            dumped[section]["files"] = [None if path is None else _content_of(path) for path in named]
         del dumped["robot"]["name"]
-        dumped["web"]["endpoints"] = _content_of(each.web.endpoints)
         content.append(dumped)
-    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def _without_paths(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {key: _without_paths(value) for key, value in content.items() if not isinstance(value, Path)}
+    return content
 
 
 def _content_of(path: Path) -> str:

@@ -18,6 +18,7 @@ import trimesh
 
 from cobot.errors import ConfigError, NotFoundError
 from cobot.robot.description import RobotDescription
+from cobot.robot.geometry import geometry_of
 from cobot.robot.visuals import RobotVisuals, visuals_of
 from cobot.types import Array, PictureView, Pose
 
@@ -40,17 +41,12 @@ AMBIENT = 0.4
 NO_COLOR = (0.6, 0.62, 0.66)
 STEPS = np.unique(np.round(2.0 ** np.arange(0.0, 10.1, 0.5)).astype(int))
 """Numbers of steps along an edge of a triangle. The smallest one that leaves no gap is used."""
+MAX_DRAWN_BYTES = 10_000_000
+"""Maximum size of all meshes of a robot. A picture with 23 MB of them took 7 to 10 s and 1.5 GB of memory."""
 MAX_MESHES = 64
 """Maximum number of meshes that are kept for the next pictures."""
 _MESHES: dict[tuple[Path, bytes, tuple[float, ...]], list[Facets]] = {}
 """Meshes by file, hash of its content, and scale."""
-SHAPES = {
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +72,8 @@ def draw(
 ) -> bytes:
     """A PNG of the robot, with a shadow on the plane z = 0 of its base frame.
 
-    Links that have visuals are drawn with them, other bodies as the collision checks see them.
+    Links that have visuals are drawn with them, other bodies as the collision checks see them. If the meshes
+    of the visuals exceed `MAX_DRAWN_BYTES`, all bodies are drawn as the collision checks see them.
 
     Args:
         positions: of the joints, rad (m for a linear joint).
@@ -129,7 +126,8 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
     base = Pose(*_of_body(mj, data, robot.base_frame)).inverse()
     visuals = visuals_of(robot.model_file)
     links = [mj.body(body).name for body in range(mj.nbody)]
-    for visual in visuals.visuals:
+    drawn = visuals.visuals if _size_of(visuals) <= MAX_DRAWN_BYTES else []
+    for visual in drawn:
         if visual.link not in links:
             raise ConfigError(
                 f"the visuals of {robot.model_file} name the link {visual.link!r}; the model has: "
@@ -145,43 +143,27 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
                 yield part.placed(pose, visual.color)
         else:
             yield solid(visual.shape, tuple(visual.sizes())).placed(pose, visual.color or NO_COLOR)
-    seen = {visual.link for visual in visuals.visuals}
-    for geom in range(mj.ngeom):
-        body = mj.body(int(mj.geom_bodyid[geom])).name
-        facets = None if body in seen else _geom(mj, geom)
-        if facets is not None:
-            quaternion = np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
-            pose = base @ Pose(data.geom_xpos[geom], quaternion)
-            yield facets.placed(pose, mj.geom_rgba[geom])
+    seen = {visual.link for visual in drawn}
+    geometry = geometry_of(robot)
+    for index, body in enumerate(geometry.bodies):
+        if body.name in seen:
+            continue
+        place = base @ Pose(data.xpos[index], data.xquat[index])
+        for shape in body.shapes:
+            if shape.collides and shape.kind != "plane":
+                mesh = None if shape.mesh is None else geometry.meshes[shape.mesh]
+                facets = solid(shape.kind, tuple(shape.size)) if mesh is None else surface(*mesh)
+                yield facets.placed(place @ Pose.from_numbers(shape.pose), shape.rgba)
+
+
+def _size_of(visuals: RobotVisuals) -> int:
+    """The size of all meshes, in bytes. A file that is missing is reported when it is read."""
+    return sum(file.stat().st_size for file in visuals.meshes.values() if file.is_file())
 
 
 def _of_body(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array, Array]:
     body = mj.body(name).id
     return data.xpos[body], data.xquat[body]
-
-
-def _geom(mj: mujoco.MjModel, geom: int) -> Facets | None:
-    """The surface of a geom; None for planes and for geoms without collisions."""
-    kind = int(mj.geom_type[geom])
-    if not (mj.geom_contype[geom] or mj.geom_conaffinity[geom]):
-        return None
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(mj.geom_dataid[geom])
-        vertex, face = int(mj.mesh_vertadr[mesh]), int(mj.mesh_faceadr[mesh])
-        return surface(
-            mj.mesh_vert[vertex : vertex + mj.mesh_vertnum[mesh]],
-            mj.mesh_face[face : face + mj.mesh_facenum[mesh]],
-        )
-    if kind not in SHAPES:
-        return None
-    half = mj.geom_size[geom].tolist()
-    shape = SHAPES[kind]
-    if shape == "box":
-        return solid(shape, tuple(2.0 * each for each in half))
-    if shape in ("cylinder", "capsule"):
-        return solid(shape, (half[0], 2.0 * half[1]))
-    return solid(shape, tuple(half))
 
 
 def _glb(visuals: RobotVisuals, number: int, scale: tuple[float, ...]) -> list[Facets]:

@@ -18,9 +18,9 @@ from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
 from app.robot_services import Services
-from app.services.state.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
 from cobot.pose import Pose
+from cobot.robot.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
 from cobot.robot.visuals import visuals_of
 from cobot.types import Array, JointLimits, Numbers7, PictureView
 

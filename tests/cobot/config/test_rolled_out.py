@@ -75,7 +75,8 @@ def test_what_cannot_be_rolled_out_is_an_error(tmp_path: Path, content: str, wor
 
 def test_the_hash_of_a_configuration_is_of_contents_and_not_of_places(own: Path) -> None:
     here = configuration_of(load_with_rolled_out(own))
-    own.write_text(OWN.replace("kept: kept", "kept: other\nrobot: {name: two}"))
+    elsewhere = "kept: other\nrobot: {name: two}\nweb: {tokens: other.json}"
+    own.write_text(OWN.replace("kept: kept", elsewhere))
     plain = configuration_of(load_settings(own))
     assert plain != here, "it has 2 workers"
     own.write_text(own.read_text().replace("workers: 2", "workers: 3"))

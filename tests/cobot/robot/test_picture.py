@@ -83,6 +83,19 @@ def test_the_shipped_arm_is_drawn_with_its_visuals() -> None:
     assert np.mean(np.abs(image - image_of(draw(robot, moved)))) > 0.01
 
 
+def test_an_arm_with_large_meshes_is_drawn_as_the_collision_checks_see_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = load_robot(load_settings())
+    home = np.asarray(robot.positions["home"].joints)
+    with_visuals = image_of(draw(robot, home))
+    monkeypatch.setattr(picture, "MAX_DRAWN_BYTES", 1000)
+    monkeypatch.setattr(picture, "_glb", None)  # no mesh is read
+    image = image_of(draw(robot, home))
+    assert np.mean(np.abs(image - with_visuals)) > 0.005
+    assert np.mean(np.abs(image - picture.BACKGROUND).max(-1) > 0.2) > 0.05, "the arm is there"
+
+
 def test_parts_are_drawn_too() -> None:
     robot = load_robot(load_settings())
     home = np.asarray(robot.positions["home"].joints)
