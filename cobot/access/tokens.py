@@ -41,10 +41,14 @@ MAX_TOKENS = 256
 """Maximum number of tokens: each request is compared with all of them, at 0.2 µs each."""
 MAX_DAYS = 36_500
 """Maximum lifetime in days: a hundred years, so that the date stays below the calendar's end in 9999."""
+MIN_LIFETIME = timedelta(minutes=1)
+"""Minimum lifetime: the token must be handed over before it expires."""
 MAX_LISTED = 20
 """Maximum number of names in an error."""
 LOCKED_S, LOOK_S = 5.0, 0.01
 """Time to wait for another program that changes the file, and the time between two tries, in seconds."""
+NAME = r"^[A-Za-z0-9._@-]{1,48}$"
+"""Form of a token's name."""
 _LEFT = ".tokens-"
 
 Moment = Annotated[AwareDatetime, Field(strict=False)]
@@ -59,7 +63,7 @@ class Token(StrictModel):
         expires: time from which the token is invalid; None for never.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._@-]{1,48}$")]
+    name: Annotated[str, Field(pattern=NAME)]
     role: RoleName
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     created: Moment
@@ -142,13 +146,18 @@ class TokenFile:
             raise InputError(f"name: {shown(name)} is reserved for the service; choose another name")
         if name in NOT_IN_PATHS:
             raise InputError(f"name: {shown(name)} cannot be part of a URL; choose another name")
+        if lifetime is not None and lifetime < MIN_LIFETIME:
+            raise InputError(
+                f"the lifetime is {lifetime.total_seconds():g} s, allowed is "
+                f"{MIN_LIFETIME.total_seconds():g} s or more; without a lifetime, the token never expires"
+            )
         try:
             made = Token(
                 name=name,
                 role=role.name.lower(),  # type: ignore[arg-type]
                 sha256=hashed(token),
                 created=now,
-                expires=now + lifetime if lifetime else None,
+                expires=None if lifetime is None else now + lifetime,
             )
         except (ValidationError, OverflowError) as exc:
             text = sentences(exc.errors()) if isinstance(exc, ValidationError) else "expires: too late"
@@ -205,21 +214,22 @@ class TokenFile:
     def _change(self, change: Callable[[Tokens], Tokens]) -> None:
         """Replace the file by a changed one, atomically: a reader gets either the old or the new content."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with self._alone() as folder:
-                for left in self.path.parent.glob(f"{_LEFT}*"):  # of a program that was killed here
+            path = Path(os.path.realpath(self.path))  # the file that a link leads to, and not the link
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with _alone(path) as folder:
+                for left in path.parent.glob(f"{_LEFT}*"):  # of a program that was killed here
                     left.unlink()
                 content = _TOKENS.dump_json(list(change(self.read())), indent=1)
-                descriptor, made = tempfile.mkstemp(dir=self.path.parent, prefix=_LEFT)  # 0600
+                descriptor, made = tempfile.mkstemp(dir=path.parent, prefix=_LEFT)  # 0600
                 try:
                     with os.fdopen(descriptor, "wb") as file:
                         file.write(content)
                         file.flush()
                         os.fsync(descriptor)
                         if os.geteuid() == 0:  # a file made by root belongs to the folder's user
-                            owner = self.path.parent.stat()
+                            owner = path.parent.stat()
                             os.fchown(descriptor, owner.st_uid, owner.st_gid)
-                    os.replace(made, self.path)
+                    os.replace(made, path)
                 except BaseException:
                     os.unlink(made)
                     raise
@@ -227,15 +237,16 @@ class TokenFile:
         except OSError as exc:
             raise ConfigError(f"{self.path}: cannot be written: {exc.strerror}") from exc
 
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[int]:
-        """Lock the file against changes by other processes. Yields the descriptor of its folder."""
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            _lock(folder, self.path)
-            yield folder
-        finally:
-            os.close(folder)
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[int]:
+    """Lock a file against changes by other processes. Yields the descriptor of its folder."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        _lock(folder, path)
+        yield folder
+    finally:
+        os.close(folder)
 
 
 def _lock(folder: int, path: Path) -> None:

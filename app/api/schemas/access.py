@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field
 
 from cobot.access.roles import RoleName
-from cobot.access.tokens import MAX_DAYS, MAX_TOKENS
+from cobot.access.tokens import MAX_DAYS, MAX_TOKENS, NAME
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import example
 
@@ -20,7 +20,7 @@ class CreateToken(RequestModel):
     model_config = example({"name": "anna", "role": "operator"})
 
     name: str = Field(
-        pattern=r"^[A-Za-z0-9._@-]{1,48}$",
+        pattern=NAME,
         description="Name of a person or a program, for logs and the audit: letters, digits and . _ @ -",
     )
     role: RoleName = Field(

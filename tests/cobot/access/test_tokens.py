@@ -59,6 +59,18 @@ def test_no_two_tokens_are_alike_and_no_two_have_one_name(file: TokenFile) -> No
         file.create("n3", Role.ADMIN)
 
 
+def test_behind_a_link_the_file_itself_is_changed(file: TokenFile, tmp_path: Path) -> None:
+    """Otherwise a revoked token would stay in the file, for every other service that reads it."""
+    file.create("alice", Role.ADMIN)
+    linked = TokenFile(tmp_path / "linked.json")
+    linked.path.symlink_to(file.path)
+    linked.create("bob", Role.OPERATOR)
+    linked.revoke("alice")
+    assert linked.path.is_symlink()
+    assert [each["name"] for each in json.loads(file.path.read_text(encoding="utf-8"))] == ["bob"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["linked.json", "of"]
+
+
 def test_those_who_change_it_at_one_time_lose_nothing(file: TokenFile) -> None:
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda number: file.create(f"n{number}", Role.OBSERVER), range(40)))
@@ -288,6 +300,10 @@ def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.Capt
         with pytest.raises(SystemExit, match="2"):
             main(["token", "create", "bob", "--role", "admin", "--days", days, *here])
         assert f"'{days}' days are too many: at most 36500" in capsys.readouterr().err
+    status, _, complaint = run("create", "bob", "--role", "admin", "--days", "1e-12")
+    assert status == 1
+    assert "the lifetime is 0 s, allowed is 60 s or more" in complaint
+    assert run("list")[1] == ""
     assert run("create", "bob", "--role", "observer", "--days", "36500")[0] == 0
 
 
