@@ -1,6 +1,7 @@
 // The access tokens of people and programs: administrators list, add and delete them. A new token is shown once.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ADDRESS = "/access/tokens";
@@ -42,7 +43,7 @@ export class People {
     } catch (error) {
       this.tokens = [];
       this.refused = DOORS.includes(error.status) ? "why_not_admin" : "";
-      if (!this.refused) this.say(() => error.message, "warn");
+      if (!this.refused) this.say(() => reasonOf(error), "warn");
     }
     this.write();
   }
@@ -61,7 +62,7 @@ export class People {
       for (const id of ["people-name", "people-days"]) element(id).value = "";
       this.say(() => "");
     } catch (error) {
-      this.say(() => error.message, "warn");
+      this.say(() => reasonOf(error), "warn");
     }
     await this.look();
     if (this.made) element("people-new").select();
@@ -93,7 +94,7 @@ export class People {
       if (this.made === name) this.forget();
       this.say(() => word("token_deleted", { name }), "good");
     } catch (error) {
-      this.say(() => error.message, "warn");
+      this.say(() => reasonOf(error), "warn");
     }
     await this.look();
   }

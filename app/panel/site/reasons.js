@@ -5,8 +5,6 @@ import { named, word } from "./words.js";
 const DEG = 180 / Math.PI;
 const SHOWN_UNITS = { rad: [DEG, "°"], "rad/s": [DEG, "°/s"], "rad/s²": [DEG, "°/s²"], "rad/s³": [DEG, "°/s³"], m: [1000, "mm"], "m/s": [1000, "mm/s"], "m/s²": [1000, "mm/s²"], "m/s³": [1000, "mm/s³"] };
 const MAX_CHECKS = 2;
-// What the code alone explains. With other codes the sentence has what a person needs, such as the name of a field.
-const CLEAR = ["unauthenticated", "forbidden", "busy", "not_ready", "planning_timeout", "unreachable", "collision", "stopped", "motion_timeout", "condition_not_met", "interrupted"];
 
 function amount(value, unit) {
   const [scale, shown] = SHOWN_UNITS[unit] ?? [1, unit];
@@ -43,16 +41,16 @@ export function reasonOf(error) {
   const { code, explain, details } = error;
   const sentence = sentenceOf(error);
   if (!code) return sentence;
-  if (details?.share !== undefined) {
-    return [causeOf(details), word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
+  const general = word(`error_${code}`, {}, ""); // only for codes that explain themselves; other sentences name a field or a value
+  if (details?.share !== undefined && (details.cause || general)) {
+    return [details.cause ? causeOf(details) : general, word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
   }
   const cause = details?.cause ? word(`${code}_${details.cause}`, { by: named(details.by ?? "") }, "") : "";
   if (cause) return cause;
-  const general = word(`error_${code}`, {}, "");
   const checks = (explain?.checks ?? []).slice(0, MAX_CHECKS).map(checked);
   if (checks.length) {
     const works = [...new Set(explain.works.map(({ change }) => word(`change_${change}`)))];
     return [...checks, works.length ? word("works", { changes: works.join(", ") }) : ""].filter(Boolean).join(" ");
   }
-  return [general, CLEAR.includes(code) && general ? "" : sentence].filter(Boolean).join(" ");
+  return general || sentence;
 }

@@ -7,18 +7,26 @@ import json
 import re
 from importlib.resources import files
 from pathlib import Path
+from typing import get_args
 
 import httpx
 import pytest
 from fastapi import FastAPI
 
+from app.api.errors import OF_HTTP
 from app.main import create_app
 from app.panel import pages
 from app.services.events.ring import TYPES
+from app.services.rights.stop_reason import StopCause
+from cobot.access.roles import RoleName
+from cobot.access.tokens import MAX_DAYS, NAME
 from cobot.config import Settings
+from cobot.errors import BY_CODE
+from cobot.findings import Check, Kind
 from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.motions.planners import PLANNERS
 from cobot.robot.device import FLAGS
+from cobot.trajectory import NoticeKind
 
 REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
@@ -173,6 +181,53 @@ def test_each_cause_of_a_fault_has_words() -> None:
         assert any(re.search(pattern, reason) for pattern in patterns), reason
     for pattern in patterns:
         assert any(re.search(pattern, reason) for reason in reasons), pattern
+
+
+def words_of(begin: str) -> set[str]:
+    """The rest of each word's name that begins so."""
+    words = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))["en"]
+    return {name.removeprefix(begin) for name in words if name.startswith(begin)}
+
+
+def test_each_cause_in_the_details_of_an_error_has_words_and_is_documented() -> None:
+    """Oracle: the table of details in docs/conventions.md, and the errors that the service makes."""
+    manual = (REPOSITORY / "docs" / "conventions.md").read_text(encoding="utf-8").partition("### Details")[2]
+    documented = {
+        code: set(re.findall(r"`(\w+)`", facts.partition("`cause`:")[2].partition(";")[0])) - {"by"}
+        for code, facts in re.findall(r"(?m)^\| `(stopped|conflict)` \| (.*) \|$", manual)
+    }
+    assert documented["stopped"] == {*get_args(StopCause)}
+    assert documented["stopped"] - {"stop"} == words_of("stopped_")
+    assert documented["conflict"] == words_of("conflict_")
+    sources = "".join(file.read_text(encoding="utf-8") for file in (REPOSITORY / "app").rglob("*.py"))
+    made = set(re.findall(r'details=\{"cause": "(\w+)"', sources))
+    assert made | {"scene_changed", "tool_changed"} == documented["conflict"]
+
+
+def test_each_word_for_an_error_a_check_or_a_notice_belongs_to_one() -> None:
+    codes = {*BY_CODE, *OF_HTTP}
+    assert words_of("error_") <= codes
+    assert words_of("change_") == {*get_args(Kind)}
+    checks = {*get_args(Check)}
+    assert checks <= words_of("check_")
+    assert {name.partition("_")[0] for name in words_of("check_")} - {"at"} == checks
+    notices = {*get_args(NoticeKind)} - {"auto"}
+    assert notices <= words_of("notice_")
+    assert words_of("notice_") - notices - {"other"} <= {*PLANNERS}, "the planner that auto has used"
+
+
+def test_the_form_for_tokens_has_the_roles_and_limits_of_the_service() -> None:
+    page = (pages.SITE / "index.html").read_text(encoding="utf-8")
+    options = page.partition('<select id="people-role">')[2].partition("</select>")[0]
+    assert re.findall(r'<option value="(\w+)" data-word="role_may_(\w+)"', options) == [
+        (role, role) for role in get_args(RoleName)
+    ]
+    assert words_of("role_") == {name for role in get_args(RoleName) for name in (role, f"may_{role}")}
+    script = (pages.SITE / "people.js").read_text(encoding="utf-8")
+    assert f"const NAME = /{NAME}/;" in script
+    assert f"const MAX_DAYS = {MAX_DAYS:_};" in script
+    for words in json.loads((pages.SITE / "words.json").read_text(encoding="utf-8")).values():
+        assert str(MAX_DAYS) in words["token_days_wrong"]
 
 
 def test_each_ability_and_measurement_has_a_word() -> None:

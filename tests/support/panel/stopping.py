@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import httpx
 import pytest
 from cobot_run import WAIT_S, until
@@ -63,6 +65,24 @@ def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_n
     panel.until("document.querySelector('#halt').hidden")
     httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
     panel.until("document.querySelector('#halt-who').innerText.includes('by an unnamed client')")
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (
+            {"code": "motion_timeout"},
+            "The arm did not arrive in time. The arm came to rest after 40 % of the path.",
+        ),
+        ({"code": "execution", "detail": "joint2 left its tolerance"}, "joint2 left its tolerance"),
+    ],
+)
+def test_a_motion_that_ends_on_its_way_without_a_stop_says_why(
+    panel: Panel, error: dict[str, str], text: str
+) -> None:
+    """Oracle: docs/conventions.md: such errors have a share of the path, and no cause."""
+    asked = json.dumps({**error, "details": {"share": 0.4}})
+    assert panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({asked}))") == text
 
 
 @pytest.mark.parametrize("menu", ["override-part", "program-menu", "add"])
