@@ -199,13 +199,21 @@ class Page:
         until(lambda: self.run("location.host + document.readyState") == f"{address}complete")
 
     def place(self, selector: str) -> tuple[float, float]:
-        """The middle of an element, scrolled to."""
+        """The middle of an element, scrolled to. An open menu in front of it is closed, as a person does."""
         self.reveal(selector)
-        box = self.run(
-            f"(e => (e.scrollIntoView({{block: 'center', behavior: 'instant'}}), "
-            f"e.getBoundingClientRect().toJSON()))(document.querySelector({json.dumps(selector)}))"
+        x, y, menu = self.run(
+            """(e => {
+                e.scrollIntoView({block: 'center', behavior: 'instant'});
+                const box = e.getBoundingClientRect();
+                const [x, y] = [box.x + 0.5 * box.width, box.y + 0.5 * box.height];
+                const menu = document.elementFromPoint(x, y)?.closest('details.menu[open]');
+                return [x, y, menu && !menu.contains(e) ? menu.id : null];
+            })"""
+            f"(document.querySelector({json.dumps(selector)}))"
         )
-        return box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+        if menu:
+            self.click(f"#{menu} > summary")
+        return x, y
 
     def mouse(self, kind: str, place: tuple[float, float]) -> None:
         """kind: of DevTools: mousePressed, mouseReleased, mouseMoved."""
