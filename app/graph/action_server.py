@@ -48,7 +48,8 @@ class ActionGoal:
     Attributes:
         id: the id that the client chose.
         asker: the client, see `ASKER`.
-        status, result: the result is None until the goal has ended.
+        status: its present status.
+        result: its result; {} until `ended` is set.
         accepted_ns: time of acceptance, ns since 1970.
         accepted: a future that is done on acceptance, or has the exception that rejected the goal.
         ended: set when the goal has its result.

@@ -136,7 +136,7 @@ class Topic:
 
     @property
     def advertised(self) -> str | None:
-        """The type that applies to all clients; None if there is none yet."""
+        """The type that applies to all clients; None before a client has declared or advertised one."""
         return self.declared or next((each.type for each in self.publishers if each.binding), None)
 
     @property

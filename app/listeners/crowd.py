@@ -120,7 +120,7 @@ class Crowd:
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
-        """A place for a new connection; None if there is none."""
+        """Give a new connection a place, perhaps that of another one; None if every place stays taken."""
         own = self._addresses.get(address)
         room = True
         if own is not None and own.count >= self.per_address:

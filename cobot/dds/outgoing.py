@@ -51,7 +51,7 @@ class Outgoing:
         return True
 
     def next(self) -> str | None:
-        """Takes the next text to be sent; None if none waits."""
+        """Take the next text to be sent; None if no text is waiting."""
         if not self._turns:
             return None
         sender = self._turns.popleft()

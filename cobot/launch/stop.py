@@ -164,7 +164,7 @@ def _has_ended(memory: RobotMemory) -> bool:
 
 
 def _state(memory: RobotMemory) -> np.ndarray | None:
-    """A copy of the latest state; None if there is none."""
+    """A copy of the latest state; None before the first one, or while it cannot be read."""
     try:
         return memory.state.read().copy() if memory.state.sequence else None
     except TornReadError:

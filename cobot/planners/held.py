@@ -105,7 +105,8 @@ class Held:
         )
 
     def project(self, joints: Array) -> Array | None:
-        """A configuration near a given one that keeps all constraints with a margin; None if none is found.
+        """A configuration near a given one that keeps all constraints with a margin; None if no such
+        configuration is found.
 
         Newton's method on the violated constraints, with the smallest joint motion.
         """

@@ -234,8 +234,10 @@ def _approve(plan_id: str, request: Request, *, approved: bool) -> KeptPlan:
 
 
 def rehearsal(plan: Plan, found: Rehearsal | None) -> RehearsalAnswer:
-    """The answer to a dry run. `found` is None if the arm has nothing to move; then the plan has all
-    values.
+    """The answer to a dry run.
+
+    Args:
+        found: the result; None for a plan without a motion, whose forecast then has the values instead.
     """
     forecast, flaw = plan.forecast, None if found is None else found.flaw
     closest = forecast if found is None else found

@@ -1,11 +1,11 @@
-// A motion that is asked for without waiting, as it may take longer than any request: its job is followed.
+// Motions are requested with `wait=false`, because they may take longer than a request may. Their jobs report the end.
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
 const BUSY = 503;
 const WAIT_S = 2;
 const AGAIN_MS = 1000;
 
-// null once the arm has arrived, or the error for `reasonOf`. While nobody answers, or the service is too busy, the motion
-// goes on, and so it is asked for again.
+// Requests a motion and waits for its end. Returns null if the arm has arrived, otherwise an error for `reasonOf`.
+// A motion continues even if the service does not answer or is too busy to answer, so its job is then read again.
 export async function moved(api, path, body) {
   const { robot } = api;
   let job = await api.post(`${path}?wait=false`, body);

@@ -56,7 +56,7 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """The request that moves the arm now, in words; None if there is none."""
+        """The request that moves the arm now, in words; None while no request moves it."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()

@@ -306,7 +306,7 @@ class Linkage:
 
 
 def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
-    """The corners of the part of a convex solid that is beyond a plane; None if there is none."""
+    """The corners of the part of a convex solid that is beyond a plane; None if that part has no volume."""
     try:
         hull = ConvexHull(corners)
     except QhullError:

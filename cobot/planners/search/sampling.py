@@ -198,7 +198,7 @@ class _Search:
         self._setup.setPlanner(getattr(geometric, algorithm)(information))
 
     def run(self, left_s: float) -> Array | None:
-        """The corners of a path, shape (n, dof); None if none is found within this time."""
+        """The corners of a path, shape (n, dof); None if no path is found within this time."""
         self._setup.clear()
         begun_s = time.monotonic()
         self._setup.solve(min(SLICE_S, left_s) if self._improves else left_s)

@@ -163,7 +163,7 @@ class Left:
 
     Attributes:
         moves: the remaining moves, in their order.
-        begun: the move that was cut off in the middle of its path; None if there is none.
+        begun: the move in the middle of whose path the arm stopped; None if no remaining move has begun.
         start: position of the arm at rest, shape (dof,), rad.
     """
 
