@@ -6,6 +6,8 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from cobot.access.roles import SERVICE
+
 
 @dataclass(eq=False)
 class RequestClient:
@@ -33,6 +35,6 @@ class RequestClient:
         return f"{self.name} from {self.address}" if self.address else self.name
 
 
-SERVICE_CLIENT = RequestClient("the service itself")
+SERVICE_CLIENT = RequestClient(SERVICE.name)
 CLIENT: ContextVar[RequestClient] = ContextVar("client", default=SERVICE_CLIENT)
 """The client on whose behalf the present task runs. Tasks that it starts inherit it."""

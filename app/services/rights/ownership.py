@@ -20,7 +20,8 @@ from cobot.errors import ConflictError, ExecutionError, MotionStopped
 from cobot.trajectory import Trajectory
 
 BY_STOP = "stopped by POST /stop"
-BY_COMMAND = "stopped by cobot stop"
+COMMAND = "cobot stop"
+BY_COMMAND = f"stopped by {COMMAND}"
 """Reason for a stop by `cobot stop`. It counts stops in shared memory; the audit log has the user."""
 
 
@@ -252,7 +253,7 @@ class Ownership:
         clock, override, job = self._link.clock, self.speed_override, caller.job
         claim = Claim(caller.name, self._link.stops, override, clock, clock.now_s(), CLIENT.get(), job)
         if self.stops != caller.stops:
-            claim.interrupt(StopReason("a stop was requested while the request was being read").error)
+            claim.interrupt(StopReason("a stop was requested while the request was being read", by="").error)
         self._claim = claim
         self.lease.renew()
         error: BaseException | None = None

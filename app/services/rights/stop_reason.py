@@ -31,7 +31,7 @@ class StopReason:
 
     Attributes:
         text: the reason as a sentence.
-        by: the client that caused it.
+        by: the client that caused it; "" if it is not known, or if no client did.
     """
 
     text: str

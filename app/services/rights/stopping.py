@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from app.services.clients import CLIENT
-from app.services.rights.ownership import BY_COMMAND, BY_STOP, Ownership
+from app.services.rights.ownership import BY_COMMAND, BY_STOP, COMMAND, Ownership
 from app.services.rights.stop_reason import StopReason
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
@@ -93,7 +93,7 @@ class StopService:
 
     def follow(self) -> None:
         """After a stop from outside this service: end all requests that would move the arm again."""
-        task = asyncio.create_task(self.stop(MIN_STOP_S, StopReason(BY_COMMAND)))
+        task = asyncio.create_task(self.stop(MIN_STOP_S, StopReason(BY_COMMAND, by=COMMAND)))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 

@@ -373,9 +373,9 @@ def test_anybodys_stop_stops_anybodys_motion(run: VirtualService, method: str) -
 
 def test_a_motion_that_cobot_stop_has_stopped_says_so(run: VirtualService) -> None:
     """That is, somebody on this computer, through shared memory; what POST /stop does says POST /stop."""
-    for stop, who in (
-        (run.rig.memory.outside_stops.add, "cobot stop"),
-        (lambda: run.post("/stop"), "POST /stop"),
+    for stop, who, by in (
+        (run.rig.memory.outside_stops.add, "cobot stop", "cobot stop"),
+        (lambda: run.post("/stop"), "POST /stop", "anonymous from 127.0.0.1"),
     ):
         run.post("/trajectory/send", POINTS).raise_for_status()
         run.sleep(3.0)
@@ -383,6 +383,8 @@ def test_a_motion_that_cobot_stop_has_stopped_says_so(run: VirtualService) -> No
         run.until(lambda: run.health()["service"]["motion"] is None)
         line = run.get("/trajectory/logs").json()["lines"][-1]
         assert f"stopped by {who}: the arm came to rest on its path" in line
+        details = run.get("/jobs?limit=1").json()["jobs"][0]["error"]["details"]
+        assert (details["cause"], details["by"]) == ("stop", by)
         run.go_home()
 
 
