@@ -1,6 +1,7 @@
 // What a stop has left: who stopped the arm and when, what has ended, and what to press next. It stays next to the
 // arm until a motion begins or it is closed. An e-stop and a fault have a message of their own, in banner.js.
 import { WITH_STEPS } from "./job.js";
+import { causeOf } from "./reasons.js";
 import { requests } from "./stop.js";
 import { inEachLanguage, named, word } from "./words.js";
 
@@ -18,7 +19,7 @@ export class Halt {
 
   // Also for another robot.
   clear() {
-    this.stop = null; // {time, by, isOwn}
+    this.stop = null; // {time, by, cause, isOwn}
     this.ended = this.running = ""; // the kind of the job that the stop has ended, and of the one that runs
     this.write();
   }
@@ -31,9 +32,9 @@ export class Halt {
     else if (type === "mode" && LATCHED.includes(data.mode)) this.clearStop();
   }
 
-  stopped(time, { by, request }) {
+  stopped(time, { by, cause, request }) {
     if (this.stop && time - this.stop.time < JOINED_MS) return;
-    this.stop = { time, by, isOwn: requests.has(request) };
+    this.stop = { time, by, cause, isOwn: requests.has(request) };
     this.ended = this.running;
     this.write();
   }
@@ -65,7 +66,9 @@ export class Halt {
     element("halt").hidden = !this.stop;
     if (!this.stop) return;
     const time = this.stop.time.toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
-    element("halt-who").textContent = this.stop.isOwn ? word("halt_you", { time }) : word("halt_by", { time, by: named(this.stop.by) });
+    const who = this.stop.isOwn ? word("halt_you", { time }) : word("halt_by", { time, by: named(this.stop.by) });
+    const why = this.stop.cause === "cancelled" ? "" : causeOf(this.stop); // that cause is only the client once more
+    element("halt-who").textContent = [who, why].filter(Boolean).join(" ");
     const isProgram = WITH_STEPS.includes(this.ended);
     const what = isProgram ? "halt_program" : this.ended ? "halt_motion" : "halt_nothing";
     element("halt-what").textContent = `${word(what)} ${word("halt_ready")}`;

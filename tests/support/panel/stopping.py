@@ -65,6 +65,11 @@ def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_n
     panel.until("document.querySelector('#halt').hidden")
     httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
     panel.until("document.querySelector('#halt-who').innerText.includes('by an unnamed client')")
+    panel.page.run("cobotPanel.halt.clear()")
+    heard = {"type": "stop", "time": "2026-01-01T00:00:00Z", "data": {"by": "cobot", "cause": "gripper"}}
+    panel.page.run(f"cobotPanel.halt.hear({json.dumps(heard)})")
+    assert panel.text("#halt-who").endswith(" by cobot. The gripper has lost its object.")
+    panel.page.run("cobotPanel.halt.clear()")
 
 
 @pytest.mark.parametrize(
