@@ -1,12 +1,12 @@
-"""Arms behind ros2_control: a joint trajectory controller and joint states, over ROS 2, without ROS here.
+"""Arms behind ros2_control, over DDS: neither ROS nor rclpy has to be installed on this computer.
 
 options   the options
-link      the process that speaks DDS, and what it has seen
-words     reasons why the arm cannot be moved, in words
-path      the way from a motion to a goal, and from feedback to progress
+link      the process that speaks DDS, and the facts that it reports
+words     reasons why the arm cannot be moved, as sentences
+path      conversion of a motion to a goal, and of feedback to progress
 common    what both backends have in common
-backend   the device that takes whole motions
-rig       its controller in the same process, for the contract
+backend   the device, which accepts whole motions
+rig       a simulated controller in the same process, for the contract checks
 stream    the backend that commands a position in each cycle; with stream_link and stream_rig
 """
 

@@ -1,8 +1,9 @@
-"""An arm behind ros2_control that takes whole motions: goals of FollowJointTrajectory, positions from
-joint_states.
+"""An arm behind ros2_control that accepts whole motions.
 
-Nothing is compared with the clock of the driver's computer: goals have the time stamp 0, which means now, and
-ages are those of this computer.
+Motions are goals of FollowJointTrajectory, and positions come from joint_states.
+
+The clock of the driver's computer is not used: goals have the time stamp 0, which means now, and ages are
+measured with the clock of this computer.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import Ros2ControlRig
 
 START_RAD = 0.02
-"""Largest distance of the arm from the first point of a motion."""
+"""Maximum distance of a joint from the first point of a motion, rad."""
 FEEDBACK_S = 0.25
-"""Older feedback does not count; then the measured position does."""
+"""Maximum age of feedback, s. If it is older, the measured position is used instead."""
 
 
 class Ros2ControlArm(ControllerClient):
-    """See the module; a `TrajectoryDevice` with `status`."""
+    """A `TrajectoryDevice` with `status`; see the module."""
 
     Options = Ros2ControlOptions
     capabilities = Capabilities(
@@ -40,7 +41,7 @@ class Ros2ControlArm(ControllerClient):
     state_period_s = LOOK_S
 
     def __init__(self, settings: Settings, limits: JointLimits, link: ControllerLink | None = None) -> None:
-        """link: for tests.
+        """Create the device. `link` is for tests.
 
         Raises:
             ConfigError: the joints or the namespace are wrong.
@@ -61,8 +62,10 @@ class Ros2ControlArm(ControllerClient):
         self._await()
 
     def enable(self) -> None:
-        """Cancel what is left of a motion, and look for the reason of the fault again. No drive is switched
-        on: that is the driver's."""
+        """Cancel any remaining goal, and check again for faults.
+
+        No drive is switched on: the driver does that.
+        """
         self._link.open()
         self._link.forget()
         self._progress = None
@@ -94,7 +97,7 @@ class Ros2ControlArm(ControllerClient):
 
     def start(self) -> None:
         if self._loaded is None:
-            raise BackendError("there is no motion to be started")
+            raise BackendError("no motion has been loaded")
         times_s, positions = self._loaded
         self._progress = PathProgress(times_s, positions)
         self._link.start()
@@ -124,7 +127,7 @@ class Ros2ControlArm(ControllerClient):
             raise BackendError(f"{failed}: the arm may still move; press the emergency stop of the robot")
 
     def disable(self) -> None:
-        """Nothing to switch off here: the drives are the driver's."""
+        """Cancel the goal. The driver controls the drives, so they are not switched off here."""
         with contextlib.suppress(BackendError):
             self._link.cancel()
 
@@ -132,7 +135,7 @@ class Ros2ControlArm(ControllerClient):
         self._link.close()
 
     def _problem(self, facts: Facts) -> str:
-        """Why the arm cannot be driven now; "" if it can."""
+        """The reason why the arm cannot be moved now; "" if it can be moved."""
         goal = facts.goal
         failed = "" if goal is None else words.of_goal(goal, facts.action)
         problem = failed or self._of_driver(facts)
@@ -153,7 +156,10 @@ class Ros2ControlArm(ControllerClient):
         )
 
     def _of_lateness(self, facts: Facts) -> str:
-        """Whether the result of the goal should have come; a speed slider below full makes it later."""
+        """A description of an overdue result; "" if it is not overdue.
+
+        If the speed slider is below full speed, no result is reported as overdue.
+        """
         goal, progress = facts.goal, self._progress
         if goal is None or progress is None or self.status().speed_scaling < 1.0:
             return ""

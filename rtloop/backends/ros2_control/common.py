@@ -18,7 +18,7 @@ LOOK_S = 0.05
 
 
 class ControllerClient:
-    """A client of the controllers of an arm: what is expected of them, and its status."""
+    """A client of the controllers of an arm: the checks of what they report, and the status."""
 
     capabilities: Capabilities
     way = words.GOALS
@@ -61,10 +61,10 @@ class ControllerClient:
         return 100.0 if self._percent else 1.0
 
     def _await(self) -> None:
-        """Wait until the driver is there and nothing is wrong.
+        """Wait until the driver can be used.
 
         Raises:
-            BackendError: it is not, with the reason.
+            BackendError: it cannot be used within `connect_s`; the error has the reason.
         """
         problem = ""
         for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
@@ -76,7 +76,7 @@ class ControllerClient:
         raise BackendError(problem)
 
     def _of_driver(self, facts: Facts) -> str:
-        """Why the driver cannot be used; "" if it can."""
+        """The reason why the driver cannot be used; "" if it can be used."""
         return (
             words.of_connection(facts, self._options.namespace, self.way)
             or words.of_joints_of_controller(facts, self._names)

@@ -1,8 +1,10 @@
-"""An arm behind ros2_control that takes a command in each cycle: a forward command controller, which passes
-positions on as they come. The controller's own cycle must be as fast as the joint states.
+"""An arm behind ros2_control that accepts a command in each cycle.
 
-The cycle exchanges datagrams with the process that speaks DDS and never waits for it; a thread asks it some
-times a second what else it has seen.
+Commands go to a forward command controller, which passes each position on when it arrives. The controller's
+own cycle must be as fast as the joint states.
+
+The cycle exchanges datagrams with the process that speaks DDS and never waits for it. A thread polls that
+process several times a second for all other facts.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from rtloop.backends.ros2_control.stream_rig import StreamRig
 CLOSE_S = 2.0
 ROWS = ("position", "velocity", "effort")
 MIN_STATES = 2.0
-"""Joint states within `rt.frozen_after_s`, else they seem to be frozen."""
+"""Minimum number of joint states within `rt.frozen_after_s`. With fewer, cobot would report frozen values."""
 
 
 class StreamOptions(Ros2ControlOptions):
@@ -41,10 +43,10 @@ class StreamOptions(Ros2ControlOptions):
 
 
 class StreamLink(ControllerLink, Protocol):
-    """What the stream needs of its link in addition.
+    """The functions that a stream uses in addition.
 
     Attributes:
-        threaded: whether its facts are asked for by a thread.
+        threaded: whether a thread polls its facts.
     """
 
     threaded: bool
@@ -68,7 +70,7 @@ class Ros2ControlStream(ControllerClient):
     way = words.COMMANDS
 
     def __init__(self, settings: Settings, limits: JointLimits, link: StreamLink | None = None) -> None:
-        """link: for tests.
+        """Create the backend. `link` is for tests.
 
         Raises:
             ConfigError: the joints or the namespace are wrong.
@@ -89,7 +91,7 @@ class Ros2ControlStream(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> StreamRig:
-        """A controller in the same process."""
+        """A simulated controller in the same process."""
         return StreamRig(Ros2ControlStream, settings, limits)
 
     def open(self, initial_position: Array) -> None:
@@ -97,9 +99,9 @@ class Ros2ControlStream(ControllerClient):
         self._await()
         if self._facts.rate_hz < self._needed_hz:
             raise BackendError(
-                f"{self._expected.topic} comes with {self._facts.rate_hz:.0f} Hz, a stream needs "
-                f"{self._needed_hz:.0f} Hz: {MIN_STATES:g} within rt.frozen_after_s; use the backend "
-                "ros2_control, or a faster controller manager"
+                f"the rate of {self._expected.topic} is {self._facts.rate_hz:.0f} Hz, the minimum for a "
+                f"stream is {self._needed_hz:.0f} Hz ({MIN_STATES:g} joint states within rt.frozen_after_s): "
+                "raise update_rate of the controller manager, or use the backend ros2_control"
             )
         self._problem = ""
         if self._stream.threaded:
@@ -108,7 +110,7 @@ class Ros2ControlStream(ControllerClient):
             self._thread.start()
 
     def enable(self) -> None:
-        """Look for the reason of the fault again; the drives are the driver's."""
+        """Check again for faults. No drive is switched on: the driver does that."""
         with self._turn:
             self._stream.open()
             self._stream.forget()
@@ -123,10 +125,7 @@ class Ros2ControlStream(ControllerClient):
             raise BackendError(self._problem)
         age_s = self._stream.latest(self._rows)
         if not age_s <= self._options.state_timeout_s:
-            self._problem = (
-                f"{self._expected.topic} has been silent for {age_s:.2f} s, allowed are "
-                f"{self._options.state_timeout_s:g} s: does the driver still run?"
-            )
+            self._problem = words.silence_of(self._expected.topic, age_s, self._options.state_timeout_s)
             raise BackendError(self._problem)
         measured.position[:] = self._rows[0]
         for order, row in enumerate(ROWS):
@@ -134,13 +133,11 @@ class Ros2ControlStream(ControllerClient):
                 getattr(measured, row)[:] = self._rows[order]
 
     def write(self, command: Array) -> None:
-        if (
-            self._enabled and not self._problem
-        ):  # after a fault the arm may have been moved: `enable` comes first
+        if self._enabled and not self._problem:  # after a fault the arm may have moved: `enable` comes first
             self._stream.command(command[0])
 
     def disable(self) -> None:
-        """Send no more commands; the drives are the driver's."""
+        """Send no more commands. The driver controls the drives, so they stay on."""
         self._enabled = False
 
     def close(self) -> None:
@@ -159,7 +156,7 @@ class Ros2ControlStream(ControllerClient):
                 self._look()
 
     def _look(self) -> None:
-        """Note why the arm cannot be driven."""
+        """Store the reason why the arm cannot be moved."""
         try:
             self._facts = self._stream.facts()
             self._problem = self._problem or self._of_driver(self._facts)

@@ -1,4 +1,4 @@
-"""Reasons why an arm behind ros2_control cannot be moved, in words, with what to do."""
+"""Reasons why an arm behind ros2_control cannot be moved, as sentences with remedies."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ ERRORS = {
     -3: "OLD_HEADER_TIMESTAMP: the controller finds the goal too old",
     -4: "PATH_TOLERANCE_VIOLATED: the arm has left its path further than the controller permits",
     -5: "GOAL_TOLERANCE_VIOLATED: the arm has not arrived within the controller's tolerances",
-    -6: "TRAJECTORY_ABORTED: the controller has given up",
+    -6: "TRAJECTORY_ABORTED: the controller has aborted the motion",
 }
-"""By `error_code` of control_msgs/action/FollowJointTrajectory."""
+"""Texts by `error_code` of control_msgs/action/FollowJointTrajectory."""
 MOTOROS2 = 100_000
 """MotoROS2 reports its own code in the lower five digits."""
 BEYOND_RAD = 0.2
-"""A joint that is further beyond its limit than this is not believed."""
+"""Maximum distance of a joint beyond its limit, rad. Above it the reported position must be wrong."""
 DISAGREE_RAD = 0.1
-"""Largest difference between the joint states and what the controller itself measures."""
+"""Maximum difference between the joint states and the positions in the controller's feedback, rad."""
 FRESH_S = 0.1
 AS_IF = "are they in degrees, or in another order? robot.backend.joints has the order"
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What is expected of joint states.
+    """The requirements for joint states.
 
     Attributes:
-        topic: their name.
-        names: of the joints in ROS, in the arm's order.
-        low, high: their limits, shape (dof,), rad.
-        measured: what they contain besides positions.
+        topic: topic of the joint states.
+        names: names of the joints in ROS, in the arm's order.
+        low, high: limits of the joints, shape (dof,), rad.
+        measured: quantities that joint states contain besides positions.
         timeout_s, min_rate_hz: see the options.
     """
 
@@ -54,7 +54,13 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class CommandWords:
-    """How the arm is commanded, in words."""
+    """The nouns of one way to command the arm, for messages.
+
+    Attributes:
+        kind: kind of the controller.
+        end: the other end of the connection.
+        ends: plural of its name.
+    """
 
     kind: str
     end: str
@@ -66,13 +72,13 @@ COMMANDS = CommandWords("forward position controller", "subscriber of the topic"
 
 
 def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> str:
-    """Why the arm cannot be commanded; "" if it can."""
+    """The reason why the arm cannot be commanded; "" if it can be commanded."""
     if facts.problem:
         return facts.problem
     where = f"in the namespace {namespace}" if namespace else "in the root namespace"
     if facts.choices:
         return (
-            f"there are several {way.ends} that could be meant: {', '.join(facts.choices)}; name one in "
+            f"several {way.ends} fit the settings: {', '.join(facts.choices)}; name the controller in "
             "robot.backend.controller"
         )
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
@@ -98,7 +104,7 @@ def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> st
 
 
 def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
-    """Why the controller does not fit the arm; "" if it does, or if its joints are unknown."""
+    """The reason why the controller does not fit the arm; "" if it fits or its joints are unknown."""
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
     joints = set(state["joints"]) if state else set()
     if not joints or joints == set(names):
@@ -113,7 +119,7 @@ def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
 
 
 def of_joint_states(facts: Facts, expected: Expectation) -> str:
-    """Why the joint states cannot be believed; "" if they can."""
+    """The reason why the joint states cannot be used; "" if they can be used."""
     topic, names = expected.topic, expected.names
     if facts.missing:
         return (
@@ -121,21 +127,21 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
             "robot.backend.joints or robot.backend.prefix"
         )
     if facts.age_s is None:
-        return f"nothing comes on {topic}: is the joint_state_broadcaster active? See `ros2 topic hz {topic}`"
-    if facts.age_s > expected.timeout_s:
         return (
-            f"{topic} has been silent for {facts.age_s:.1f} s, allowed are {expected.timeout_s:g} s: does "
-            "the driver still run?"
+            f"no joint state has arrived on {topic}: check that the joint_state_broadcaster is active, and "
+            f"compare with `ros2 topic hz {topic}`"
         )
+    if facts.age_s > expected.timeout_s:
+        return silence_of(topic, facts.age_s, expected.timeout_s)
     if 0.0 < facts.rate_hz < expected.min_rate_hz:
         return (
-            f"{topic} comes with {facts.rate_hz:.1f} Hz, needed are {expected.min_rate_hz:g} Hz "
-            "(robot.backend.min_rate_hz)"
+            f"the rate of {topic} is {facts.rate_hz:.1f} Hz, the minimum is {expected.min_rate_hz:g} Hz "
+            "(robot.backend.min_rate_hz): raise the publishing rate of the driver"
         )
     for row in ("position", *expected.measured):
         values = getattr(facts, row)
         if values is None:
-            return f"{topic} has no {row}: remove it from robot.backend.measured"
+            return f"{topic} has no {row}: remove {row} from robot.backend.measured"
         for name, value in zip(names, values, strict=True):
             if not math.isfinite(value):
                 return f"{topic}: the {row} of {name} is {value}, not a number"
@@ -150,10 +156,18 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
     return ""
 
 
+def silence_of(topic: str, age_s: float, timeout_s: float) -> str:
+    """The error of joint states that have stopped."""
+    return (
+        f"the last joint state on {topic} is {age_s:.2f} s old, the maximum is {timeout_s:g} s "
+        "(robot.backend.state_timeout_s): check that the driver still runs"
+    )
+
+
 def of_goal(goal: GoalFacts, action: str) -> str:
-    """Why the goal has failed; "" if it is executed, has succeeded or was stopped."""
+    """The reason why the goal has failed; "" if it is running, has succeeded or was stopped."""
     if goal.accepted is False:
-        return f"{action} has rejected the goal; the log of its driver says why"
+        return f"{action} has rejected the goal; the log of its driver has the reason"
     if goal.lost:
         return f"the driver of {action} has gone away or was restarted during the motion"
     if goal.status is None or goal.status == SUCCEEDED or goal.stopping:
@@ -168,7 +182,7 @@ def of_goal(goal: GoalFacts, action: str) -> str:
 
 
 def of_agreement(facts: Facts, goal: GoalFacts, names: list[str], topic: str) -> str:
-    """Whether the joint states and the controller mean the same arm; "" if they do."""
+    """A difference between the joint states and the controller's feedback; "" if they agree."""
     if goal.actual is None or facts.position is None or goal.feedback_age_s > FRESH_S:
         return ""
     velocity = np.abs(facts.velocity) if facts.velocity is not None else np.zeros(len(names))

@@ -58,7 +58,7 @@ NAMED = {"name": "arm_controller", "state": "active", "joints": [f"joint{n}" for
         ({"problem": "ROS 2: no network"}, "ROS 2: no network"),
         (
             {"choices": ["/a/follow", "/b/follow"], "ready": False},
-            r"several actions .*: /a/follow, /b/follow; name one in robot.backend.controller",
+            r"several actions .*: /a/follow, /b/follow; name the controller in robot.backend.controller",
         ),
         ({"ready": False}, "no server of the action /arm_controller/.*ROS_DOMAIN_ID"),
         ({"ready": False, "action": "", "controllers": None, "controller": ""}, "root namespace: start the"),
@@ -71,9 +71,9 @@ NAMED = {"name": "arm_controller", "state": "active", "joints": [f"joint{n}" for
             {"controllers": [{**NAMED, "joints": [*NAMED["joints"][:-1], "rail"]}]},
             "moves rail, which the arm's model does not have and does not move joint7",
         ),
-        ({"age_s": None}, "nothing comes on /joint_states: is the joint_state_broadcaster active"),
-        ({"age_s": 0.7}, "/joint_states has been silent for 0.7 s, allowed are 0.5 s"),
-        ({"rate_hz": 4.0}, "comes with 4.0 Hz, needed are 10 Hz"),
+        ({"age_s": None}, "no joint state has arrived on /joint_states: check that the"),
+        ({"age_s": 0.7}, "the last joint state on /joint_states is 0.70 s old, the maximum is 0.5 s"),
+        ({"rate_hz": 4.0}, "the rate of /joint_states is 4.0 Hz, the minimum is 10 Hz"),
         ({"missing": ["joint3"], "names": ["joint1"]}, "has no joint joint3: it has joint1; correct"),
         ({"velocity": None}, "has no velocity: remove it from robot.backend.measured"),
         ({"velocity": [0.0] * 6 + [float("inf")]}, "the velocity of joint7 is inf, not a number"),
@@ -95,7 +95,7 @@ def test_what_is_wrong_is_named(limits: JointLimits, change: dict[str, Any], wor
 
 def test_what_is_wrong_is_named_at_the_start_too(limits: JointLimits) -> None:
     arm, link = arm_told(limits, {}, age_s=None)
-    with pytest.raises(BackendError, match="nothing comes on /joint_states"):
+    with pytest.raises(BackendError, match="no joint state has arrived on /joint_states"):
         arm.enable()
     link.change = {}
     arm.enable()
