@@ -27,7 +27,6 @@ import contextlib
 import gc
 import json
 import math
-import os
 import signal
 import socket
 import struct
@@ -45,6 +44,7 @@ from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message, NodePublisher
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
+from cobot.launch.process import leave_real_time
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES
 
@@ -427,13 +427,6 @@ class ArmClient:
         self._scaling = message["data"]
 
 
-def be_ordinary() -> None:
-    """Give up the real-time priority and the core that a process inherits from rtloop."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
-
-
 def make_participant(settings: dict[str, Any], name: NodeName) -> Participant:
     """The participant on the networks of the settings."""
     return Participant(
@@ -460,7 +453,7 @@ async def _serve(settings: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    be_ordinary()
+    leave_real_time()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)  # it ends with rtloop, after it has cancelled its goal
     try:

@@ -122,6 +122,18 @@ def be(niceness: Niceness, *, session: bool = False) -> None:
             _write_again(AUTOGROUP, str(int(niceness)))
 
 
+def leave_real_time() -> None:
+    """Drop the real-time priority and the core that this thread or process inherits from rtloop.
+
+    Otherwise the cycle, and everything else on its core, would wait while this thread computes. It
+    stays prompt, because the cycle may wait for it while it holds the interpreter.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    be(Niceness.PROMPT)
+
+
 def _write_again(file: Path, text: str) -> None:
     """Write to the file again and again until Linux accepts it. Linux accepts ten writes per second from
     processes without CAP_SYS_ADMIN, as in a container."""

@@ -16,6 +16,7 @@ from typing import cast
 import numpy as np
 
 from cobot.foreign import plain_error, plain_text
+from cobot.launch.process import leave_real_time
 from cobot.robot.device import DeviceStatus
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
@@ -230,6 +231,7 @@ class TrajectoryDriver:
             cast(CarriesTool, self.device).set_tool(tool)
 
     def _keep_asking(self) -> None:
+        leave_real_time()
         while not self._ending:
             self._wake.wait(self._state_period_s)
             self._wake.clear()

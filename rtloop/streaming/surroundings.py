@@ -7,15 +7,13 @@ finished monitor.
 
 from __future__ import annotations
 
-import contextlib
-import os
 import sys
 import threading
 
 from cobot.cell.surroundings import scene_file, tool_file
 from cobot.config import Settings
 from cobot.errors import CobotError
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import leave_real_time
 from cobot.robot.model import RobotModel
 from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
@@ -79,20 +77,10 @@ class Surroundings:
         return made
 
     def _make(self) -> None:
-        _be_ordinary()
+        leave_real_time()
         try:
             self._made = self.read()
         except CobotError as exc:
             self._made = Rejected(str(exc))
         except Exception as exc:  # noqa: BLE001 - any error must be reported to the cycle
             self._made = Rejected(f"{type(exc).__name__}: {exc}")
-
-
-def _be_ordinary() -> None:
-    """Drop the real-time priority that the thread inherits from its process. Otherwise the cycle would wait
-    while MuJoCo compiles.
-    """
-    with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    be(Niceness.PROMPT)  # the cycle may have to wait for this thread when it holds the interpreter

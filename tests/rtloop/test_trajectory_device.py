@@ -5,6 +5,7 @@ Oracle: the toy device, which knows where on its motion it is, and what it was g
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -244,6 +245,31 @@ def test_a_device_that_cannot_be_asked_is_a_fault_and_one_that_hangs_keeps_nobod
         hangs.clear()
         going.set()
         backend.close()
+
+
+def test_its_thread_is_not_as_urgent_as_the_cycle(settings: Settings, robot: RobotDescription) -> None:
+    """Oracle: the kernel's word. SCHED_BATCH is inherited as SCHED_FIFO is, and any process may have it."""
+    seen: dict[str, int] = {}
+
+    class Looking(ToyArm):
+        def state(self, measured: Measured) -> None:
+            seen[threading.current_thread().name] = os.sched_getscheduler(0)
+            super().state(measured)
+
+    backend = as_backend(Looking(settings, robot.limits), robot.limits.dof, 0.001)
+
+    def open_it() -> None:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        backend.open(np.array(robot.positions["home"].joints))
+
+    cycle = threading.Thread(target=open_it, name="cycle")
+    cycle.start()
+    cycle.join()
+    try:
+        until(lambda: "device" in seen)
+    finally:
+        backend.close()
+    assert seen == {"cycle": os.SCHED_BATCH, "device": os.SCHED_OTHER}
 
 
 def test_it_is_made_from_the_settings(settings: Settings, robot: RobotDescription) -> None:

@@ -6,15 +6,17 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
+from cobot.launch.process import leave_real_time
+
 ResultT = TypeVar("ResultT")
 
 
 class RmiWorker:
-    """Runs jobs one after the other, on a thread of its own."""
+    """Runs jobs one after the other, on a thread of its own without real-time priority."""
 
     def __init__(self, *, threaded: bool = True) -> None:
         """threaded: whether jobs run in the thread. If not, each runs at once, for tests in robot time."""
-        self._executor = ThreadPoolExecutor(1, "fanuc-rmi") if threaded else None
+        self._executor = ThreadPoolExecutor(1, "fanuc-rmi", leave_real_time) if threaded else None
 
     def begin(self, job: Callable[[], ResultT]) -> Future[ResultT]:
         if self._executor is not None:

@@ -9,8 +9,6 @@ process several times a second for all other facts.
 
 from __future__ import annotations
 
-import contextlib
-import os
 import threading
 from types import MappingProxyType
 from typing import Any, Protocol, cast
@@ -18,6 +16,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from cobot.config import Settings
+from cobot.launch.process import leave_real_time
 from cobot.robot.device import Capabilities
 from cobot.types import Array, JointLimits
 from rtloop.backends.compiled import Measured
@@ -148,9 +147,7 @@ class Ros2ControlStream(ControllerClient):
         self._stream.close()
 
     def _keep_looking(self) -> None:
-        with contextlib.suppress(OSError, AttributeError):  # a thread inherits the cycle's priority
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-            os.sched_setaffinity(0, range(os.cpu_count() or 1))
+        leave_real_time()
         while not self._ending.wait(LOOK_S):
             with self._turn:
                 self._look()

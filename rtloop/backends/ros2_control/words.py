@@ -141,7 +141,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
     for row in ("position", *expected.measured):
         values = getattr(facts, row)
         if values is None:
-            return f"{topic} has no {row}: remove {row} from robot.backend.measured"
+            return f"{topic} has no {row}: remove it from robot.backend.measured"
         for name, value in zip(names, values, strict=True):
             if not math.isfinite(value):
                 return f"{topic}: the {row} of {name} is {value}, not a number"

@@ -5,6 +5,8 @@ Oracle: what the controller says of its arm, and of what it was sent.
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -24,6 +26,7 @@ from rtloop.backends.fanuc.messages import CommandPacket, ContactStop, StatusPac
 from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FENCE
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
+from rtloop.backends.fanuc.worker import RmiWorker
 
 Made = Callable[..., Settings]
 
@@ -398,3 +401,18 @@ def test_the_example_has_valid_settings() -> None:
     assert options is not None
     assert options.address == "127.0.0.1"
     assert settings.rt.period_s in FanucBackend.capabilities.periods_s
+
+
+def test_requests_are_not_as_urgent_as_the_cycle() -> None:
+    """Oracle: the kernel's word. SCHED_BATCH is inherited as SCHED_FIFO is, and any process may have it."""
+    worker, seen = RmiWorker(), list[int]()
+
+    def cycle() -> None:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        seen.append(worker.begin(lambda: os.sched_getscheduler(0)).result())
+
+    thread = threading.Thread(target=cycle)
+    thread.start()
+    thread.join()
+    worker.close()
+    assert seen == [os.SCHED_OTHER]
