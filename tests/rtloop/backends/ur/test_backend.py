@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from lockstep_ur import hold
+from lockstep_ur import LateCommands, hold
 from ur_arm import with_options
 
 from cobot.config import Settings
@@ -155,6 +155,33 @@ def test_packages_that_are_left_out_make_no_jump(connect: Joined, period_ms: int
         backend.wait(0.1)
         backend.write(command)
     assert way.network.lost > 20
+    assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
+
+
+@pytest.mark.parametrize("period_ms", [2, 8])
+@pytest.mark.parametrize(
+    "delays", [[0, 1, 2], [3], [10]], ids=["up to 4 ms at times", "6 ms at once", "20 ms at once"]
+)
+def test_late_commands_make_no_jump_at_full_speed(connect: Joined, period_ms: int, delays: list[int]) -> None:
+    """Up to 2.5 rad/s and 12.5 rad/s². The delay begins at rest, at half and at full speed, and ends at once.
+
+    Oracle: the reflex of the controller.
+    """
+    backend, way = connect(ON, period_ms=period_ms)
+    late = LateCommands(way)
+    backend.open(np.zeros(6))
+    backend.enable()
+    hold(backend, way, 1200 // period_ms)
+    command = np.zeros((3, 6))
+    random = np.random.default_rng(1)
+    begin = way.controller.arm.setpoint.copy()
+    for begin_s in (0.0, 0.15, 0.3):
+        for cycle in range(3000 // period_ms):
+            time_s = min(1e-3 * period_ms * cycle, 2.0 * math.pi / 5.0)
+            late.periods = int(random.choice(delays)) if begin_s <= time_s < 1.2 else 0
+            command[0] = begin + 0.5 * (1.0 - math.cos(5.0 * time_s))
+            backend.wait(0.1)
+            backend.write(command)
     assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
 
 
