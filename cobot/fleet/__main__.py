@@ -298,7 +298,7 @@ def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
 
 def _roll_out(chosen: argparse.Namespace) -> int:
     """Roll out a bundle, and print the progress until the end. Ctrl-C rolls back."""
-    from cobot.fleet.bundles import bundle_of
+    from cobot.fleet.bundle import bundle_of
 
     content = bundle_of(chosen.folder, chosen.name or chosen.folder.resolve().name, chosen.version)
     bundle = _ask(chosen, "POST", "/bundles", content)["bundle"]

@@ -21,7 +21,7 @@ from cobot.errors import (
     PermissionDenied,
     UnavailableError,
 )
-from cobot.fleet.bundles import Bundle, hash_of, read_bundle
+from cobot.fleet.bundle import Bundle, hash_of, read_bundle
 from cobot.fleet.messages import ActivateBundle, FleetAction, RollBackBundle, StageBundle
 
 MAX_BUNDLES = 20

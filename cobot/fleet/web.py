@@ -31,7 +31,7 @@ from cobot.errors import (
     NotFoundError,
     PermissionDenied,
 )
-from cobot.fleet.bundles import MAX_BUNDLE_BYTES
+from cobot.fleet.bundle import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
 from cobot.fleet.metrics import CONTENT_TYPE, metrics_of

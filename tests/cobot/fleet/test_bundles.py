@@ -15,7 +15,8 @@ from cobot.client import Client
 from cobot.config import load_settings, load_with_rolled_out
 from cobot.errors import ConflictError, PermissionDenied, UnavailableError
 from cobot.fleet import bundles, cell_settings
-from cobot.fleet.bundles import Installed, RobotBundles, hash_of
+from cobot.fleet.bundle import hash_of
+from cobot.fleet.bundles import Installed, RobotBundles
 
 OWN = "kept: kept\nfleet: {connect: [tcp/127.0.0.1:7447], accept: {roll_out: admin, settings: admin}}\n"
 

@@ -10,7 +10,7 @@ from cobot_run import until
 
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, NotFoundError, PermissionDenied
 from cobot.fleet import roll_outs
-from cobot.fleet.bundles import Bundle, BundleProgram, hash_of, read_bundle
+from cobot.fleet.bundle import Bundle, BundleProgram, hash_of, read_bundle
 from cobot.fleet.messages import FleetAction, written
 from cobot.fleet.roll_outs import MAX_BUNDLES, RollOuts
 
