@@ -23,6 +23,8 @@ SHAPES = {
 SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 NO_COLOUR = [0.5, 0.5, 0.5, 1.0]
 """Default colour of MuJoCo. A geometry that has it uses the colour of its material."""
+COLORS = {"tool": [0.1, 0.55, 0.6, 1.0], "scene": [0.45, 0.5, 0.62, 1.0]}
+"""Colours of parts that the model does not have."""
 Version = tuple[int, int, bytes]
 Mesh = tuple[Array, npt.NDArray[np.int32]]
 
@@ -128,14 +130,15 @@ def _body(robot: RobotDescription, mj: mujoco.MjModel, index: int) -> Body:
     name = str(mj.body(index).name)
     first, first_joint = int(mj.body_geomadr[index]), int(mj.body_jntadr[index])
     part = "scene" if name in robot.collision.scene.objects else "robot"
+    part = "tool" if name in robot.collision.tool.shapes else part
     return Body(
         name=name,
         parent=int(mj.body_parentid[index]),
-        part="tool" if name in robot.collision.tool.shapes else part,
+        part=part,
         pose=_pose(mj.body_pos[index], mj.body_quat[index]),
         joints=[_joint(mj, first_joint + offset) for offset in range(mj.body_jntnum[index])],
         shapes=[
-            _shape(mj, geom)
+            _shape(mj, geom, COLORS.get(part))
             for geom in range(first, first + mj.body_geomnum[index])
             if int(mj.geom_type[geom]) in SHAPES
         ],
@@ -152,7 +155,7 @@ def _joint(mj: mujoco.MjModel, index: int) -> BodyJoint:
     )
 
 
-def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
+def _shape(mj: mujoco.MjModel, geom: int, color: list[float] | None) -> Shape:
     kind = SHAPES[int(mj.geom_type[geom])]
     material = int(mj.geom_matid[geom])
     own = mj.geom_rgba[geom].tolist() != NO_COLOUR
@@ -161,7 +164,7 @@ def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
         kind=kind,
         size=_size(kind, mj.geom_size[geom].tolist()),
         pose=_pose(mj.geom_pos[geom], mj.geom_quat[geom]),
-        rgba=rgba.astype(float).round(4).tolist(),
+        rgba=color or rgba.astype(float).round(4).tolist(),
         mesh=int(mj.geom_dataid[geom]) if kind == "mesh" else None,
         collides=bool(mj.geom_contype[geom] or mj.geom_conaffinity[geom]),
     )

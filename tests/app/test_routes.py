@@ -66,6 +66,17 @@ def test_operations_are_named_after_what_they_do(schema: dict[str, Any]) -> None
     assert len({operation["summary"] for operation in operations}) == len(operations)
 
 
+def test_summaries_are_whole_sentences(schema: dict[str, Any]) -> None:
+    """A description may be wrapped in the middle of its first sentence. Oracle: the description."""
+    found = [each for operations in schema["paths"].values() for each in operations.values()]
+    assert len(found) > 200
+    for each in found:
+        summary = each["summary"].removesuffix(" For any robot.")
+        described = " ".join(each["description"].split()) + " "
+        assert described.startswith(summary.removesuffix(".")), summary
+        assert described[len(summary) - 1] == "." or described.strip() == summary.removesuffix("."), summary
+
+
 def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_path: Path) -> None:
     app = without(settings, tmp_path, "POST /robot/move/pose", "GET /trajectory/logs")
     assert "/robot/move/pose" not in app.openapi()["paths"]

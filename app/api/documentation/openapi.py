@@ -53,7 +53,7 @@ def with_limits(
                 }
         for path, operations in schema["paths"].items():
             for endpoint in operations.values():
-                summary = endpoint["description"].partition("\n")[0]  # says more than the path again
+                summary = first_sentence(endpoint["description"])  # says more than the path again
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} For any robot." if path.startswith(BY_NAME) else summary
@@ -63,6 +63,12 @@ def with_limits(
         return schema
 
     return describe
+
+
+def first_sentence(description: str) -> str:
+    """The first sentence of a description, which may be wrapped."""
+    paragraph = " ".join(description.partition("\n\n")[0].split())
+    return paragraph.partition(". ")[0].rstrip(".") + "."
 
 
 def version(robots: dict[str, JointLimits]) -> Hashable:

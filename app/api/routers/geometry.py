@@ -51,7 +51,8 @@ PNG: dict[int | str, dict[str, Any]] = {
         "content": {PNG_TYPE: {"schema": {"type": "string", "format": "binary"}}},
     }
 }
-PART_COLOR = (0.3, 0.5, 0.8)
+PART_COLOR = (0.85, 0.51, 0.17)
+"""Colour of the loose parts of a cell, as in the panel."""
 
 
 class PoseIn(BaseModel):

@@ -58,8 +58,6 @@ export function drawnPart({ shape, size_m: size, mesh }) {
   return new THREE.Mesh(solid({ shape, size, mesh: 0 }, [mesh]), material([0.85, 0.51, 0.17, 1]));
 }
 
-const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };
-
 // The fingers of a cell's hand, with the direction in which each opens along its x axis. They are drawn open.
 const FINGERS = { "hand.finger1": 1, "hand.finger2": -1 };
 
@@ -96,7 +94,7 @@ export class Drawn {
     for (const shape of body.shapes) {
       const made = solid(shape, geometry.meshes);
       if (!made) continue;
-      const mesh = new THREE.Mesh(made, material(COLOURS[body.part] ?? shape.rgba, ghost));
+      const mesh = new THREE.Mesh(made, material(shape.rgba, ghost));
       mesh.position.set(...shape.position);
       mesh.quaternion.set(...shape.quaternion);
       this.groups[index].add(mesh);
