@@ -62,6 +62,8 @@ REJECTED = 1
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 """With the time stamp 0, a cancel of this id means all goals."""
 LINE_BYTES = 1 << 16
+OWN_GOALS = 100
+"""Number of the newest own goals whose ids are kept. Only goals that still run are looked up."""
 
 
 class Goal:
@@ -112,7 +114,7 @@ class ArmClient:
         self._lister = ControllerLister(node, settings["controller_manager"])
         self._look = asyncio.Event()
         self._goal: Goal | None = None
-        self._own: set[str] = set()
+        self._own: deque[str] = deque(maxlen=OWN_GOALS)
         self._statuses: list[Message] = []
         self._scaling: float | None = None
         self._joint_s: deque[float] = deque(maxlen=2000)
@@ -291,7 +293,7 @@ class ArmClient:
         if self._action is None or self._motion is None or not self._is_ready:
             raise CobotError(f"there is no server of the action {self._name or 'of the arm'}")
         self._goal = goal = Goal()
-        self._own.add(goal.id["uuid"])
+        self._own.append(goal.id["uuid"])
         task = asyncio.create_task(self._run(self._action, goal, self._message(*self._motion)))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
