@@ -104,16 +104,22 @@ class UrOutputs:
         self._wanted[name] = _Wanted(group, values, wanted, now_s + ENFORCED_S)
 
     def follow(self, data: Mapping[str, Any], now_s: float) -> None:
-        """Send what is to be sent, once per cycle; almost free without an output to be set."""
+        """Send values that are not sent yet, and release outputs that have them. Called once per cycle.
+
+        Variables keep the value that came last, so only one output of a group is set at a time: within a
+        control period, the second package would replace the first one.
+        """
         if not self._wanted:
             return
         reported = {each.name: each for each in points(data)}
+        occupied = {each.group for each in self._wanted.values() if each.is_sent}
         for name, wanted in list(self._wanted.items()):
             if now_s > wanted.until_s or (wanted.is_sent and reported[name].has(wanted.point.value)):
                 del self._wanted[name]
                 self._release(wanted)
-            elif not wanted.is_sent:
+            elif not wanted.is_sent and wanted.group not in occupied:
                 wanted.is_sent = self._send(wanted.group, wanted.values)
+                occupied.add(wanted.group)
 
     def _release(self, wanted: _Wanted) -> None:
         """Let others set the output: a mask stays in force until it is taken back."""
