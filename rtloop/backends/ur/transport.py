@@ -28,11 +28,11 @@ class ByteStream(Protocol):
         ...
 
     def receive(self) -> bytes:
-        """What has arrived, b"" for nothing. ConnectionError: the other end has closed the connection."""
+        """The bytes that have arrived, b"" without any. ConnectionError: the other end has closed."""
         ...
 
     def send(self, data: bytes) -> None:
-        """ConnectionError: the connection is closed, or the other end takes nothing."""
+        """ConnectionError: the connection is closed, or the other end reads nothing."""
         ...
 
     def close(self) -> None: ...
@@ -109,7 +109,7 @@ class TcpStream:
         except BlockingIOError:
             sent = 0
         if sent < len(data):
-            raise ConnectionAbortedError("the other end does not take what is sent")
+            raise ConnectionAbortedError("the other end does not read the data")
 
     def close(self) -> None:
         self.socket.close()
@@ -143,12 +143,16 @@ class TcpTransport:
         import time
 
         self.clock = time.monotonic
+        self._hosts: dict[str, tuple[socket.AddressFamily, str]] = {}
 
     def connect(self, host: str, port: int) -> ByteStream:
-        ((family, kind, _, _, place), *_) = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        made = socket.socket(family, kind)
+        if host not in self._hosts:  # only once: it can take seconds, and the cycle connects again
+            ((found, _, _, _, place), *_) = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+            self._hosts[host] = found, str(place[0])
+        family, address = self._hosts[host]
+        made = socket.socket(family, socket.SOCK_STREAM)
         stream = TcpStream(made, False)
-        error = made.connect_ex(place)
+        error = made.connect_ex((address, port))
         if error not in STARTED:
             made.close()
             raise OSError(error, errno.errorcode.get(error, ""))
