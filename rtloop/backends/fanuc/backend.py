@@ -224,7 +224,7 @@ class FanucBackend:
         self._answered = True
         if not self._enabled:
             if self._lost:
-                raise BackendError(f"the robot takes no commands: {self._lost}")
+                raise BackendError(f"the robot does not accept commands: {self._lost}")
             return
         reason = why_not_ready(packet)
         if not reason and self._transition.sent is None:
@@ -235,7 +235,7 @@ class FanucBackend:
                 return
             self._enabled, self._lost = False, reason
             self._ask_alarms()
-            raise BackendError(f"the robot takes no commands: {reason}")
+            raise BackendError(f"the robot does not accept commands: {reason}")
         self._send(self._transition.follow(command[0]))
         self._unended = True
         self._transition.pass_period()

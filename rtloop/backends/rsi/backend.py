@@ -184,7 +184,7 @@ class RsiBackend:
         if self._enabled:
             self._report(first_rejection((followed, self._corrections.check_limit(command[1]))))
         elif isinstance(self._ended, Rejected):
-            raise BackendError(f"the robot takes no commands: {self._ended.reason}")
+            raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def enable(self) -> None:
         """Enable the corrections. Either side may start first. At the start, the first command reports why

@@ -1,6 +1,6 @@
 """Universal Robots over RTDE, with a program of cobot on the controller that follows joint positions.
 
-This module is long because it holds everything that the cycle asks of this device.
+This module is long because it has all the functions that the cycle calls.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ USEFUL = (
     *(each for each in READ if "analog" in each),
 )
 REST_RAD_S, REST_S = 0.01, 2.0
-"""Speed below which the arm is at rest, and for how long that is awaited."""
+"""Maximum speed of a joint at rest, rad/s, and timeout for it at the start, s."""
 SETTING_UP_S = 0.01
-"""Interval at which a connection that is set up is looked at."""
+"""Interval between two polls while a connection is set up, s."""
 POSE_S = 0.1
-"""Time after which the controller reports its pose with the TCP that the program has set."""
+"""Time until the controller reports its pose with the TCP that the program has set, s."""
 HALF_TURN = (0.0, 0.0, 0.0, 1.0)
-"""Between the base frame of the controller and `base_link` of the maker's descriptions: about z."""
+"""Rotation between the controller's base frame and `base_link` of the maker's descriptions, (w, x, y, z)."""
 
 
 class UrBackend:
@@ -86,15 +86,17 @@ class UrBackend:
     def __init__(
         self, settings: Settings, limits: JointLimits, *, transport: UrTransport | None = None
     ) -> None:
-        """transport: for tests: a replacement of the network and its time."""
+        """transport: replacement of the network and its clock, for tests."""
         if limits.dof != AXES:
             raise BackendError(
-                f"an arm of Universal Robots has {AXES} joints, this robot has {limits.dof}: name the "
-                "settings of your arm (--config)"
+                f"an arm of Universal Robots has {AXES} joints, this robot has {limits.dof}: select "
+                "the configuration of your arm with --config"
             )
         options = settings.backend_options(UrOptions)
         if options is None:
-            raise BackendError("robot.backend: ur needs its address")
+            raise BackendError(
+                "robot.backend: type ur needs address, the IP address or name of the controller"
+            )
         self._options, self._limits, self._robot = options, limits, settings.robot
         self._period_s = settings.rt.period_s
         self._transport: UrTransport = transport or TcpTransport()
@@ -136,8 +138,9 @@ class UrBackend:
         self._await_rest()
 
     def enable(self) -> None:
-        """Enable the arm. At the start, the first command reports why it takes none, and a reset tries
-        again."""
+        """Enable the arm. If this fails at the start, the first command raises the reason, and a reset tries
+        again.
+        """
         starts = not self._begun
         self._begun = True
         self.recover_step()
@@ -166,7 +169,7 @@ class UrBackend:
         return False
 
     def recover_step(self) -> bool:
-        """End what is left of the last attempt; `enable_step` begins again."""
+        """Stop the program and any unfinished attempt. `enable_step` begins again."""
         self._enabled, self._last_motion = False, ACCEPTED
         self._abandon()
         return True
@@ -176,7 +179,8 @@ class UrBackend:
         silence_s = self._silence_s
         if data is None or silence_s > self._options.silence_s:
             raise BackendError(
-                f"no data from the controller for {silence_s:.2f} s: {self._link.problem or 'it is silent'}"
+                f"no data from the controller for {silence_s:.2f} s: "
+                f"{self._link.problem or 'the controller is silent'}"
             )
         measured.position = self._beat.position
         measured.velocity = data["actual_qd"]
@@ -200,7 +204,7 @@ class UrBackend:
         if isinstance(result, Rejected):
             self._last_motion = result
             self._abandon()
-            raise BackendError(f"the robot takes no commands: {result.reason}")
+            raise BackendError(f"the robot does not accept commands: {result.reason}")
         position = self._transition.follow(command[0])
         for _ in range(self._periods):
             self._transition.pass_period()
@@ -274,7 +278,9 @@ class UrBackend:
         return UrRig(settings, limits)
 
     def _await_rest(self) -> None:
-        """Wait until the program of a killed process has stopped the arm: a position from before is stale."""
+        """Wait until the program of a killed process has stopped the arm, because cobot continues from the
+        position that it reads here.
+        """
         until_s = self._transport.clock() + REST_S
         while self._transport.clock() < until_s:
             if not np.abs(self._newest["actual_qd"]).max() > REST_RAD_S:
@@ -296,7 +302,7 @@ class UrBackend:
         self._program.send_tool(self._tool)
 
     def _abandon(self) -> None:
-        """End the program and what was begun to make it run."""
+        """End the program, and any attempt to start it."""
         if self._steps is not None:
             self._steps.close()
             self._steps = None
@@ -305,7 +311,7 @@ class UrBackend:
         self._transition.forget()
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
-        """Begin commands where the controller holds the arm, if the command is close to it."""
+        """Begin at the position in which the controller holds the arm, if the first command is near it."""
         here = np.array(data["target_q"])
         off = np.abs(here - command)
         joint = int(off.argmax())
@@ -327,7 +333,8 @@ class UrBackend:
     def _far(self, joint: int, what: str, off_rad: float) -> Rejected:
         return Rejected(
             f"{self._limits.names[joint]} {what} {off_rad:.6g} rad from where the controller holds it, "
-            f"{self._options.entry_rad} rad are allowed (robot.backend.entry_rad); a wrong payload?"
+            f"the maximum is {self._options.entry_rad} rad (robot.backend.entry_rad): check the payload, "
+            "and that nothing pulls at the arm"
         )
 
     def _checks_of_a_command(self, data: Mapping[str, Any]) -> Iterator[Accepted | Rejected]:
@@ -345,7 +352,7 @@ class UrBackend:
         runtime = data["runtime_state"]
         if runtime != RuntimeState.PLAYING:
             name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)
-            yield Rejected(f"the program on the controller is {name}, not playing")
+            yield Rejected(f"the program on the controller is {name}, not playing: reset")
 
     def _check_period(self) -> Accepted | Rejected:
         version = self._link.version
@@ -404,7 +411,7 @@ class UrBackend:
         return self._beat.newest
 
     def _hear(self) -> bool:
-        """Take what has arrived, unless a cycle is due already; whether one is due."""
+        """Read the packages that have arrived, unless a cycle is due already. Returns whether one is due."""
         if not self._beat.due:
             for data in self._link.poll():
                 self._take(data)
@@ -421,7 +428,7 @@ class UrBackend:
 
 
 def _speed_scaling(data: Mapping[str, Any]) -> float:
-    """The share of the speed at which the controller executes motions: slider times its own reduction."""
+    """The fraction of the speed of motions: the slider, times the controller's own reduction."""
     share = data["speed_scaling"] * data["target_speed_fraction"]
     return min(max(float(share), 0.0), 1.0) if math.isfinite(share) else 0.0
 

@@ -1,4 +1,4 @@
-"""The connection to a controller's RTDE: it is set up, kept, and set up again after it was lost."""
+"""The connection to the RTDE server of a controller. It is set up again after it was lost."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from rtloop.backends.ur.rtde import (
 from rtloop.backends.ur.transport import ByteStream, UrTransport
 
 REPLY_S = 2.0
-"""Timeout for the controller's answer to each step of the set-up."""
+"""Timeout for the controller's answer to each step of the set-up, s."""
 RETRY_S = 0.5
 DEAD_S = 1.0
-"""Silence after which the connection is given up: the other end may have gone without closing it."""
+"""Time without data after which the connection is closed, s: the other end may not have closed it."""
 _VERSION = struct.Struct(">4I")
 
 
@@ -45,11 +45,11 @@ class _Step(Enum):
 class RtdeLink:
     """
     Attributes:
-        version: of the controller's software, four numbers; None before the controller has reported it.
+        version: version of the controller's software, four numbers; None before it is known.
         inputs: recipes of the groups of variables that can be set, by the first variable of each.
-        problem: why no data come; "" while they come.
-        lasting: whether another attempt finds the same problem.
-        malformed: data packages that could not be read.
+        problem: the reason why no data arrive; "" while they arrive.
+        lasting: whether another attempt would fail for the same reason.
+        malformed: number of data packages that could not be decoded.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class RtdeLink:
         return self._stream.local if self._stream is not None else ""
 
     def poll(self) -> list[dict[str, Any]]:
-        """Go on as far as possible without waiting; the data packages that have arrived."""
+        """Continue as far as possible without waiting, and return the data packages that have arrived."""
         now_s = self._transport.clock()
         try:
             if self._step is _Step.AWAY:
@@ -104,13 +104,13 @@ class RtdeLink:
                 return []
             return self._progress(now_s)
         except RtdeError as exc:
-            self._give_up(f"what comes from port {PORT} of {self._address} is not RTDE as agreed: {exc}")
+            self._give_up(f"the data from port {PORT} of {self._address} are not valid RTDE: {exc}")
         except OSError as exc:
             self._give_up(self._no_answer(exc.strerror or str(exc)))
         return []
 
     def send(self, group: str, values: Mapping[str, Any]) -> bool:
-        """Set the variables of a group; whether they were sent."""
+        """Set the variables of a group. Returns whether they were sent."""
         recipe = self.inputs.get(group)
         if recipe is None or self._stream is None or not self.is_streaming:
             return False
@@ -138,8 +138,8 @@ class RtdeLink:
 
     def _no_answer(self, why: str) -> str:
         return (
-            f"no answer from {self._address}, port {PORT}: {why}; is the controller on, in this network, and "
-            "RTDE not switched off in its services (Settings, Security)?"
+            f"no answer from {self._address}, port {PORT}: {why}: check that the controller is on and in "
+            "this network, and that RTDE is enabled (Settings, Security, Services)"
         )
 
     def _progress(self, now_s: float) -> list[dict[str, Any]]:
@@ -184,7 +184,7 @@ class RtdeLink:
         self._step = step
 
     def _set_up(self, package: Package) -> None:
-        """Take the answer to the present step, and begin the next."""
+        """Process the answer to the present step, and begin the next step."""
         step, payload = self._step, package.payload
         expected = _ANSWERS[step]
         if package.kind == Kind.DATA:

@@ -14,19 +14,19 @@ class UrOptions(BaseModel):
     """Options of a Universal Robots arm.
 
     Attributes:
-        address: of the controller, an IP address or a name.
+        address: IP address or name of the controller.
         port: TCP port of this computer to which the program on the controller connects; 0 for a free one.
-        callback: address of this computer as the controller sees it; None: the one of the connection to it.
+        callback: address of this computer as the controller sees it; None: that of the connection to it.
         dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective
             stop; false: a person does so at the teach pendant.
         outputs: whether outputs and the speed slider can be set; other clients of RTDE then cannot set them.
-        connect_s: timeout for the connection to the controller.
-        enable_s: timeout for each step of switching on.
-        silence_s: time without a package after which the connection is lost: a fault.
-        timeout_s: time without a command after which the program on the controller stops the arm.
-        stop_rad_s2: deceleration of that stop.
-        lookahead_s, gain: of `servoj`, which smooths the positions and follows them.
-        entry_rad: largest distance of the arm from the controller's target when commands begin.
+        connect_s: timeout for the connection to the controller, s.
+        enable_s: timeout for each step of switching on, s.
+        silence_s: time without a package after which cobot enters FAULT, s.
+        timeout_s: time without a command after which the program on the controller stops the arm, s.
+        stop_rad_s2: deceleration of that stop, rad/s².
+        lookahead_s, gain: parameters of `servoj`, which smooths the positions and follows them.
+        entry_rad: maximum distance of a joint from the controller's target when commands begin, rad.
         check_pose: whether the pose that the controller reports must be that of the model.
     """
 

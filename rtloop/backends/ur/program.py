@@ -13,11 +13,11 @@ from rtloop.backends.ur.options import UrOptions
 from rtloop.backends.ur.transport import ByteListener, ByteStream, UrTransport
 
 MAGIC = 0x636F626F
-"""First number that the program sends; the second one is that of its upload."""
+"""First number that the program sends. The second one identifies its upload."""
 SCALE = 1e8
-"""Numbers for a radian."""
+"""Integer value of one radian in a message."""
 FIRST_TIMEOUT_S = 3.0
-"""Time that the program waits for its first command."""
+"""Time that the program waits for its first command, s."""
 _HELLO = struct.Struct(">ii")
 _MESSAGE = struct.Struct(">8i")
 END, POSITION, PAYLOAD = 0, 1, 2
@@ -46,13 +46,13 @@ def script(options: UrOptions, host: str, port: int, token: int, period_s: float
 
 
 def encode_position(position: Sequence[float], periods: int) -> bytes:
-    """periods: since the message before."""
+    """periods: number of periods since the previous message."""
     numbers = [round(SCALE * value) for value in position]
     return _MESSAGE.pack(POSITION, *numbers, max(1, min(periods, MAX_PERIODS)))
 
 
 def decode_position(message: bytes) -> list[float] | None:
-    """The joints of a message, None if it has none."""
+    """The joint positions of a message, rad; None if it is another message."""
     kind, *numbers = _MESSAGE.unpack(message)
     return [each / SCALE for each in numbers[:AXES]] if kind == POSITION else None
 
@@ -83,12 +83,12 @@ class MotionProgram:
             self._listener = self._transport.listen(self._options.port)
         except OSError as exc:
             raise BackendError(
-                f"TCP port {self._options.port} of this computer cannot be used: {exc.strerror}; another "
-                "robot.backend.port, or end the program that has it"
+                f"TCP port {self._options.port} of this computer cannot be used: {exc.strerror}; choose "
+                "another robot.backend.port, or end the program that uses it"
             ) from exc
 
     def text(self, local: str, period_s: float) -> str:
-        """The program for the next upload; an earlier one is rejected from now on."""
+        """The text for the next upload. From now on, the connection of an earlier program is rejected."""
         assert self._listener is not None
         self.drop()
         self._token = self._token % 1_000_000 + 1 + round(1e3 * self._transport.clock()) % 1_000_000
@@ -110,7 +110,7 @@ class MotionProgram:
         return [self._stream] if self._stream is not None else []
 
     def poll(self) -> None:
-        """Take the program's connection, and notice its end."""
+        """Accept the connection of the program, and detect its end."""
         if self._stream is not None:
             try:
                 self._stream.receive()
@@ -141,7 +141,7 @@ class MotionProgram:
         self._send(encode_position(position, periods))
 
     def send_tool(self, tool: Tool) -> None:
-        """Set the load of the drives: mass and centre in the flange."""
+        """Send the payload: mass, and centre of mass in the frame of the flange."""
         numbers = [round(1e3 * tool.mass), *(round(1e6 * float(value)) for value in tool.centre)]
         self._send(_MESSAGE.pack(PAYLOAD, *numbers, 0, 0, 0))
 

@@ -1,4 +1,4 @@
-"""A controller's states in words."""
+"""Texts for the states of a controller."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ HINDERED: dict[int, str] = {
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "safeguard stop of the automatic mode; close and reset it",
     SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: "the three-position switch is not in its middle position",
 }
-"""Safety modes in which nothing moves. In reduced mode the controller permits less speed."""
+"""Texts of the safety modes in which the arm cannot move. In NORMAL and REDUCED it can."""
 UNLOCKABLE = SafetyMode.PROTECTIVE_STOP
 LOCAL = (
-    "the controller is in Local Control, in which it takes no program from outside: press Local at the top "
-    "right of the teach pendant and choose Remote Control (enabled in Settings, System, Remote Control)"
+    "the controller is in Local Control, in which it does not accept programs over the network: press Local "
+    "at the top right of the teach pendant and choose Remote Control (enabled in Settings, System, Remote "
+    "Control)"
 )
 SWITCH_ON: dict[int, str] = {
     UrRobotMode.POWER_OFF: "the arm is off: press ON, then START at the teach pendant",
@@ -50,7 +51,7 @@ def mode_in_words(mode: int) -> str:
 
 
 def hindrance(safety: int) -> str:
-    """Why the arm cannot move; "" if the safety mode permits it."""
+    """The reason why the arm cannot move; "" if the safety mode permits motion."""
     if safety in (SafetyMode.NORMAL, SafetyMode.REDUCED):
         return ""
     return HINDERED.get(safety, f"safety mode {safety}")

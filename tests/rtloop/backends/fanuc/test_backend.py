@@ -217,9 +217,9 @@ def test_a_stop_is_said_and_a_reset_recovers(
     driven = Driven(made(), arm).open().enable()
     driven.move(0, 0.1)
     driven.controller.press(cause)
-    with pytest.raises(BackendError, match=f"the robot takes no commands: {said}"):
+    with pytest.raises(BackendError, match=f"the robot does not accept commands: {said}"):
         driven.cycles(3)
-    with pytest.raises(BackendError, match=f"the robot takes no commands: {said}"):
+    with pytest.raises(BackendError, match=f"the robot does not accept commands: {said}"):
         driven.cycle()  # until a reset
     driven.backend.status()
     driven.backend.wait(0.1)
@@ -292,7 +292,7 @@ def test_a_controller_that_begins_with_an_emergency_stop(made: Made, arm: RobotD
     driven.controller.press(E_STOP)
     driven.open()
     driven.backend.enable()  # it does not end the start
-    with pytest.raises(BackendError, match="takes no commands: an emergency stop is pressed"):
+    with pytest.raises(BackendError, match="does not accept commands: an emergency stop is pressed"):
         driven.cycle()
     driven.controller.release(E_STOP)
     for _ in range(3):

@@ -370,7 +370,7 @@ def test_a_stranger_at_the_port_is_named(connect: Joined, monkeypatch: pytest.Mo
     monkeypatch.setattr(
         rtde_session.RtdeSession, "feed", lambda self, received: self.out.extend(b"HTTP/1.1 400 Bad Request")
     )
-    with pytest.raises(BackendError, match="is not RTDE as agreed: a package of unknown type 84"):
+    with pytest.raises(BackendError, match="are not valid RTDE: a package of unknown type 84"):
         backend.open(np.zeros(6))
 
 
@@ -382,7 +382,7 @@ def test_a_broken_data_package_is_named_and_the_connection_set_up_again(connect:
     measured = Measured(6)
     for _ in range(20):
         backend.wait(0.008)
-    with pytest.raises(BackendError, match="is not RTDE as agreed: a data package of 1 bytes"):
+    with pytest.raises(BackendError, match="are not valid RTDE: a data package of 1 bytes"):
         backend.read(measured)
     for _ in range(200):
         backend.wait(0.008)
