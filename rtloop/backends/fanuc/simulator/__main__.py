@@ -21,9 +21,8 @@ from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import MODES, FanucControllerOptions
 from rtloop.backends.fanuc.simulator.server import ControllerServer
 from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
+from rtloop.backends.fri.simulator.__main__ import MAX_PORT, add_packet_options, ipv4, within
 from rtloop.backends.fri.simulator.arm import CabinetArm
-from rtloop.backends.fri.simulator.network import MAX_DELAY
 from rtloop.realtime import freeze_garbage, prepare
 
 PERIODS_MS = (1, 2, 4, 8)
@@ -158,35 +157,7 @@ def _parser() -> argparse.ArgumentParser:
         help="delay of the reported joints; default 0",
     )
     add("--world-z", type=within(float, -10, 10), default=0.0, metavar="M", help=WORLD_HELP)
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
-    add(
-        "--reorder",
-        type=share,
-        default=0.0,
-        metavar="SHARE",
-        help="share of packets that arrive out of order, 0 to 1",
-    )
-    add(
-        "--delay",
-        type=within(int, 0, MAX_DELAY),
-        default=0,
-        metavar="N",
-        help="number of periods by which answers are late",
-    )
-    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
-    add(
-        "--priority",
-        type=within(int, 1, 99),
-        metavar="P",
-        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
-    )
-    add(
-        "--patience",
-        type=within(float, 0, MAX_PATIENCE_S),
-        default=0.0,
-        metavar="S",
-        help="maximum wait for a late answer",
-    )
+    add_packet_options(parser)
     return parser
 
 

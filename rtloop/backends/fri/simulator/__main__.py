@@ -119,8 +119,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate fri", description=__doc__)
     add = parser.add_argument
-    port, share = within(int, 0, MAX_PORT), within(float, 0, 1)
-    delay, patience_s = within(int, 0, MAX_DELAY), within(float, 0, MAX_PATIENCE_S)
+    port = within(int, 0, MAX_PORT)
     add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
     add("--robot", metavar="NAME", help="name of a robot in `robots`")
     add(
@@ -177,6 +176,14 @@ def _parser() -> argparse.ArgumentParser:
         help="control mode of the drives; default: as the overlay requires",
     )
     add("--io", type=_io, action="append", default=[], metavar="NAME:TYPE:WAY[=VALUE]", help=IO_HELP)
+    add_packet_options(parser)
+    return parser
+
+
+def add_packet_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for what happens to packets, and for the process that sends them."""
+    add = parser.add_argument
+    share = within(float, 0, 1)
     add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
     add(
         "--reorder",
@@ -185,7 +192,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SHARE",
         help="share of packets that arrive out of order, 0 to 1",
     )
-    add("--delay", type=delay, default=0, metavar="N", help="number of periods by which answers are late")
+    add(
+        "--delay",
+        type=within(int, 0, MAX_DELAY),
+        default=0,
+        metavar="N",
+        help="number of periods by which answers are late",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
     add(
         "--priority",
@@ -193,8 +206,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="P",
         help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
     )
-    add("--patience", type=patience_s, default=0.0, metavar="S", help="maximum wait for a late answer")
-    return parser
+    add(
+        "--patience",
+        type=within(float, 0, MAX_PATIENCE_S),
+        default=0.0,
+        metavar="S",
+        help="maximum wait for a late answer",
+    )
 
 
 VERSION_HELP = "version of FRI: 1 for 1.11 to 1.17, 2 for 2.x before 2.7, or 2.7; default 1"

@@ -13,8 +13,7 @@ import numpy as np
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.robot.description import load_robot
-from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, endpoint, ipv4, within
-from rtloop.backends.fri.simulator.network import MAX_DELAY
+from rtloop.backends.fri.simulator.__main__ import add_packet_options, endpoint, ipv4, within
 from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.rsi.options import DEFAULT_PORT, RsiOptions
 from rtloop.backends.rsi.simulator.control import RsiControlServer
@@ -99,7 +98,7 @@ def _options_without_backend() -> dict[str, object]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate rsi", description=__doc__)
     add = parser.add_argument
-    port, share = within(int, 0, 65_535), within(float, 0, 1)
+    port = within(int, 0, 65_535)
     add(
         "--config",
         type=Path,
@@ -153,35 +152,7 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--plain", action="store_true", help="report neither mode, state, override nor the sum of corrections"
     )
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
-    add(
-        "--reorder",
-        type=share,
-        default=0.0,
-        metavar="SHARE",
-        help="share of packets that arrive out of order, 0 to 1",
-    )
-    add(
-        "--delay",
-        type=within(int, 0, MAX_DELAY),
-        default=0,
-        metavar="N",
-        help="number of periods by which answers are late",
-    )
-    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
-    add(
-        "--priority",
-        type=within(int, 1, 99),
-        metavar="P",
-        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
-    )
-    add(
-        "--patience",
-        type=within(float, 0, MAX_PATIENCE_S),
-        default=0.0,
-        metavar="S",
-        help="maximum wait for a late answer",
-    )
+    add_packet_options(parser)
     return parser
 
 
