@@ -75,29 +75,50 @@ def _server(chosen: argparse.Namespace) -> UrServer:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate ur", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, required=True, metavar="FILE", help="settings of a robot with six joints")
-    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add("--config", type=Path, required=True, metavar="FILE", help="settings file of a robot with six joints")
+    add("--robot", metavar="NAME", help="name of a robot in `robots`")
     add(
         "--address",
         type=ipv4,
         default="127.0.0.1",
         metavar="IPV4",
-        help="of this computer, to listen on; 127.0.0.1",
+        help="address on which it listens; default 127.0.0.1",
     )
     add("--series", choices=list(SERIES), default="e", help="e: 500 times per second; cb3: 125; default e")
     add("--on", action="store_true", help="start with the arm switched on and its brakes released")
-    add("--local", action="store_true", help="start in Local Control, which takes no programs")
     add(
-        "--slider", type=within(float, 0, 100), default=100.0, metavar="PERCENT", help="the speed slider; 100"
+        "--local", action="store_true", help="start in Local Control, which rejects programs from the network"
     )
     add(
-        "--loss", type=within(float, 0, 1), default=0.0, metavar="SHARE", help="of the data packages left out"
+        "--slider",
+        type=within(float, 0, 100),
+        default=100.0,
+        metavar="PERCENT",
+        help="speed slider; default 100",
     )
-    add("--seed", type=int, default=0, metavar="N", help="of what is left out")
-    add("--control-port", type=within(int, 0, MAX_PORT), default=0, metavar="P", help="0 picks a free one")
+    add(
+        "--loss",
+        type=within(float, 0, 1),
+        default=0.0,
+        metavar="SHARE",
+        help="share of data packages that are left out, 0 to 1",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses")
+    add(
+        "--control-port",
+        type=within(int, 0, MAX_PORT),
+        default=0,
+        metavar="P",
+        help="port of the control interface; 0: a free one",
+    )
     patience = within(float, 0, MAX_PATIENCE_S)
-    add("--patience", type=patience, default=0.0, metavar="S", help="stand still so long for a late command")
-    add("--priority", type=within(int, 1, 99), metavar="P", help="SCHED_FIFO 1 to 99, if permitted")
+    add("--patience", type=patience, default=0.0, metavar="S", help="maximum wait for a late command")
+    add(
+        "--priority",
+        type=within(int, 1, 99),
+        metavar="P",
+        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
+    )
     return parser
 
 
