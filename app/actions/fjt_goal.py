@@ -275,7 +275,9 @@ def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> T
             if not math.isfinite(value) or (value < 0.0 and value != -1.0):
                 raise GoalError(f"{field}[{index}]: {name} must be above 0, 0 or -1, got {value:g}")
             if value > 0.0 and row is None:
-                raise GoalError(f"{field}[{index}]: accelerations are not measured, so none can be tolerated")
+                raise GoalError(
+                    f"{field}[{index}]: accelerations are not measured, so a tolerance has no use"
+                )
             if value > 0.0 and row is not None:
                 row[joint] = value
     return made

@@ -261,8 +261,9 @@ async def set_servo_mode_select(
     servoCartesian or the topic joint_cmd.
 
     Args:
-        qmode: 0 ends the session; 1 re-planned to the newest point, 2 passed through, 3 and 4 passed through
-            from a buffer, 5 planned through all points, 6 and 7 as 1 and 5 with force control.
+        qmode: 0: end the session. 1: always move to the newest point. 2: pass through the points. 3, 4: pass
+            through the points of a buffer. 5: a planned motion through all points. 6, 7: like 1 and 5, with
+            force control.
         watchdog_timeout: time without a point after which the session ends, s; 0 for 0.5 s.
         send_period: interval between points, s; 0 for the control period.
     """

@@ -135,7 +135,7 @@ class RobotStates:
 
 
 def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
-    """From the record of `cobot.ipc.layout.info_dtype`."""
+    """Convert a record of `cobot.ipc.layout.info_dtype`."""
     return RobotInfo(
         serial_num=robot,
         model_name=text(info["model"]),
@@ -150,7 +150,7 @@ def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
 
 
 def joint_state(state: np.ndarray) -> JointState:
-    """From the record of `cobot.ipc.state_fields.state_dtype`."""
+    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
     return JointState(
         state["position"].tolist(),
         state["velocity"].tolist(),
@@ -162,7 +162,7 @@ def joint_state(state: np.ndarray) -> JointState:
 
 
 def gripper_reading(state: np.ndarray) -> GripperReading | None:
-    """From the record of `cobot.ipc.state_fields.state_dtype`."""
+    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
     found = GripperObject(int(state["gripper_object"]))
     if found is GripperObject.ABSENT:
         return None
@@ -173,7 +173,7 @@ def gripper_reading(state: np.ndarray) -> GripperReading | None:
 
 
 def cartesian_state(state: np.ndarray) -> CartesianState:
-    """From the record of `cobot.ipc.state_fields.state_dtype`."""
+    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
     pose, wrench = state["tcp"].tolist(), state["wrench"].tolist()
     return CartesianState(
         tcp_pose=pose,
@@ -187,7 +187,7 @@ def cartesian_state(state: np.ndarray) -> CartesianState:
 
 
 def robot_states(state: np.ndarray, flange_in_tcp: Pose) -> RobotStates:
-    """From the record of `cobot.ipc.state_fields.state_dtype`."""
+    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
     joints, tcp = joint_state(state), cartesian_state(state)
     return RobotStates(
         q=joints.q,

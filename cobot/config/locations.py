@@ -36,8 +36,8 @@ def resolve(location: str, folder: Path) -> Path:
 
 
 def _folder_of(package: str) -> Path | None:
-    """The folder with files that ship with cobot, or else that of an installed package; None if there is
-    none.
+    """The folder of this name that ships with cobot, else the folder of an installed package; None if there
+    is neither.
 
     The files of cobot come first, because another package may also be named `config`.
     """

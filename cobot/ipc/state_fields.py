@@ -40,9 +40,8 @@ class StateField:
         keys: enumeration with a number for each member; JSON has an object with these keys.
         measured: whether backends measure it in each cycle, as an attribute of `rtloop.backends.Measured`.
         recorded: type in the recording's record, "" for a field that is not recorded.
-        message: place and ROS type in the message of `topic`, which recordings and Foxglove show. Readers
-            depend on the
-        places: a place is never given to another field, and a new field gets the next place.
+        message: place and ROS type in the message of `topic`, which recordings and Foxglove show. A place is
+            never given to another field, because readers depend on it. A new field gets the next place.
         topic: the topic whose message has the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 

@@ -22,7 +22,7 @@ class _Kind(Generic[Item]):
 
 
 class Repeats(Generic[Item]):
-    """Lets `burst` items of a kind pass in each interval. For any thread.
+    """Lets `burst` items of a kind pass in each interval. Any thread may call it.
 
     Args:
         now_s: returns the time in seconds, from any origin.

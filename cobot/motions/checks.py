@@ -124,6 +124,6 @@ def _check_free_axes(free: Sequence[str]) -> None:
             raise InputError(f"free_axes[{index}]: {axis} is given twice")
     if len(free) == len(FREE_AXES) - 1:
         raise InputError(
-            f"free_axes: has {' and '.join(free)}, by which every orientation is reached; "
-            f"valid are one of {valid}, or all three for the position alone"
+            f"free_axes: {' and '.join(free)} together already allow every orientation; "
+            f"give one of {valid}, or all three if only the position counts"
         )

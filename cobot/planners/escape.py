@@ -81,7 +81,8 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    """Distances that each pair must keep on the way, shape (pairs,), m: the preferred ones and the lowest."""
+    """Two distances for each pair, shape (pairs,), m: the one that a way out should keep, and the least one
+    that it must keep."""
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
     kept = np.minimum(margin_m, distances - DEEPER_M)

@@ -121,7 +121,8 @@ def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int
     """The cycles in which a fault or an e-stop began, and which of the two.
 
     Args:
-        before: as for `events_of`; None: the mode of the first record started earlier.
+        before: last record before these; None if it is unknown. The mode of the first record then counts as
+            begun earlier.
     """
     if not len(records):
         return []

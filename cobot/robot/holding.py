@@ -157,9 +157,12 @@ def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits)
 def payload(
     model: RobotModel, collision: CollisionChecker, limits: JointLimits
 ) -> tuple[float, HoldingEffort]:
-    """The mass at the TCP, kg, that `PAYLOAD_SHARE` of the efforts hold in every posture, and what the
-    limiting joint needs there without it. Infinite if no drive feels the mass; 0 if the arm alone is too
-    heavy.
+    """The largest payload, and the joint that limits it.
+
+    Returns:
+        The mass at the TCP, kg, that the drives hold in every posture with `PAYLOAD_SHARE` of their efforts:
+        infinite if no drive feels it, 0 if the arm alone is too heavy. Then the effort that the limiting
+        joint needs in the hardest posture without this mass.
     """
     efforts, loaded = PAYLOAD_SHARE * limits.max_effort, _with_one_kg(model)
 

@@ -44,7 +44,7 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
 
 
 def beyond(tool: Tool, mounted: Tool) -> Tool:
-    """The mass of a tool in addition to that of the mounted tool, as a tool; BARE if it is not heavier.
+    """The difference between a tool and the mounted tool, as a tool; BARE if the tool is not heavier.
 
     The TCP stays where it is. A mass that would be farther than `FARTHEST_M` from the flange is left out,
     because the two tools then have nothing in common.

@@ -65,7 +65,7 @@ class GripperRig(Protocol):
 
 
 class NoPoints:
-    """A robot without inputs and outputs. A rig for a driver that needs some passes its own port."""
+    """A robot without inputs and outputs. If a driver needs some, its rig passes its own port."""
 
     def read(self, name: str) -> float:
         raise GripperError(f"the robot has no input or output {name!r}")

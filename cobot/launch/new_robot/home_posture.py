@@ -1,7 +1,7 @@
 """The posture `home` of a new robot: the file's own, or one that a person would choose.
 
-A person leaves most joints at 0 and turns few of the others, by multiples of 45°, so that the arm is above
-its base, easy to hold and far from touching itself. Candidates of that kind are ranked by what they cost.
+A person leaves most joints at 0 and turns a few by multiples of 45°, so that the arm is above its base, easy
+to hold and far from touching itself. Such postures are ranked by a cost.
 """
 
 from __future__ import annotations

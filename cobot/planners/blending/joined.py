@@ -133,7 +133,7 @@ def corners_of(
     """The blends between paths; None where the arm must stop.
 
     Args:
-        paths: those of the legs.
+        paths: the path of each leg.
         radii_m: blend radii before the first path, between the paths, and after the last.
     """
     found = []

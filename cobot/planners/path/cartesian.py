@@ -32,8 +32,8 @@ from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
-"""More configurations are tried only if some of the first ones pass this share of the path. More places are
-tried only if some reach its end."""
+"""Share of the path that one of the first start configurations must reach before further ones are tried.
+Further places are tried only after a configuration has reached the end."""
 SLOW = 2.5
 """A motion slower than the TCP's limits require by this factor is compared with one found by the graph."""
 

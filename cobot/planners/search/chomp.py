@@ -48,7 +48,7 @@ Factor = tuple[Array, bool]
 def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
     """A smooth motion near the straight line in joint space to one of the goals, or near a path of ompl.
 
-    Its `note` reports the latter.
+    Its `note` reports the second case.
 
     Raises:
         PlanningError: every descent ended in a path that touches something; reports what, where and how deep.

@@ -90,7 +90,8 @@ def _change(positions: Array, weight: float) -> Array:
 
 
 def _rest(band: Array, pull: Array, positions: Array, rows: range, weight: float) -> None:
-    """Make the points at one end those of a motion from rest with constant jerk: 1, 8 and 27 parts."""
+    """Move the points at one end to the positions of a motion from rest with constant jerk, whose distances
+    are in the ratio 1 : 8 : 27."""
     end, *near, far = rows
     for number, row in enumerate(near, start=1):
         share = (number / (len(rows) - 1)) ** 3

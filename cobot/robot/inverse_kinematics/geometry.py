@@ -160,6 +160,6 @@ def _first_three(axes: Axes) -> str:
 
 
 def _exact_or(slop: float) -> float:
-    """The tolerance for numeric refinement: 0 below file rounding, otherwise 3 times the slop, which adds up
-    along the arm."""
+    """The tolerance of the numeric refinement: 3 times the inaccuracy of the axes, because it adds up along
+    the arm; 0 if it is only the rounding of the file."""
     return 3.0 * slop if slop > 1e-10 else 0.0

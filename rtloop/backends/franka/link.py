@@ -94,7 +94,7 @@ class Link:
         self.lost = ""
 
     def is_open(self, wait_s: float = 0.0) -> bool:
-        """Connect, in steps of this duration. Returns whether the connection is open.
+        """Whether the connection is open. If not, try to open it for at most this time.
 
         Raises:
             BackendError: the address does not answer, or is not a robot.

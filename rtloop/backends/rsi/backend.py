@@ -405,7 +405,8 @@ class RsiBackend:
             )
 
     def _find_loss(self, state: RobState, unanswered: int) -> bool:
-        """Whether the controller has not used an answer: it counts more late ones than were not sent.
+        """Whether the controller has missed an answer that was sent: its count of late answers has grown by
+        more than the number of packets without an answer.
 
         Args:
             unanswered: number of its packets since the last one, with that one, that got no answer.

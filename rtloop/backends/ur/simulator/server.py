@@ -154,7 +154,7 @@ class UrServer:
     # The server
 
     def run(self, ending: list[str]) -> None:
-        """Until `ending` has an entry."""
+        """Serve until `ending` has an entry."""
         period_s = self._controller.period_s
         due_s = time.monotonic() + period_s
         while not ending:
