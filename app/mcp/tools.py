@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import asdict
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -22,7 +23,6 @@ from app.api.routers.gripper import GripperReportAnswer
 from app.api.routers.plans import rehearsal
 from app.api.schemas.plans import PlanArc, PlanId, PlanPath, PlanPose
 from app.api.schemas.robot import LogLines
-from app.api.schemas.signals import action_answers
 from app.mcp.arguments import takes_fields_of
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
@@ -237,7 +237,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
         "error": "" if outcome.error is None else str(outcome.error),
         "duration_s": outcome.duration_s,
         "stopped_by": outcome.signals.stopped_by,
-        "actions": [each.model_dump() for each in action_answers(outcome.signals.actions)],
+        "actions": [asdict(each) for each in outcome.signals.actions],
         "gripper": gripper,
     }
 

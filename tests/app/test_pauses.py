@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from virtual_service import VirtualService
+from virtual_service import PlanningHere, VirtualService
 
-from app.services.motion.planning import PlanningService
 from app.services.state.heartbeat import CATCH_UP_S, PAUSE_S
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -65,14 +64,14 @@ def test_a_motion_that_was_being_planned_does_not_begin_later(
     service: VirtualService, monkeypatch: pytest.MonkeyPatch, pause_s: float
 ) -> None:
     """Its client may have given up; after 100 s its own time is up too, which is 60 s."""
-    before, planned = motions(service), PlanningService.plan
+    before, planned = motions(service), PlanningHere.compute
 
-    async def plan_and_stand_still(self: PlanningService, *arguments: Any) -> Any:
+    async def plan_and_stand_still(self: PlanningHere, *arguments: Any) -> Any:
         found = await planned(self, *arguments)
         stand_still(service, pause_s)
         return found
 
-    monkeypatch.setattr(PlanningService, "plan", plan_and_stand_still)
+    monkeypatch.setattr(PlanningHere, "compute", plan_and_stand_still)
     answer = service.post("/robot/move/joints", MOVE)
     service.sleep(5.0)
     assert motions(service) == before

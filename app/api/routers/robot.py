@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from app.api.schemas.robot import (
     Quaternion,
     ResetAnswer,
 )
-from app.api.schemas.signals import action_answers, contact_answer
+from app.api.schemas.signals import ActionAnswer, ContactAnswer
 from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
 from app.services.motion.queue.moves import queue_request
@@ -176,7 +177,7 @@ def check_queueing(how: MoveQuery) -> None:
 
 def answer(outcome: Outcome) -> MoveAnswer:
     """The result of a motion as JSON, also for the audit log."""
-    error, stopped_by = outcome.error, outcome.signals.stopped_by
+    error, stopped_by, contact = outcome.error, outcome.signals.stopped_by, outcome.signals.contact
     audit.add_details(motion=outcome.motion_id, error=str(error or ""))
     ended = f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED
     return MoveAnswer(
@@ -188,7 +189,7 @@ def answer(outcome: Outcome) -> MoveAnswer:
         planning_time_s=outcome.planning_time_s,
         note=outcome.note,
         explain=None if error is None else explain_of(error),
-        actions=action_answers(outcome.signals.actions),
+        actions=[ActionAnswer.model_validate(asdict(each)) for each in outcome.signals.actions],
         stopped_by=stopped_by or None,
-        contact=contact_answer(outcome.signals.contact),
+        contact=None if contact is None else ContactAnswer.model_validate(asdict(contact)),
     )

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from pydantic import BaseModel, Field
 
-from app.services.rights.signal_results import ActionOutcome, ContactOutcome
 from cobot.motions.fields import example
 
 
@@ -66,13 +63,3 @@ class ContactAnswer(BaseModel):
     retracted_m: float = Field(
         description="Distance that the TCP moved back along its path after the contact, m."
     )
-
-
-def action_answers(results: tuple[ActionOutcome, ...]) -> list[ActionAnswer]:
-    """The results of actions as JSON."""
-    return [ActionAnswer.model_validate(asdict(each)) for each in results]
-
-
-def contact_answer(contact: ContactOutcome | None) -> ContactAnswer | None:
-    """A contact as JSON."""
-    return None if contact is None else ContactAnswer.model_validate(asdict(contact))

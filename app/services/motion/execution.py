@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from app.services.motion.force_zero import ForceZero
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import PlanRequest
+from app.services.motion.planning_tasks import PlanRequest, plan_motion
 from app.services.motion.signal_follower import CommandGripper, FollowsSignals, SignalFollower
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
@@ -88,7 +89,8 @@ class MotionService:
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """Plan for a claim. An interruption of the claim kills the planning process."""
         try:
-            return await claim.run_interruptibly(self._planning.plan(request, timeout_s))
+            work = partial(plan_motion, request=request)
+            return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
         except MotionTimeout as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 

@@ -11,17 +11,16 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import PlanRequest, in_scene, plan_motion
+from app.services.motion.planning_tasks import in_scene
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE
-from cobot.trajectory import Trajectory
 
 POLL_S = 0.02
 ATTEMPTS = 2
-"""Maximum number of workers that get the same task. The task itself may have crashed the first one."""
+"""Maximum number of workers that begin the same task. The task itself may have crashed the first one."""
 
 Result = TypeVar("Result")
 
@@ -102,18 +101,12 @@ class PlanningService:
         state = "ready" if pool.usable else "failed" if problem else "starting"
         return PlanningStatus(state, pool.size, pool.usable, pool.busy, pool.replaced, problem)
 
-    async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
-        """Plan in a worker; see `cobot.planners.plan`, `plan_waypoints` and `plan_rated`.
-
-        Raises as `compute` does.
-        """
-        return await self.compute(partial(plan_motion, request=request), timeout_s)
-
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         """Run a picklable function with the robot in a worker, and return its result. Cancelling this kills
         the worker.
 
-        If the worker is lost, another one runs the function. This is safe, because planning moves nothing.
+        If the worker is lost, or the scene or the tool changes meanwhile, the function runs once more. This
+        is safe, because planning moves nothing.
 
         Args:
             timeout_s: timeout for the wait for a free worker, the work, and a possible repetition.
@@ -124,26 +117,11 @@ class PlanningService:
             UnavailableError: no worker can be started, or none was free in this time.
             CobotError: errors of the function.
         """
-        asked_s = asyncio.get_running_loop().time()
+        asked_s, lost = asyncio.get_running_loop().time(), 0
         while True:
             scene, tool = self.scene, self.tool
-            found = await self._compute(self.placed(work), timeout_s, asked_s)
-            if scene is self.scene and tool is self.tool:
-                return found
-            log.info("the scene or the tool has changed during planning: planning again")
-
-    def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
-        """Wrap a function so that it uses the present scene and tool."""
-        if not self.scene.version and not self.tool.version:
-            return work
-        return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
-
-    async def _compute(
-        self, work: Callable[[RobotDescription], Result], timeout_s: float, asked_s: float
-    ) -> Result:
-        for left in reversed(range(ATTEMPTS)):
             try:
-                return cast(Result, await self._pool.run(work, timeout_s, asked_s))
+                found = await self._pool.run(self.placed(work), timeout_s, asked_s)
             except TimeoutError as exc:
                 raise PlanningTimeout.after(
                     timeout_s, f"planning took longer than {timeout_s:.1f} s and was cancelled; {exc}"
@@ -151,10 +129,20 @@ class PlanningService:
             except MemoryError as exc:
                 raise PlanningError("the planning process has no memory left for this motion") from exc
             except WorkerLost as exc:
-                if not left:
+                lost += exc.begun
+                if lost == ATTEMPTS:
                     raise PlanningError(f"the planning process {exc}, like the one before") from exc
                 log.warning("the planning process %s; its task is repeated", exc)
-        raise AssertionError("unreachable")
+                continue
+            if scene is self.scene and tool is self.tool:
+                return cast(Result, found)
+            log.info("the scene or the tool has changed during planning: planning again")
+
+    def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
+        """Wrap a function so that it uses the present scene and tool."""
+        if not self.scene.version and not self.tool.version:
+            return work
+        return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
 
     def close(self) -> None:
         self._pool.close()

@@ -39,11 +39,13 @@ log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """The worker of a task has ended or is suspended; the text says which."""
+    """The worker of a task has ended or is suspended; the text says which.
 
+    Attributes:
+        begun: whether the worker had begun the task.
+    """
 
-class _NotBegun(Exception):
-    """The worker was lost before it had begun the task."""
+    begun = False
 
 
 @dataclass(eq=False)
@@ -120,8 +122,6 @@ class PlanningPool:
         """Run a task in a worker and return its result. Errors of the task are passed on. Cancelling this
         kills the worker.
 
-        If the worker is lost before it has begun the task, another worker gets the task.
-
         Args:
             asked_s: beginning of the timeout, on the event loop's clock; None: now.
 
@@ -131,18 +131,10 @@ class PlanningPool:
             WorkerLost: the worker has ended, or is suspended, during the task.
             UnavailableError: no worker can be started, or none was free within the timeout.
         """
-        asked_s = asyncio.get_running_loop().time() if asked_s is None else asked_s
+        loop = asyncio.get_running_loop()
+        asked_s = loop.time() if asked_s is None else asked_s
         self.start()
         packed = await asyncio.to_thread(message, task)
-        while True:
-            try:
-                return await self._hand_over(packed, timeout_s, asked_s)
-            except _NotBegun as exc:
-                log.info("a planning process %s before it had begun its task: another one gets the task", exc)
-
-    async def _hand_over(self, packed: bytes, timeout_s: float, asked_s: float) -> Any:
-        """Like `run`, in one worker."""
-        loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
                 worker = await self._wait_for_worker()
@@ -160,8 +152,8 @@ class PlanningPool:
             worker.end()
             if isinstance(exc, TimeoutError):
                 raise TimeoutError(f"{waited_s:.1f} s of this passed until a process was free") from None
-            if isinstance(exc, WorkerLost) and not worker.begun:
-                raise _NotBegun(exc) from None
+            if isinstance(exc, WorkerLost):
+                exc.begun = worker.begun
             raise
         finally:
             worker.answer = None

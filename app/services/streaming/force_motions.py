@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import plan_motion
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
@@ -193,7 +195,8 @@ class ForceMotionService:
     async def _plan(self, goal: MotionRequest, caller: Caller) -> Trajectory:
         await self._ownership.await_free(caller.token)
         start = (await self._link.await_ready_state(ANSWER_S)).commanded_position
-        path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
+        work = partial(plan_motion, request=self._goals.request(goal, start))
+        path = await self._planning.compute(work, caller.timeout_s)
         if path is None:
             raise InputError("motion: the TCP is already at the end; there is no path to follow")
         return path

@@ -5,6 +5,7 @@ The joints are those at the start of the path, given ones, or any.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -33,11 +34,8 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
     is within lin's tolerance. A free rotation is chosen so that the TCP turns the shorter way.
     """
     if robot.model.inverse_kinematics.lacking:
-        try:
-            joints = inverse(robot.model, goal, request.start, free=request.free_axes)
-        except UnreachableError:  # planning the path reports the share at which it ends
-            return untwisted(before, goal, request.free_axes)
-        goal = robot.model.forward(joints)
+        with suppress(UnreachableError):  # planning the path reports the share at which it ends
+            goal = robot.model.forward(inverse(robot.model, goal, request.start, free=request.free_axes))
     return untwisted(before, goal, request.free_axes)
 
 

@@ -61,15 +61,17 @@ def through(
     Raises:
         UnreachableError: the joints jump, a place has no joint angles, or `MAX_PLACES` are not enough.
     """
+    limits = robot.limits  # a path may begin beyond them
+    low = np.minimum(limits.min_position + INSIDE_RAD, rows[0])
+    high = np.maximum(limits.max_position - INSIDE_RAD, rows[0])
     if (
         len(rows) > 1
         and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD
         and np.ptp(np.diff(shares)) < EVEN_SHARE
     ):
         joint_path = JointCurve.through_even(rows)
-        if not _find_spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
+        if not _find_spoiled(robot, path, joint_path, shares, shares, (low, high)).any():
             return joint_path
-    low, high = _bounds(robot, rows[0])
     shares, rows = _thin(*_refine_jumps(path, robot, shares, rows, joints_at))
     for _ in range(ROUNDS):
         outside = np.argwhere((rows < low) | (rows > high))
@@ -78,11 +80,11 @@ def through(
             limit = np.clip(rows[place, joint], low[joint], high[joint])
             where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
             raise at_limit_of(
-                where, robot.limits, int(joint), float(rows[place, joint]), float(limit), float(shares[place])
+                where, limits, int(joint), float(rows[place, joint]), float(limit), float(shares[place])
             )
         parameters = _lengths(shares, rows)
         joint_path = JointCurve.through(parameters, rows)
-        spoiled = _find_spoiled(robot, path, joint_path, parameters, shares, rows[0])
+        spoiled = _find_spoiled(robot, path, joint_path, parameters, shares, (low, high))
         if not spoiled.any():
             return joint_path
         shares, rows = _halve(path, shares, rows, spoiled, joints_at)
@@ -201,9 +203,9 @@ def _find_spoiled(
     joint_path: JointCurve,
     parameters: Array,
     shares: Array,
-    start: Array,
+    bounds: tuple[Array, Array],
 ) -> Array:
-    """In which intervals the joint path leaves a limit or its TCP leaves the TCP path."""
+    """In which intervals the joint path leaves its bounds or its TCP leaves the TCP path."""
     steps = np.diff(parameters)
     inner = np.concatenate(
         [
@@ -220,13 +222,7 @@ def _find_spoiled(
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * MAX_DEVIATION_M
     far |= angles_between(poses[:, 3:], targets[:, 3:], path.free) > PATH_SHARE * MAX_DEVIATION_RAD
-    wrong = np.concatenate([inner[far], joint_path.places_outside(*_bounds(robot, start))])
+    wrong = np.concatenate([inner[far], joint_path.places_outside(*bounds)])
     spoiled = np.zeros(len(steps), bool)
     spoiled[np.clip(np.searchsorted(parameters, wrong, side="right") - 1, 0, len(steps) - 1)] = True
     return spoiled
-
-
-def _bounds(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    limits = robot.limits
-    low, high = limits.min_position + INSIDE_RAD, limits.max_position - INSIDE_RAD
-    return np.minimum(low, start), np.maximum(high, start)

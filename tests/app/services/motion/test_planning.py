@@ -26,7 +26,7 @@ from cobot_run import HELPER_ENVIRONMENT
 from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_pool import PlanningPool
-from app.services.motion.planning_tasks import dry_run
+from app.services.motion.planning_tasks import dry_run, plan_motion
 from cobot.config import Settings
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
 from cobot.launch.process import Niceness, is_stopped
@@ -186,7 +186,7 @@ def test_a_plan_is_what_the_planner_makes_of_it_here(
 ) -> None:
     home = np.array(robot.positions["home"].joints)
     request = MotionRequest(home, home + 0.2, PlannerName.PTP, Scaling(0.5))
-    made = runner.run(real.plan(request, WAIT_S))
+    made = runner.run(real.compute(partial(plan_motion, request=request), WAIT_S))
     known = plan(robot, request)
     assert made is not None
     assert known is not None
