@@ -17,6 +17,8 @@ class Stations:
         low: Array,
         high: Array,
     ) -> None: ...
+    def bound(self, low: Array, high: Array) -> None:
+        """Change the bounds, shape (n, m) each."""
 
 def fastest_rate(
     cells: int, times: Stations, bounded: list[Stations], gap: float, iterations: int

@@ -105,7 +105,9 @@ def time_optimal(
     limits = with_room(robot, limits)
     coordinates = Coordinates(robot.model, path, limits, tcp_limits, zones=zones)
     most = MAX_CELLS * (1 if zones is None else len(zones.ends))
-    laws = (_first_law(coordinates, cells, most) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
+    reference = _reference(coordinates)
+    bounds = ((MIN_CELLS, most, cells) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
+    laws = (reference_motion(*reference, path.length, each)[0] for each in bounds)
     return _solve_laws(robot, coordinates, laws)
 
 
@@ -118,8 +120,8 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
     return limits.with_rates(limits.max_velocity, acceleration, limits.max_jerk)
 
 
-def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> Array:
-    """The control points of s(τ) for a smoothed motion as fast as velocity and acceleration limits allow."""
+def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
+    """The first arguments of `reference_motion`, whose speed keeps the velocity and acceleration limits."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
     places = np.linspace(0.0, length, max(PLACES, 3 * pieces) + 1)
     _, (first, second, third), slowness = coordinates.at(places)
@@ -129,9 +131,7 @@ def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> 
     for derivative, limit, order in ((second, max_acceleration, 2), (third, max_jerk, 3)):
         share = np.maximum((np.abs(derivative) / limit).max(axis=1), 1e-12)
         speed = np.minimum(speed, share ** (-1.0 / order))
-    bounds = (MIN_CELLS, most_cells, per_build_up)
-    shares = first / max_acceleration, second / max_acceleration, first / max_jerk
-    return reference_motion(*shares, speed, length, bounds)[0]
+    return first / max_acceleration, second / max_acceleration, first / max_jerk, speed
 
 
 def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
@@ -145,10 +145,10 @@ def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterato
                 first = problem.solve()
                 if first.stretched <= COARSE:
                     break
-            timed = problem.refine(first)
+            timed = problem.refine(first).timed()
             if not keeps_effort(robot.model, timed.trajectory, limits, PLANNED_EFFORT):
                 problem.limit_efforts()
-                timed = problem.refine(problem.solve())
+                timed = problem.refine(problem.solve()).timed()
             if not timed.trajectory.duration_s < MAX_DURATION_S:
                 raise ValueError(f"it would take {timed.trajectory.duration_s:.3g} s")
         except (ValueError, InputError, OverflowError) as exc:
@@ -157,6 +157,24 @@ def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterato
                 findings=[Finding("time", "duration, more than", MAX_DURATION_S, MAX_DURATION_S, "s")],
             ) from exc
     return timed
+
+
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """A time parameterization: the quintics of `Timed.trajectory`, and its other attributes."""
+
+    times: Array
+    coefficients: Array
+    make_progress: Callable[[], Trajectory]
+    stretched: float
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.times[-1])
+
+    def timed(self) -> Timed:
+        """The motion along the path."""
+        return Timed(Trajectory(self.times, self.coefficients), self.make_progress, self.stretched)
 
 
 class _Problem:
@@ -182,7 +200,8 @@ class _Problem:
             np.concatenate([first, np.zeros_like(speed)], axis=1),
             np.concatenate([second, speed], axis=1),
         )
-        self._efforts: tuple[Array, ...] = ()
+        self._efforts: tuple[Array, Array] | None = None
+        self._bounded: list[Stations] = []
         # Rows for jerks, at both ends of each cell, and in the middle of the first and last cells.
         jerks = np.concatenate([begins, ends, middles[:, ending]], axis=1)
         self._jerks = chained(derivatives[:, places], jerks, coordinates.max_jerk)
@@ -191,39 +210,49 @@ class _Problem:
         self._shares = np.minimum(self._shares, shares[:, knots[1:]])
         self._tightened = self._shares[1:].copy()
 
-    def refine(self, best: Timed) -> Timed:
+    def refine(self, best: _Law) -> _Law:
         """Solve again, with limits tightened where extrema exceed them, until this gains nothing."""
         for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
             again = self.solve()
-            if again.trajectory.duration_s < best.trajectory.duration_s:
+            if again.duration_s < best.duration_s:
                 best = again
         return best
 
-    def solve(self) -> Timed:
+    def solve(self) -> _Law:
         """The fastest motion that keeps the limits at the checked places, stretched to keep them
         everywhere."""
-        bounded = [self._acceleration_rows(), self._jerk_rows()]
-        rate, _, _ = fastest_rate(self._cells, _duration(self._cells), bounded, GAP, ITERATIONS)
+        if self._bounded:
+            for stations, bounds in zip(self._bounded, self._bounds(), strict=True):
+                stations.bound(*bounds)
+        else:
+            self._bounded = self._stations()
+        rate, _, _ = fastest_rate(self._cells, _duration(self._cells), self._bounded, GAP, ITERATIONS)
         return self._make_motion(rate)
 
-    def _acceleration_rows(self) -> Stations:
-        """The bounds of accelerations, velocities and efforts, at knots and in the middle of cells."""
-        cells, base = acceleration_stations(self._cells)
-        high = self._tightened[0, cells]
+    def _stations(self) -> list[Stations]:
+        """The places at which accelerations, velocities and efforts are limited, and those of jerks."""
+        first, second, third = self._jerks
+        accelerations, jerks = self._bounds()
+        places, jerk_places = acceleration_stations(self._cells), jerk_stations(self._cells, ENDING_CELLS)
+        return [
+            Stations(*places, *self._accelerations, None, *accelerations),
+            Stations(*jerk_places, first, second, third, *jerks),
+        ]
+
+    def _bounds(self) -> list[tuple[Array, Array]]:
+        """The bounds at these places, low and high."""
+        high = self._tightened[0, acceleration_stations(self._cells)[0]]
         one = np.ones((len(high), 1))
         low = np.concatenate([-high, -UNBOUNDED * one], axis=1)
-        rows = [*self._accelerations, low, np.concatenate([high, one], axis=1)]
-        if self._efforts:
-            rows = [np.concatenate(both, axis=1) for both in zip(rows, self._efforts, strict=True)]
-        return Stations(cells, base, rows[0], rows[1], None, rows[2], rows[3])
-
-    def _jerk_rows(self) -> Stations:
-        cells, base = jerk_stations(self._cells, ENDING_CELLS)
-        high = self._tightened[1, cells]
-        first, second, third = self._jerks
-        return Stations(cells, base, first, second, third, -high, high)
+        high = np.concatenate([high, one], axis=1)
+        if self._efforts is not None:
+            low, high = (
+                np.concatenate(both, axis=1) for both in zip((low, high), self._efforts, strict=True)
+            )
+        jerk = self._tightened[1, jerk_stations(self._cells, ENDING_CELLS)[0]]
+        return [(low, high), (-jerk, jerk)]
 
     def limit_efforts(self) -> None:
         """Include the efforts: those to hold the arm, to accelerate it along the path, and for the path's
@@ -241,9 +270,15 @@ class _Problem:
         first, second, _ = chained(np.array([along, curved, still]), self._law, limits.max_effort)
         share = held / limits.max_effort
         allowed = allowed_shares(share)
-        self._efforts = first, second, -allowed - share, allowed - share
+        self._efforts = -allowed - share, allowed - share
+        before = self._accelerations
+        self._accelerations = (
+            np.concatenate([before[0], first], axis=1),
+            np.concatenate([before[1], second], axis=1),
+        )
+        self._bounded = []
 
-    def _make_motion(self, rate: Array) -> Timed:
+    def _make_motion(self, rate: Array) -> _Law:
         """The motion as quintics that match path and rate in value and two derivatives at the knots."""
         times, squares, slopes = times_of(rate)
         first, second, _ = chained(self._at_knots[1:], self._knots)
@@ -257,11 +292,10 @@ class _Problem:
         if stretched > TIGHT:  # tighten the limits of cells whose true extrema exceed them
             self._tightened[:, :, : self._path.dof] /= np.maximum(used[1:], 1.0)
         # Slowed down evenly, just enough to keep the rate limits of each cell.
-        kept = Trajectory(times * stretched, coefficients / stretched ** np.arange(ORDER))
         place, *rates = self._knots[:3, :, None]
         squares, slopes = squares / stretched**2, slopes / stretched**2
         progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
-        return Timed(kept, progress, stretched)
+        return _Law(times * stretched, coefficients / stretched ** np.arange(ORDER), progress, stretched)
 
 
 @lru_cache(maxsize=32)

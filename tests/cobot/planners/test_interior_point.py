@@ -48,6 +48,31 @@ def constant(bounded: list[Rows]) -> float:
     return 0.8 * min(shares)
 
 
+@pytest.mark.parametrize("count", [1, 7, 8, 9])
+def test_a_block_of_stations_that_is_not_full_counts_each_station_once(count: int) -> None:
+    times, (accelerations, *_) = problem(1)
+    few = Rows(*(None if each is None else each[:count] for each in vars(accelerations).values()))
+    found, _, _ = fastest_rate(CELLS, stations(times), [stations(few), stations(accelerations)], 0.0, 3)
+    both = [few, accelerations]
+    assert found == pytest.approx(iterate(CELLS, times, both, constant(both), 3), rel=1e-9)
+
+
+def test_changed_bounds_give_exactly_what_new_stations_with_them_give() -> None:
+    times, bounded = problem(2)
+    _, others = problem(3)
+    changed = [stations(each) for each in bounded]
+    fastest_rate(CELLS, stations(times), changed, 1e-3, 10)
+    fresh = []
+    for each, rows, other in zip(changed, bounded, others, strict=True):
+        each.bound(other.low, other.high)
+        rows.low, rows.high = other.low, other.high
+        fresh.append(stations(rows))
+    found = fastest_rate(CELLS, stations(times), changed, 1e-3, 10)[0]
+    assert (found == fastest_rate(CELLS, stations(times), fresh, 1e-3, 10)[0]).all()
+    with pytest.raises(ValueError, match="rows of shape"):
+        changed[0].bound(bounded[0].low[1:], bounded[0].high)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("iterations", [1, 4])
 def test_the_iterates_are_those_of_the_law_in_numpy(seed: int, iterations: int) -> None:
