@@ -1,5 +1,6 @@
-"""A stand-in for LeRobot: what the plug-in uses of LeRobot 0.4.4, which brings PyTorch and gigabytes, and is
-not installed here."""
+"""A stand-in for the parts of LeRobot that the plug-in uses. LeRobot itself brings PyTorch and gigabytes, and
+is not installed here. tests/e2e/realtime/test_several_robots.py uses LeRobot's own base classes.
+"""
 
 from __future__ import annotations
 
@@ -78,22 +79,47 @@ class DeviceNotConnectedError(ConnectionError): ...
 class DeviceAlreadyConnectedError(ConnectionError): ...
 
 
-class Camera:
-    """One of LeRobot's kinds."""
+class BaseCamera:
+    """As LeRobot's base class of cameras: it does not implement `read_latest`, but has it from 0.4.3 on."""
+
+    def async_read(self, timeout_ms: float = 200) -> np.ndarray:
+        raise NotImplementedError
+
+    def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
+        raise AssertionError("this only warns and waits")
+
+
+class Camera(BaseCamera):
+    """One of LeRobot's kinds, without `read_latest`."""
 
     height, width = 6, 8
 
     def __init__(self) -> None:
         self.is_connected = False
 
-    def connect(self) -> None:
+    def connect(self, warmup: bool = True) -> None:
         self.is_connected = True
 
     def disconnect(self) -> None:
         self.is_connected = False
 
-    def async_read(self) -> np.ndarray:
+    def async_read(self, timeout_ms: float = 200) -> np.ndarray:
         return np.full((6, 8, 3), 7, np.uint8)
+
+
+class LatestCamera(Camera):
+    """One that has the latest picture without waiting.
+
+    Attributes:
+        stale: whether its latest picture is too old.
+    """
+
+    stale = False
+
+    def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
+        if self.stale:
+            raise TimeoutError("the latest picture is too old")
+        return np.full((6, 8, 3), 9, np.uint8)
 
 
 class Dataset:
@@ -129,7 +155,7 @@ def plugin_beside_it(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The plug-in, in an environment that the stand-in is in."""
     contents = {
         "lerobot": {},
-        "lerobot.cameras": {"CameraConfig": Camera},
+        "lerobot.cameras": {"Camera": BaseCamera, "CameraConfig": Camera},
         "lerobot.cameras.utils": {"make_cameras_from_configs": dict},
         "lerobot.robots": {"Robot": LeRobot, "RobotConfig": RobotConfig},
         "lerobot.utils": {},

@@ -1,6 +1,7 @@
-"""An arm of cobot as a robot of LeRobot: `--robot.type=cobot`."""
+"""Arms of cobot as robots of LeRobot: `--robot.type=cobot` for one arm, `bi_cobot` for two."""
 
-from lerobot_robot_cobot.config_cobot import CobotRobotConfig
+from lerobot_robot_cobot.bimanual import BiCobotRobot
+from lerobot_robot_cobot.config_cobot import BiCobotRobotConfig, CobotArmConfig, CobotRobotConfig
 from lerobot_robot_cobot.robot import CobotRobot
 
-__all__ = ["CobotRobot", "CobotRobotConfig"]
+__all__ = ["BiCobotRobot", "BiCobotRobotConfig", "CobotArmConfig", "CobotRobot", "CobotRobotConfig"]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import Any
+
 from cobot.client.states import GripperReading
 
 SUFFIX = ".pos"
@@ -17,3 +21,19 @@ def observed(reading: GripperReading) -> dict[str, float]:
     held = float(reading.object.is_held)
     numbers = (reading.known_width, reading.target_width, reading.known_force, held)
     return dict(zip(OBSERVED, numbers, strict=True))
+
+
+def targets(action: Mapping[str, Any], features: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers of an action, one for each of these features.
+
+    Raises:
+        ValueError: a feature is missing or not a finite number.
+    """
+    missing = [name for name in features if name not in action]
+    if missing:
+        raise ValueError(f"the action has no {missing[0]!r}; it needs {', '.join(features)}")
+    found = {name: float(action[name]) for name in features}
+    for name, value in found.items():
+        if not math.isfinite(value):
+            raise ValueError(f"{name} of the action is {value}, but must be a finite number")
+    return found

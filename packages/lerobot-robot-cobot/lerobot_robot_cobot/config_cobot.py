@@ -1,4 +1,6 @@
-"""The configuration of the arm on LeRobot's command line: `--robot.type=cobot --robot.url=...`."""
+"""The configurations on LeRobot's command line: `--robot.type=cobot --robot.url=...` for one arm,
+`--robot.type=bi_cobot --robot.left_arm_config.url=...` for two.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,8 @@ from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
 
 
-@RobotConfig.register_subclass("cobot")
 @dataclass(kw_only=True)
-class CobotRobotConfig(RobotConfig):
+class CobotArmConfig:
     """
     Attributes:
         url: URL of the service, or of one of its robots: http://HOST:8007/robots/NAME.
@@ -28,4 +29,26 @@ class CobotRobotConfig(RobotConfig):
     gripper: bool = False
     rate_hz: float = 30.0
     interpolation: str = "quintic"
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+
+
+@RobotConfig.register_subclass("cobot")
+@dataclass(kw_only=True)
+class CobotRobotConfig(CobotArmConfig, RobotConfig):
+    """One arm. The attributes are those of `CobotArmConfig`."""
+
+
+@RobotConfig.register_subclass("bi_cobot")
+@dataclass(kw_only=True)
+class BiCobotRobotConfig(RobotConfig):
+    """Two arms as one robot.
+
+    Attributes:
+        left_arm_config: the arm whose observations and actions begin with `left_`.
+        right_arm_config: the arm whose observations and actions begin with `right_`.
+        cameras: LeRobot's camera configurations that belong to no arm, by name. Their names have no prefix.
+    """
+
+    left_arm_config: CobotArmConfig
+    right_arm_config: CobotArmConfig
     cameras: dict[str, CameraConfig] = field(default_factory=dict)

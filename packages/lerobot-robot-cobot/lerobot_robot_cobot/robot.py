@@ -18,8 +18,9 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from cobot.client import JointImpedanceControl, Mode, Robot, ServedFingers
 from cobot.errors import CobotError
-from lerobot_robot_cobot.columns import OBSERVED, SUFFIX, WIDTH, observed
+from lerobot_robot_cobot.columns import OBSERVED, SUFFIX, WIDTH, observed, targets
 from lerobot_robot_cobot.config_cobot import CobotRobotConfig
+from lerobot_robot_cobot.pictures import latest_pictures, picture_shapes
 
 
 class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
@@ -45,9 +46,8 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
-        pictures = {name: (each.height, each.width, 3) for name, each in self.config.cameras.items()}
         gripper = dict.fromkeys(OBSERVED, float) if self.config.gripper else {}
-        return {**dict.fromkeys(self._joints, float), **gripper, **pictures}
+        return {**dict.fromkeys(self._joints, float), **gripper, **picture_shapes(self.config.cameras)}
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -123,9 +123,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
                     f"{self.config.url}: the gripper has not been read yet; GET /robot/gripper has the reason"
                 )
             seen |= observed(state.gripper)
-        for name, camera in self.cameras.items():
-            seen[name] = camera.async_read()
-        return seen
+        return seen | latest_pictures(self.cameras)
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Set the targets of the joints and the gripper. Returns the targets.
@@ -134,10 +132,7 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
             ValueError: a joint is missing or not a number.
             DeviceNotConnectedError: the session has ended; the error has the reason.
         """
-        missing = [name for name in self.action_features if name not in action]
-        if missing:
-            raise ValueError(f"the action has no {missing[0]!r}; it needs {', '.join(self.action_features)}")
-        target = {name: float(action[name]) for name in self.action_features}
+        target = targets(action, self.action_features)
         with self._in_words():
             self._session().set_target_joints([target[name] for name in self._joints])
             if self._fingers is not None:

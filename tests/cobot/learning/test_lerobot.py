@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +18,12 @@ from lerobot_stand_in import (
     Dataset,
     DeviceAlreadyConnectedError,
     DeviceNotConnectedError,
+    LatestCamera,
     RobotConfig,
     plugin_beside_it,
 )
 from plant_service import THE_CELL, ServiceOfPlant
-from virtual_service import virtual_service
+from virtual_service import VirtualService, virtual_service
 from wheels import build
 
 from cobot.client import Robot
@@ -36,11 +38,12 @@ def plugin(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
         yield made
 
 
-def test_lerobot_finds_it_by_its_names(plugin: ModuleType) -> None:
-    config = RobotConfig.kinds["cobot"]
-    assert config is plugin.CobotRobotConfig
+def test_lerobot_finds_them_by_their_names(plugin: ModuleType) -> None:
+    kinds = RobotConfig.kinds
+    assert kinds == {"cobot": plugin.CobotRobotConfig, "bi_cobot": plugin.BiCobotRobotConfig}
     # LeRobot makes the class of a plug-in's robot by taking `Config` from the name of its configuration.
-    assert getattr(plugin, config.__name__.removesuffix("Config")) is plugin.CobotRobot
+    for config, robot in ((kinds["cobot"], plugin.CobotRobot), (kinds["bi_cobot"], plugin.BiCobotRobot)):
+        assert getattr(plugin, config.__name__.removesuffix("Config")) is robot
 
 
 def test_it_moves_the_arm_and_sees_it(plugin: ModuleType, tmp_path: Path) -> None:
@@ -126,6 +129,121 @@ def test_what_keeps_it_from_the_arm_is_said(plugin: ModuleType, tmp_path: Path) 
     nobody = plugin.CobotRobot(plugin.CobotRobotConfig(url="nonsense"))
     with pytest.raises(DeviceNotConnectedError, match="nonsense"):
         nobody.connect()
+
+
+def test_numbers_that_are_none_are_rejected(plugin: ModuleType) -> None:
+    from lerobot_robot_cobot.columns import targets
+
+    with pytest.raises(ValueError, match=r"a of the action is nan, but must be a finite number"):
+        targets({"a": float("nan")}, {"a": float})
+
+
+def test_the_latest_picture_is_taken_where_a_camera_has_it(plugin: ModuleType) -> None:
+    from lerobot_robot_cobot.pictures import latest_pictures
+
+    latest = LatestCamera()
+    found = latest_pictures({"waits": Camera(), "latest": latest})
+    assert {name: picture[0, 0, 0] for name, picture in found.items()} == {"waits": 7, "latest": 9}
+    latest.stale = True
+    with pytest.raises(TimeoutError, match="too old"):
+        latest_pictures({"latest": latest})
+
+
+def two_arms(plugin: ModuleType, pair: VirtualService, **left: object) -> Any:
+    """The pair as one robot of LeRobot, its cameras `left_wrist` and `top`."""
+
+    def connect(url: str, token: str | None) -> Robot:
+        return Robot(url, clock=pair.clock, client=pair.client)
+
+    arms = [
+        plugin.CobotArmConfig(url=name, **options)
+        for name, options in zip(
+            pair.names, ({"cameras": {"wrist": LatestCamera()}, **left}, {}), strict=True
+        )
+    ]
+    config = plugin.BiCobotRobotConfig(
+        id="two", left_arm_config=arms[0], right_arm_config=arms[1], cameras={"top": Camera()}
+    )
+    return plugin.BiCobotRobot(config, connect)
+
+
+def test_two_arms_are_one_robot(plugin: ModuleType, tmp_path: Path) -> None:
+    with virtual_service(tmp_path, robots=2) as pair:
+        robot = two_arms(plugin, pair)
+        joints = [f"joint{number}.pos" for number in range(1, 8)]
+        actions = [f"{side}_{name}" for side in ("left", "right") for name in joints]
+        assert list(robot.action_features) == actions
+        assert (
+            set(robot.observation_features) == {*actions, "left_wrist", "top"} == {*actions, *robot.cameras}
+        )
+        robot.connect()
+        assert robot.is_connected
+        with pytest.raises(DeviceAlreadyConnectedError):
+            robot.connect()
+        seen = robot.get_observation()
+        assert set(seen) == set(robot.observation_features)
+        action = {name: seen[name] for name in actions}
+        for _ in range(30):
+            action["left_joint1.pos"] += 0.01
+            action["right_joint1.pos"] -= 0.005
+            assert robot.send_action(action) == action
+            pair.sleep(1 / 30)
+        moved = [robot.get_observation()[f"{side}_joint1.pos"] for side in ("left", "right")]
+        assert moved == pytest.approx([0.3, -0.15], abs=0.05)
+        away = action | {"left_joint1.pos": action["left_joint1.pos"] + 0.05}
+        for wrong in ({"left_joint1.pos": 1.0}, away | {"right_joint7.pos": float("nan")}):
+            with pytest.raises(ValueError, match=r"(of the action is nan|the action has no)"):
+                robot.send_action(wrong)
+        pair.sleep(0.5)
+        assert robot.is_connected
+        arrived = robot.get_observation()["left_joint1.pos"]
+        assert arrived == pytest.approx(action["left_joint1.pos"], abs=0.02)
+        robot.disconnect()
+        robot.disconnect()
+        assert not robot.is_connected
+
+
+def test_when_one_arm_stops_the_other_stops_too(plugin: ModuleType, tmp_path: Path) -> None:
+    with virtual_service(tmp_path, robots=2) as pair:
+        robot = two_arms(plugin, pair)
+        robot.connect()
+        action = {name: robot.get_observation()[name] for name in robot.action_features}
+        for _ in range(10):  # the left arm moves
+            action["left_joint1.pos"] += 0.02
+            robot.send_action(action)
+            pair.sleep(1 / 30)
+        pair.post(f"/robots/{pair.names[1]}/stop").raise_for_status()
+        pair.sleep(0.1)
+        with pytest.raises(DeviceNotConnectedError, match=rf"{pair.names[1]}: the session has ended"):
+            robot.send_action(action)
+        assert not robot.is_connected
+        with Robot(pair.names[0], clock=pair.clock, client=pair.client) as left:
+            pair.until(left.stopped)
+        robot.connect()  # both are free
+        robot.disconnect()
+
+
+def test_an_arm_that_cannot_be_connected_leaves_the_other_one_free(
+    plugin: ModuleType, tmp_path: Path
+) -> None:
+    with virtual_service(tmp_path, robots=2) as pair:
+        robot = two_arms(plugin, pair)
+        robot.config.right_arm_config.joints = ["a"]
+        robot = plugin.BiCobotRobot(robot.config, robot._arms["left_"]._connect)
+        with pytest.raises(DeviceNotConnectedError, match=rf"names 1 joints, {pair.names[1]} has 7"):
+            robot.connect()
+        assert not any(camera.is_connected for camera in robot.cameras.values())
+        two_arms(plugin, pair).connect()
+
+
+def test_cameras_of_two_arms_have_different_names(plugin: ModuleType) -> None:
+    config = plugin.BiCobotRobotConfig(
+        left_arm_config=plugin.CobotArmConfig(cameras={"top": Camera()}),
+        right_arm_config=plugin.CobotArmConfig(),
+        cameras={"left_top": Camera()},
+    )
+    with pytest.raises(ValueError, match="two cameras have one name: left_top"):
+        plugin.BiCobotRobot(config)
 
 
 def episode(path: Path, *, rate_hz: float = 10.0) -> Path:
