@@ -7,6 +7,8 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Real ROS 2, for the tests alone.
 ROS       := $(VENV)/ros
 ROS_STAMP := $(VENV)/.ros-stamp
+KILTED       := $(VENV)/kilted
+KILTED_STAMP := $(VENV)/.kilted-stamp
 # An older client of MCP, for the tests alone.
 MCP1       := $(VENV)/mcp1
 MCP1_STAMP := $(VENV)/.mcp1-stamp
@@ -57,7 +59,7 @@ setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` us
 
 setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 
-setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
+setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(KILTED_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
@@ -123,6 +125,7 @@ lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the 
 	$(COMPILE_LOCK) --extra bench -c requirements/dev.lock pyproject.toml -o requirements/bench.lock
 	$(COMPILE_LOCK) --extra docs -c requirements/dev.lock pyproject.toml -o requirements/docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements/ros.lock
+	$(COMPILE_LOCK) --group kilted -o requirements/kilted.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements/peers.lock
 	$(COMPILE_LOCK) --group mcp1 -o requirements/mcp1.lock
 	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
@@ -175,6 +178,11 @@ $(ROS_STAMP): requirements/ros.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(ROS) && \
 	    $(BIN)/uv pip install --quiet --python $(ROS)/bin/python --require-hashes --requirement requirements/ros.lock; \
 	    then touch $@; else rm -rf $(ROS); echo "cobot: without ROS 2: its wheels are for CPython 3.11 on Linux"; fi
+
+$(KILTED_STAMP): requirements/kilted.lock | $(VENV)/.dev-stamp
+	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(KILTED) && \
+	    $(BIN)/uv pip install --quiet --python $(KILTED)/bin/python --require-hashes --requirement requirements/kilted.lock; \
+	    then touch $@; else rm -rf $(KILTED); echo "cobot: without ROS 2 Kilted: its wheels are for CPython 3.11 on Linux"; fi
 
 $(MCP1_STAMP): requirements/mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \

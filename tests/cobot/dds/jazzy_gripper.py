@@ -12,10 +12,10 @@ from typing import Any
 
 import rclpy
 from control_msgs.action import GripperCommand, ParallelGripperCommand
-from jazzy_session import Session
 from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from rclpy.qos import qos_profile_sensor_data
+from rclpy_session import Session
 from sensor_msgs.msg import JointState
 
 

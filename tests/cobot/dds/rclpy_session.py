@@ -1,6 +1,6 @@
 """A user's session with real ROS 2, in its own Python: what a node sees of cobot, as JSON on the last line.
 
-Usage: jazzy_session.py ROBOT
+Usage: rclpy_session.py ROBOT
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 WAIT_S = 60.0
+REQUESTS = 100
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -88,19 +89,18 @@ class Session(Node):
     def ask(self) -> None:
         client = self.create_client(GetDof, f"/{self.robot}/RobotConfig/getDof")
         self.until(client.service_is_ready, "the service getDof")
-        answer = self.result(client.call_async(GetDof.Request()), "an answer of getDof")
-        self.report["dof"] = [answer.code, answer.result]
+        self.report["dof"] = []
+        for _ in range(REQUESTS):
+            answer = self.result(client.call_async(GetDof.Request()), "an answer of getDof")
+            self.report["dof"].append([answer.code, answer.result])
 
     def move(self) -> None:
         """Follow a trajectory from where the arm is."""
         client = ActionClient(self, FollowJointTrajectory, f"/{self.robot}/follow_joint_trajectory")
         self.until(client.server_is_ready, "the action follow_joint_trajectory")
-        goal = FollowJointTrajectory.Goal()
-        goal.trajectory.joint_names = self.report["joints"]
         end = [value + 0.1 for value in self.report["position"]]
-        goal.trajectory.points = [JointTrajectoryPoint(positions=end, time_from_start=Duration(sec=2))]
         told: list[Any] = []
-        sent = client.send_goal_async(goal, feedback_callback=told.append)
+        sent = client.send_goal_async(self.goal(end, seconds=2), feedback_callback=told.append)
         handle = self.result(sent, "an answer to the goal")
         result = self.result(handle.get_result_async(), "the result of the goal")
         reached = told[-1].feedback.actual.positions if told else []
@@ -112,11 +112,30 @@ class Session(Node):
             "off": max(abs(a - b) for a, b in zip(end, reached)) if told else None,  # noqa: B905
         }
 
+    def cancel(self) -> None:
+        """Cancel a motion of 20 s once it has begun."""
+        client = ActionClient(self, FollowJointTrajectory, f"/{self.robot}/follow_joint_trajectory")
+        self.until(client.server_is_ready, "the action follow_joint_trajectory")
+        told: list[Any] = []
+        sent = client.send_goal_async(self.goal(self.report["position"], seconds=20), told.append)
+        handle = self.result(sent, "an answer to the goal that is cancelled")
+        self.until(lambda: told, "feedback")
+        cancelled = self.result(handle.cancel_goal_async(), "an answer to the cancellation")
+        result = self.result(handle.get_result_async(), "the result of the cancelled goal")
+        self.report["cancelled"] = [len(cancelled.goals_canceling), result.status]
+
+    def goal(self, end: list[float], seconds: int) -> FollowJointTrajectory.Goal:
+        """A motion from the place where the arm is."""
+        goal = FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = self.report["joints"]
+        goal.trajectory.points = [JointTrajectoryPoint(positions=end, time_from_start=Duration(sec=seconds))]
+        return goal
+
 
 def main() -> None:
     rclpy.init()
     session = Session(sys.argv[1])
-    for step in (session.look_around, session.read, session.ask, session.move):
+    for step in (session.look_around, session.read, session.ask, session.move, session.cancel):
         step()
     print(json.dumps(session.report), flush=True)
     session.destroy_node()
