@@ -55,9 +55,14 @@ def require_accepted(result: Accepted | Rejected) -> None:
 class BackendOptions(BaseModel):
     """Base class of a backend's `Options`: the keys of `robot.backend` in addition to `type`. Use
     `cobot.config.Location` for paths.
+
+    Attributes:
+        simulator: the device is a simulator, so hand, parts and contact forces may be simulated next to it,
+            see `rtloop.backends.device_in_cell`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    simulator: bool = False
 
 
 class Backend(Protocol):

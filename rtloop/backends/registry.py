@@ -27,7 +27,9 @@ REGISTRY = Registry(
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
-"""The backends that simulate a cell, by the name that they have without one."""
+"""The backends that simulate a cell themselves, by the name that they have without one."""
+AROUND = "rtloop.backends.device_in_cell:DeviceInCell"
+"""The class that simulates a cell around the arm of any other backend."""
 
 
 def backend_names() -> dict[str, str]:
@@ -53,13 +55,19 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         BackendError: raised by the backend.
     """
     name = settings.robot.backend.type
-    kind = backend_class(_with_cell(name, settings) if cell_of(settings) is not None else name)
-    settings.backend_options(getattr(kind, "Options", NoOptions))
+    has_cell = cell_of(settings) is not None
+    kind = backend_class(WITH_CELL.get(name, name) if has_cell else name)
+    options = settings.backend_options(getattr(kind, "Options", NoOptions))
+    around = has_cell and name not in WITH_CELL
+    if around and not getattr(options, "simulator", False):
+        raise ConfigError(_no_cell(name, settings))
     refusal = capabilities_of(kind).period_refusal(settings.rt.period_s)
     if refusal:
         raise ConfigError(f"robot.backend: {name}: {refusal}")
     try:
         made = as_backend(kind(settings, limits), limits.dof, settings.rt.period_s)
+        if around:
+            made = backend_class(AROUND)(made, settings, limits)
         capabilities_of(made)
         return made
     except (BackendError, ConfigError, KeyboardInterrupt):
@@ -68,20 +76,12 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         raise REGISTRY.unloadable(name, exc) from exc
 
 
-def _with_cell(name: str, settings: Settings) -> str:
-    """The class of a backend with a cell.
-
-    Raises:
-        ConfigError: this backend simulates no cell.
-    """
-    if name not in WITH_CELL:
-        if settings.robot.cell is None:
-            raise ConfigError(
-                f"robot.gripper: simulated needs a backend with a simulated hand, which is only "
-                f"{', '.join(WITH_CELL)}, not {name!r}; name the real gripper, or set robot.gripper to null"
-            )
-        raise ConfigError(
-            f"robot.cell: the backend {name!r} has no simulated cell, only {', '.join(WITH_CELL)} has one; "
-            "set robot.cell to null"
-        )
-    return WITH_CELL[name]
+def _no_cell(name: str, settings: Settings) -> str:
+    """The reason why a device has no simulated cell."""
+    what, instead = "robot.cell", "set robot.cell to null"
+    if settings.robot.cell is None:
+        what, instead = "robot.gripper", "name the real gripper, or set robot.gripper to null"
+    return (
+        f"{what}: hand and cell are simulated, and the backend {name!r} drives a real arm; {instead}. If the "
+        "device is a simulator, set robot.backend.simulator to true: the cell is then simulated next to it"
+    )

@@ -70,20 +70,23 @@ def _link(name: str) -> str:
     )
 
 
-def crx_folder(folder: Path) -> Path:
-    """The robot's folder, as `cobot new-robot` makes it, with two positions in which the tool points down."""
+def crx_folder(folder: Path, **positions: tuple[float, ...]) -> Path:
+    """The robot's folder, as `cobot new-robot` makes it, with two positions in which the tool points down.
+
+    positions: others of these names, in degrees.
+    """
     file, srdf = folder / "crx.urdf", folder / "crx.srdf"
     file.write_text(crx_urdf(), encoding="utf-8")
-    srdf.write_text(_srdf(), encoding="utf-8")
+    srdf.write_text(_srdf({**POSITIONS, **positions}), encoding="utf-8")
     made = folder / "crx"
     NewRobot(file, srdf=srdf).write(made)
     return made
 
 
-def _srdf() -> str:
+def _srdf(positions: dict[str, tuple[float, ...]]) -> str:
     names = [f"joint{number}" for number in range(1, 7)]
     states = []
-    for name, position in POSITIONS.items():
+    for name, position in positions.items():
         rows = [
             f'<joint name="{joint}" value="{value * 0.017453292519943295}"/>'
             for joint, value in zip(names, position, strict=True)

@@ -44,7 +44,7 @@ class CellArm:
 
     def __init__(self, settings: Settings, robot: RobotDescription, cell: Path = EXAMPLE) -> None:
         self.robot = robot
-        self.backend: Any = make_backend(with_cell(settings, cell), robot.limits)
+        self.backend: Any = self.made(with_cell(settings, cell))
         self.cell = load_cell(cell)
         if self.cell.hand is not None:
             tool = hand_as_tool(self.cell.hand)
@@ -56,6 +56,9 @@ class CellArm:
         self.measured = Measured(robot.limits.dof)
         self._command = np.zeros((3, robot.limits.dof))
         self._command[0] = self.joints
+
+    def made(self, settings: Settings) -> Any:
+        return make_backend(settings, self.robot.limits)
 
     def carry(self, tool: Tool) -> None:
         """Have the arm, its model and the plant carry a tool."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
 from rtloop.backends.fanuc.messages import PORT, PointType
+from rtloop.backends.protocols import BackendOptions
 
 RMI_PORT = 16001
 MAX_IO = 64
@@ -27,7 +28,7 @@ def an_io_point(value: str) -> str:
 IoName = Annotated[str, AfterValidator(an_io_point)]
 
 
-class FanucOptions(BaseModel):
+class FanucOptions(BackendOptions):
     """Options of a FANUC controller.
 
     Attributes:
@@ -51,7 +52,7 @@ class FanucOptions(BaseModel):
         entry_rad: maximum distance of the arm from the first command.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     address: Annotated[str, Field(min_length=1, max_length=253)] | None = None
     rmi_port: Port = RMI_PORT

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from rtloop.backends.protocols import BackendOptions
 
 DOF = 7
 Torque = Annotated[float, Field(gt=0.0, le=100.0)]
@@ -13,7 +15,7 @@ Stiffness = Annotated[float, Field(ge=10.0, le=14250.0)]
 Seven = Annotated[list[Torque], Field(min_length=DOF, max_length=DOF)]
 
 
-class FrankaOptions(BaseModel):
+class FrankaOptions(BackendOptions):
     """Options of a Franka.
 
     Attributes:
@@ -27,12 +29,12 @@ class FrankaOptions(BaseModel):
         joint_stiffness: stiffness of the robot's own position controller, N·m/rad; None: the robot's default.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     address: Annotated[str, Field(min_length=1, max_length=253)]
     realtime: Literal["enforce", "ignore"] = "enforce"
-    contact_torque: Seven = [20.0, 20.0, 18.0, 18.0, 10.0, 9.0, 8.0]
-    collision_torque: Seven = [40.0, 40.0, 36.0, 36.0, 12.0, 12.0, 12.0]
+    contact_torque: Seven = Field([20.0, 20.0, 18.0, 18.0, 10.0, 9.0, 8.0])
+    collision_torque: Seven = Field([40.0, 40.0, 36.0, 36.0, 12.0, 12.0, 12.0])
     contact_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [20.0] * 3 + [15.0] * 3
     collision_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [40.0] * 3 + [30.0] * 3
     check_pose: bool = True

@@ -5,9 +5,10 @@ from __future__ import annotations
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
 from rtloop.backends.fri.messages import CommandMode
+from rtloop.backends.protocols import BackendOptions
 
 DEFAULT_PORT = 30200
 COMMAND_MODES = {
@@ -28,7 +29,7 @@ def an_ipv4_address(value: str) -> str:
 Address = Annotated[str, AfterValidator(an_ipv4_address)]
 
 
-class FriOptions(BaseModel):
+class FriOptions(BackendOptions):
     """Options of the Fast Robot Interface.
 
     Attributes:
@@ -45,7 +46,7 @@ class FriOptions(BaseModel):
         min_tracking: minimum tracking performance when commands begin, 0 to 1.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(strict=True)
 
     address: Address | None = None
     listen: Address = "0.0.0.0"

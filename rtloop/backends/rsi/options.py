@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from cobot.types import JointLimits
 from rtloop.backends.fri.options import Address
+from rtloop.backends.protocols import BackendOptions
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 DEFAULT_PORT = 59152
@@ -27,7 +28,7 @@ Name = Annotated[str, Field(pattern=r"^[^/\s\x00-\x1f][^/\x00-\x1f]{0,62}$")]
 Number = Annotated[int, Field(ge=1, le=8192)]
 
 
-class RsiOptions(BaseModel):
+class RsiOptions(BackendOptions):
     """Options of the RobotSensorInterface.
 
     Attributes:
@@ -50,7 +51,7 @@ class RsiOptions(BaseModel):
         check_pose: whether a pose that the controller reports must be that of the model.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(strict=True)
 
     address: Address | None = None
     listen: Address = "0.0.0.0"

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from rtloop.backends.protocols import BackendOptions
 
 DEFAULT_PORT = 50010
 Host = Annotated[str, Field(min_length=1, max_length=253)]
 
 
-class UrOptions(BaseModel):
+class UrOptions(BackendOptions):
     """Options of a Universal Robots arm.
 
     Attributes:
@@ -30,7 +32,7 @@ class UrOptions(BaseModel):
         check_pose: whether the pose that the controller reports must be that of the model.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     address: Host
     port: Annotated[int, Field(ge=0, le=65_535)] = DEFAULT_PORT

@@ -301,9 +301,9 @@ def test_the_backend_has_the_protocols_of_its_cell(arm: CellArm) -> None:
     assert arm.backend.part_names == ("cube", "bar", "can")
 
 
-def test_a_backend_without_a_simulated_cell_is_rejected(settings: Settings, tmp_path: Path) -> None:
+def test_a_real_arm_has_no_simulated_cell(settings: Settings, tmp_path: Path) -> None:
     robot = load_robot(settings)
     given = with_cell(settings, write_cell(tmp_path, {}))
     fri = given.robot.model_copy(update={"backend": given.robot.backend.model_copy(update={"type": "fri"})})
-    with pytest.raises(ConfigError, match=r"robot\.cell: the backend 'fri' has no simulated cell"):
+    with pytest.raises(ConfigError, match=r"robot\.cell: .*'fri' drives a real arm; set robot\.cell to null"):
         make_backend(given.model_copy(update={"robot": fri}), robot.limits)
