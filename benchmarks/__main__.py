@@ -13,56 +13,26 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 
-from benchmarks import (
-    cell,
+from benchmarks import corpus, request_path, studies
+from benchmarks.backends import fanuc, franka, fri, rsi, ur
+from benchmarks.handling import cell, contact, gripper, peg, signals
+from benchmarks.loop import crowd, cycle, hot, idle, modes, recording, torn, virtual_clock
+from benchmarks.planning import (
     clutter,
-    contact,
     corners,
-    corpus,
-    crowd,
-    cycle,
-    dds,
-    events,
     explanations,
-    fanuc,
-    fleet,
-    floods,
-    franka,
-    fri,
-    gripper,
-    hot,
-    idle,
     inverse,
-    latency,
     lines,
-    memory,
-    modes,
-    overshoot,
-    pages,
-    panel,
-    peg,
-    planning,
-    policy,
-    recording,
+    planning_time,
     repeats,
-    request_path,
-    ros2_control,
-    rsi,
-    servo,
-    signals,
-    smoothness,
-    steady,
-    stopping,
-    stress,
-    studies,
     time_law,
     timed,
-    torn,
-    ur,
-    virtual_clock,
-    web,
 )
+from benchmarks.ros import dds, ros2_control
+from benchmarks.streams import latency, overshoot, policy, servo, smoothness, stopping
+from benchmarks.stress import run as stress
 from benchmarks.table import HEADER, Row
+from benchmarks.web import answers, events, fleet, floods, memory, pages, panel, steady
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
@@ -92,19 +62,19 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "repeats": lambda quick: repeats.repeats(10 if quick else 100),
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
-    "planning": lambda quick: planning.planning_time(30 if quick else 300),
+    "planning": lambda quick: planning_time.planning_time(30 if quick else 300),
     "corners": lambda quick: corners.corners(),
     "lines": lambda quick: lines.lines(40 if quick else 500),
     "explanations": lambda quick: explanations.explanations(40 if quick else 200),
     "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 6, 0.5)),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
-    "straightness": lambda quick: planning.straightness(2 if quick else 12),
+    "straightness": lambda quick: planning_time.straightness(2 if quick else 12),
     "timed": lambda quick: timed.timed(5 if quick else 40),
     "documentation": lambda quick: pages.documentation(2 if quick else 7),
     "csv": lambda quick: pages.csv_upload(2 if quick else 7),
-    "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
+    "requests": lambda quick: answers.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "request_path": lambda quick: request_path.passed(50 if quick else 300),
-    "stop": lambda quick: web.stop(10 if quick else 100),
+    "stop": lambda quick: answers.stop(10 if quick else 100),
     "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
     "panel": lambda quick: panel.panel(*(2, 5.0, 20.0) if quick else (20, 30.0, 600.0)),
     "fanuc": lambda quick: fanuc.fanuc(*(2000, 4, 1) if quick else (20_000, 20, 5)),

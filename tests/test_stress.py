@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from benchmarks.arms import NAMES, arm, carrying
-from benchmarks.judge import Judge, broken_limits, jumps
-from benchmarks.stress import Tally, one
-from benchmarks.stress_cases import KINDS, case
+from benchmarks.stress.cases import KINDS, case
+from benchmarks.stress.judge import Judge, broken_limits, jumps
+from benchmarks.stress.run import Tally, one
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool

@@ -13,9 +13,9 @@ folder: a run that was killed continues where it ended.
 from __future__ import annotations
 
 from cobot.studies.chunks import Columns
-from cobot.studies.local_pool import LocalPool, LostWorkerError
+from cobot.studies.engines.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import ForeignWorkerError
-from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.results.folder import ResultsFolder
 from cobot.studies.running import Advance, StudyResult, run_study
 from cobot.studies.study import Study
 from cobot.studies.study_file import load_study, study_of

@@ -15,10 +15,10 @@ from cobot.commands.terminal import Bar, show
 from cobot.errors import CobotError
 from cobot.foreign import plain_lines
 from cobot.launch.process import in_words
-from cobot.studies.engines import LOCAL, engine
-from cobot.studies.maps import write_maps
+from cobot.studies.engines.engine import LOCAL, engine
 from cobot.studies.orders import Order
-from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.results.folder import ResultsFolder
+from cobot.studies.results.maps import write_maps
 from cobot.studies.running import Advance, StudyResult, answer_of, run_study
 from cobot.studies.study_file import load_study
 

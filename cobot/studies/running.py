@@ -18,9 +18,9 @@ import numpy as np
 from cobot.errors import CobotError, UnavailableError
 from cobot.foreign import plain_error
 from cobot.studies.chunks import FAILURE, Columns, failures, from_bytes, has_result, to_bytes
-from cobot.studies.local_pool import LocalPool, LostWorkerError
+from cobot.studies.engines.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import Filled, Order, fill
-from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.results.folder import ResultsFolder
 from cobot.studies.study import Round, Study
 
 CHUNK_S = 1.0

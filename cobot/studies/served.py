@@ -26,13 +26,13 @@ from cobot.launch.process import Niceness, be, die_with_parent
 from cobot.robot.kept import keep, size_of
 from cobot.strict import StrictModel, shown, unknown_key
 from cobot.studies.chunks import Columns
-from cobot.studies.map_html import map_content
-from cobot.studies.maps import map_columns
+from cobot.studies.kinds.placement import PlacementStudy
 from cobot.studies.orders import Order
-from cobot.studies.placement import PlacementStudy
-from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.programs.sequence_program import SequenceProgram, program_of
+from cobot.studies.results.folder import ResultsFolder
+from cobot.studies.results.map_html import map_content
+from cobot.studies.results.maps import map_columns
 from cobot.studies.running import Advance, answer_of, run_study
-from cobot.studies.sequence_program import SequenceProgram, program_of
 from cobot.studies.study import Study
 from cobot.studies.study_file import study_of
 

@@ -10,17 +10,17 @@ from typing import Any, cast
 from cobot.config.section import parse
 from cobot.errors import ConfigError
 from cobot.strict import unknown_key
-from cobot.studies.sequence_program import with_programs
+from cobot.studies.programs.sequence_program import with_programs
 from cobot.studies.study import Study
 from cobot.yaml_file import read_mapping
 
 KINDS: Mapping[str, str] = {
-    "reach": "reach:ReachStudy",
-    "placement": "placement:PlacementStudy",
-    "python": "function_study:FunctionStudy",
-    "cycle": "cycle:CycleStudy",
-    "robustness": "robustness:RobustnessStudy",
-    "compare": "compare:CompareStudy",
+    "reach": "kinds.reach:ReachStudy",
+    "placement": "kinds.placement:PlacementStudy",
+    "python": "kinds.function_study:FunctionStudy",
+    "cycle": "kinds.cycle:CycleStudy",
+    "robustness": "kinds.robustness:RobustnessStudy",
+    "compare": "kinds.compare:CompareStudy",
 }
 """Module and class of each kind. Only those of the used kind are imported."""
 

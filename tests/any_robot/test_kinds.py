@@ -1,7 +1,7 @@
 """What every kind of arm can do: twelve arms that `cobot new-robot` makes, see `arm_kinds`; on virtual time.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF with the other joints locked, and what
-`benchmarks.judge` computes without cobot; the commanded positions, and the limits.
+`benchmarks.stress.judge` computes without cobot; the commanded positions, and the limits.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from arm_kinds import KINDS
 from converted_arms import Made
 from rig import Rig
 
-from benchmarks.judge import Judge
-from benchmarks.stress import Tally, one
-from benchmarks.stress_cases import Case
+from benchmarks.stress.cases import Case
+from benchmarks.stress.judge import Judge
+from benchmarks.stress.run import Tally, one
 from cobot.ipc.layout import Interpolation
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan

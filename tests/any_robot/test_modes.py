@@ -14,7 +14,7 @@ from converted_arms import Made
 from rig import Loopback, Rig
 from servo_bench import Bench, runner
 
-from benchmarks.judge import Judge
+from benchmarks.stress.judge import Judge
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import LoopMode

@@ -1,7 +1,7 @@
 """Every planner on four arms that `cobot new-robot` makes, see `arm_kinds`.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF, MuJoCo's distances, roots by numpy (see
-`benchmarks.judge`).
+`benchmarks.stress.judge`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from rig import Rig
 from servo_bench import Bench, runner
 
 from benchmarks.arms import carrying
-from benchmarks.judge import Judge
-from benchmarks.stress import Tally, one
-from benchmarks.stress_cases import CORRIDOR_RAD, Case
+from benchmarks.stress.cases import CORRIDOR_RAD, Case
+from benchmarks.stress.judge import Judge
+from benchmarks.stress.run import Tally, one
 from cobot.config import load_settings
 from cobot.errors import LimitError, UnreachableError
 from cobot.motions.constraints import Box, Cone, Constraints

@@ -15,7 +15,7 @@ from cobot.folders import open_new
 from cobot.launch.backup.backup import _require_settings
 from cobot.learning.episodes import EpisodeWriter
 from cobot.recording.store import RecordingStore
-from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.results.folder import ResultsFolder
 
 THEIRS = b"theirs"
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from shortest_stop import rest_on_path
 from wired_arm import WiredArm
 
-from benchmarks.contact import approach
+from benchmarks.handling.contact import approach
 from cobot.config import Settings
 from cobot.ipc.layout import Command, Firing, MotionResult, Waiting
 from cobot.ipc.signal_record import SignalReport, signal_report

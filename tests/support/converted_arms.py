@@ -10,7 +10,7 @@ from arm_kinds import KINDS, file_of, judged
 from scipy.spatial.transform import Rotation
 
 from benchmarks.arms import SLIDE, Arm, loaded_from
-from benchmarks.judge import Judge
+from benchmarks.stress.judge import Judge
 from cobot.config import Settings, load_settings
 from cobot.launch.cli import main
 from cobot.types import Array, Pose

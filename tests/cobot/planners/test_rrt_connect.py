@@ -10,7 +10,7 @@ from cobot_run import WAIT_S
 from sample_counts import samples
 from scipy.sparse.csgraph import dijkstra
 
-from benchmarks import scenes
+from benchmarks.planning import scenes
 from cobot.motions.requests import MotionRequest
 from cobot.planners.roadmap import shortest
 from cobot.planners.rrt_connect import connect

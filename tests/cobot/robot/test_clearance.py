@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sample_counts import samples
 
-from benchmarks import scenes
+from benchmarks.planning import scenes
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import RESOLUTION_M, geom_pairs
 from cobot.robot.description import RobotDescription

@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 from study_functions import function_study, reach_study
 
-import cobot.studies.tables
+import cobot.studies.results.tables
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.studies import Advance, ForeignWorkerError, LocalPool, ResultsFolder, run_study
 from cobot.studies.orders import Order, fill
-from cobot.studies.results_folder import CHUNKS
+from cobot.studies.results.folder import CHUNKS
 
 
 @pytest.fixture(autouse=True)
 def _without_duckdb(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cobot.studies.tables, "find_spec", lambda name: None)
+    monkeypatch.setattr(cobot.studies.results.tables, "find_spec", lambda name: None)
 
 
 class Shuffled(ThreadPoolExecutor):

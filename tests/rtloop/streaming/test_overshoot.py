@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from benchmarks.overshoot import (
+from benchmarks.streams.overshoot import (
     STREAMS,
     TARGETS,
     Follow,

@@ -1,6 +1,6 @@
 """The pages of Swagger and what they say. Oracle: the OpenAPI documents, walked; httpx, without a network.
 
-How soon a browser shows them: benchmarks/browser.py.
+How soon a browser shows them: benchmarks/web/pages.py.
 """
 
 from __future__ import annotations

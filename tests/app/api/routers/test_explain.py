@@ -14,7 +14,7 @@ from cobot_run import PATIENT_PLANNING
 from scipy.spatial.transform import Rotation
 from virtual_service import VirtualService, virtual_service
 
-from benchmarks.explanations import examined
+from benchmarks.planning.explanations import examined
 from cobot.errors import LimitError
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]

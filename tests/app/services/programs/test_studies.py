@@ -98,7 +98,7 @@ def processes(folder: Path) -> list[int]:
                 environment = (path / "environ").read_bytes()
             except OSError:
                 continue
-            ours = {b"cobot.studies.served", b"cobot.studies.worker"} & set(words)
+            ours = {b"cobot.studies.served", b"cobot.studies.engines.worker"} & set(words)
             if ours and f"COBOT_TEST_FOLDER={folder}".encode() in environment.split(b"\0"):
                 found.append(int(path.name))
     return found

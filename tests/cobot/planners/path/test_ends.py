@@ -19,7 +19,7 @@ from planner_sentences import only
 from scipy.spatial.transform import Rotation
 
 from benchmarks.arms import SHIPPED, arm
-from benchmarks.judge import Judge
+from benchmarks.stress.judge import Judge
 from cobot.errors import InputError, LimitError, PlanningError, UnreachableError
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners import plan

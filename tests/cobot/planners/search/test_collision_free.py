@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cobot_run import WAIT_S
 
-from benchmarks import scenes
+from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
 from cobot.planners.escape import leave

@@ -10,7 +10,7 @@ from cobot_run import WAIT_S
 from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
 
-from benchmarks.scenes import problems
+from benchmarks.planning.scenes import problems
 from cobot.errors import InputError, PlanningError, PlanningTimeout
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.planners import MotionRequest, plan

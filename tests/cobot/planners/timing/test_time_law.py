@@ -18,7 +18,7 @@ from independent_models import second_robot
 from toppra.algorithm import TOPPRA
 from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 
-from benchmarks.jerk_price import Optimiser
+from benchmarks.planning.jerk_price import Optimiser
 from cobot.errors import PlanningError
 from cobot.planners import MotionRequest, plan
 from cobot.planners.effort_reserve import PLANNED_EFFORT

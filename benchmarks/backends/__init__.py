@@ -1,0 +1,1 @@
+"""The makers' protocols, against their simulators."""

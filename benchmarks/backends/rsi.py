@@ -1,0 +1,211 @@
+"""KUKA's RSI: how soon a controller has its answer; what losses and faults cost; what the arm is sent."""
+
+from __future__ import annotations
+
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+from arm_activities import robot_health
+from cobot_run import WAIT_S
+from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
+
+from benchmarks.service import background
+from benchmarks.table import Row, percentiles, row
+from cobot.config import load_settings
+from cobot.robot.description import load_robot
+from rtloop.backends.rsi.simulator.controller import RsiController
+from rtloop.backends.rsi.simulator.lockstep import controller_for
+from rtloop.backends.rsi.simulator.options import ControllerOptions
+from rtloop.contract.suite import cell_for
+
+LOSS = 0.05
+SPEED = 0.3
+"""Of the moves under loss: a lost packet is 12 ms, in which this arm moves by 0.07 rad at full speed."""
+WARM = 500
+ANSWER_S = 0.02
+"""A packet that gets no answer for so long is lost."""
+MOVES = 4
+FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "an emergency stop": ({"estop": True}, {"estop": False}),
+    "a change of the operation mode": ({"mode": "T2"}, {"mode": "AUT"}),
+    "the end of its program": ({"off": True}, {}),
+    "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
+    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
+}
+"""Each in the middle of a motion, with what ends it."""
+
+
+def rsi(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
+    """Answers as fast as the controller sends; then moves under loss, recoveries, and derivatives."""
+    with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        yield _answer_row(Path(folder), answers)
+        yield _derivative_row(Path(folder) / "kr10" / "cobot-setting.yaml")
+    with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        port = free_udp_port()
+        made = kr10(Path(folder), port)
+        with RsiProcess(made, port, "--in-a-row") as controller:
+            run = RunOverRsi(made)
+            try:
+                run.until(lambda: run.healthy() or (_reset(run) and run.healthy()))
+                body = {"payload_checked": True}
+                httpx.post(f"{run.url}/robot/acknowledge", json=body, timeout=WAIT_S).raise_for_status()
+                yield _moves_row(controller, run, moves)
+                for name, (fault, end) in FAULTS.items():
+                    yield _recovery_row(controller, run, name, fault, end, repetitions)
+            finally:
+                run.end()
+
+
+def _answer_row(folder: Path, answers: int) -> Row:
+    port = free_udp_port()
+    made = kr10(folder, port, 4, inputs={}, outputs={}) / "cobot-setting.yaml"
+    controller = _controller(made)
+    with background("benchmarks.backends.bare_rsi", str(port)):
+        floor = _answer_times(controller, port, answers)
+    controller = _controller(made)
+    with background("benchmarks.backends.bare_rsi", str(port), str(made)):
+        ours = _answer_times(controller, port, answers)
+    return row(
+        f"RSI: a telegram to its answer, {answers} of them, as fast as the controller sends",
+        "µs",
+        percentiles(ours),
+        "a client that only echoes",
+        percentiles(floor),
+    )
+
+
+def _controller(config: Path) -> RsiController:
+    """Of which each period is one telegram: an arm without dynamics would answer no faster."""
+    settings = load_settings(config)
+    robot = load_robot(settings)
+    start = np.array(robot.positions[settings.robot.start_position].joints)
+    return controller_for(settings, robot.limits, ControllerOptions(in_a_row=True, timeout=10_000), start)
+
+
+def _answer_times(controller: RsiController, port: int, answers: int) -> list[float]:
+    """µs from sending a telegram to the arrival of its answer."""
+    took: list[float] = []
+    deadline_s = time.monotonic() + WAIT_S
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        peer.connect(("127.0.0.1", port))
+        peer.settimeout(ANSWER_S)
+        while len(took) < answers + WARM:
+            packet = controller.packet()
+            if not packet:
+                continue
+            begun = time.perf_counter_ns()
+            try:
+                peer.send(packet)
+                answer = peer.recv(8192)
+            except OSError:  # it starts
+                if time.monotonic() > deadline_s and not took:
+                    raise
+                continue
+            took.append(1e-3 * (time.perf_counter_ns() - begun))
+            controller.answer(answer)
+    return took[WARM:]
+
+
+def _derivative_row(config: Path) -> Row:
+    """Of what the controller is sent, at half the joints' limits: the contract's motion."""
+    cell = cell_for(load_settings(config), "rsi")
+    limits = cell.robot.limits
+    with cell.drive() as driver:
+        for _ in range(MOVES):
+            driver.move()
+        sent = np.array(driver.wire)
+    shares = []
+    for order, most in enumerate((limits.max_velocity, limits.max_acceleration, limits.max_jerk), start=1):
+        rates = np.diff(sent, order, axis=0) / cell.settings.rt.period_s**order
+        shares.append(float((np.abs(rates) / most).max()))
+    return row(
+        "RSI: corrections that the controller is sent in planned motions, share of the joints' limits",
+        "",
+        shares,
+        "the limits",
+        (1.0, 1.0, 1.0),
+        columns=("velocity", "acceleration", "jerk"),
+        aim="1 at most",
+    )
+
+
+def _move(run: RunOverRsi, joints: list[float], speed: float = SPEED) -> bool:
+    body = {"joints": joints, "speed": speed}
+    answer = httpx.post(f"{run.url}/robot/move/joints", json=body, timeout=WAIT_S)
+    return answer.status_code == 200 and bool(answer.json()["success"])
+
+
+def _reset(run: RunOverRsi) -> bool:
+    try:
+        answer = httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
+    except httpx.TransportError:  # it starts
+        return False
+    return answer.status_code == 200 and bool(answer.json()["success"])
+
+
+def _moves_row(controller: RsiProcess, run: RunOverRsi, moves: int) -> Row:
+    controller.ask(loss=LOSS)
+    arrived = 0
+    for number in range(moves):
+        if _move(run, WORK if number % 2 == 0 else HOME):
+            arrived += 1
+        else:
+            _reset(run)
+    controller.ask(loss=0.0)
+    return row(
+        "RSI: moves that arrive under 5 % of loss in each direction",
+        "",
+        (arrived,),
+        "all of them",
+        (moves,),
+        columns=("arrived",),
+        aim="all",
+    )
+
+
+def _has_answers(controller: RsiProcess, count: int) -> bool:
+    return bool(controller.ask()["answered"] > count)
+
+
+def _recovery_row(
+    controller: RsiProcess,
+    run: RunOverRsi,
+    name: str,
+    fault: dict[str, Any],
+    end: dict[str, Any],
+    times: int,
+) -> Row:
+    """From the end of a fault; a reset is asked for as soon as the controller has answers."""
+    controller_s, arm_s = [], []
+    for _ in range(times):
+        here = np.array(run.joints())
+        goal = max((WORK, HOME), key=lambda joints: float(np.abs(here - joints).max()))
+        motion = threading.Thread(target=_move, args=(run, goal, 0.1))
+        motion.start()
+        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+        controller.ask(**fault)
+        run.until(lambda: not run.healthy())
+        motion.join()
+        answered = controller.ask(**end)["answered"]
+        begun_s = time.monotonic()
+        run.until(partial(_has_answers, controller, answered + 10))
+        controller_s.append(time.monotonic() - begun_s)
+        run.until(lambda: _reset(run) and run.healthy())
+        arm_s.append(time.monotonic() - begun_s)
+    return row(
+        f"RSI: from the end of {name} until the arm can be moved",
+        "ms",
+        percentiles([1e3 * each for each in arm_s]),
+        "until the controller has ten answers",
+        percentiles([1e3 * each for each in controller_s]),
+    )

@@ -1,0 +1,1 @@
+"""Signals on the path, contact, grippers, and the simulated cell."""

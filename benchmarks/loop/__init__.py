@@ -1,0 +1,1 @@
+"""The real-time loop: computing time, punctuality, latency of states, at rest and under load."""

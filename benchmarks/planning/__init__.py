@@ -1,0 +1,1 @@
+"""Planning and inverse kinematics: success, time, and the quality of motions."""

@@ -1,0 +1,206 @@
+"""How near to the time optimum paths are timed. toppra knows no jerk: its duration cannot be reached."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from foreign_trajectories import problems
+
+from benchmarks.planning.jerk_price import Optimiser
+from benchmarks.table import Row, percentiles, row
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.motions.requests import MotionRequest
+from cobot.planners import WaypointRequest, plan, plan_waypoints
+from cobot.planners.blending.joined import Leg, joined, leg_of
+from cobot.planners.timing.path import JointCurve
+from cobot.planners.timing.time_law import time_optimal, with_room
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.trajectory import Trajectory
+from cobot.types import PLANNED_ACCELERATION, Array, PlannerName, Pose, Scaling, Waypoint
+
+SPEED = Scaling(1.0)
+RATIOS = ("p50", "p95", "largest")
+PLACES, GRID = 300, 400
+CORNERS, RADIUS_M = 2, 0.05
+STEPS, PRICED = 60, 0.15
+"""Of the optimiser that knows the jerk: steps of time, and the share of the paths that it is asked about."""
+
+
+def durations(requests: int) -> Iterator[Row]:
+    """Motions at full speed: duration beside toppra's on the same path, and what the law costs. Of lin, circ
+    and ompl also what the jerk's limits are the price of.
+    """
+    try:
+        import toppra  # noqa: F401 - a peer, not a dependency
+    except ImportError:
+        print("toppra is missing: the durations are not compared", flush=True)
+        return
+    robot, random = load_robot(load_settings(None)), np.random.default_rng(13)
+    ours_ms: list[float] = []
+    theirs_ms: list[float] = []
+    for planner in (PlannerName.LIN, PlannerName.CIRC, PlannerName.OMPL):
+        ratios: list[float] = []
+        without: list[float] = []
+        priced: list[float] = []
+        free: list[float] = []
+        while len(ratios) < requests:
+            motion = _motion(robot, planner, random)
+            if motion is None:
+                continue
+            path = JointCurve.of_trajectory(motion)
+            begun = time.process_time()
+            with_tcp = planner is not PlannerName.OMPL
+            least_s = _toppra(robot, path, with_tcp)
+            theirs_ms.append(1e3 * (time.process_time() - begun))
+            begun = time.process_time()
+            limits = robot.limits.scaled(1.0, 1.0, SPEED.jerk)
+            timed = time_optimal(robot, path, limits)
+            ours_ms.append(1e3 * (time.process_time() - begun))
+            if len(priced) < PRICED * requests:
+                best_s = Optimiser(path, with_room(robot, limits), STEPS).shortest_s(timed.progress)
+                priced.append(timed.trajectory.duration_s / best_s)
+                free.append(_toppra(robot, path, False) / best_s)
+            ratios.append(motion.duration_s / least_s)
+            without.append(_without_jerk(robot, path, with_tcp) / least_s)
+        yield _beside_toppra(f"duration of {planner}", ratios)
+        yield _beside_toppra(f"{planner} without jerk limits", without)
+        p50, p95, largest = np.percentile(priced, (50.0, 95.0, 100.0))
+        yield row(
+            f"duration of {planner}, joint limits alone, as a share of what linear programs find, with jerk",
+            "",
+            (float(p50), float(p95), float(largest)),
+            "toppra, without jerk",
+            tuple(float(each) for each in np.percentile(free, (50.0, 95.0, 100.0))),
+            columns=RATIOS,
+            ratio_of="p50",
+        )
+    yield row("CPU time of the time law", "ms", percentiles(ours_ms), "toppra", percentiles(theirs_ms))
+    for name, motion_of, with_tcp in (
+        ("polyline, 50 mm at 2 corners", lambda: _motion(robot, PlannerName.POLYLINE, random), True),
+        ("chomp", lambda: _motion(robot, PlannerName.CHOMP, random), False),
+        ("3 lin motions, 50 mm at 2 corners", lambda: _blended(robot, random), True),
+        ("what TOTG sends at all limits", lambda: _retimed(robot, random), False),
+    ):
+        ratios = []
+        while len(ratios) < requests:
+            motion = motion_of()
+            if motion is not None:
+                path = JointCurve.of_trajectory(motion)
+                ratios.append(motion.duration_s / _toppra(robot, path, with_tcp))
+        yield _beside_toppra(f"duration of {name}", ratios)
+
+
+def _beside_toppra(name: str, shares: list[float]) -> Row:
+    p50, p95, largest = np.percentile(shares, (50.0, 95.0, 100.0))
+    return row(
+        f"{name}, as a share of toppra's, which knows no jerk",
+        "",
+        (float(p50), float(p95), float(largest)),
+        "toppra",
+        (1.0, 1.0, 1.0),
+        columns=RATIOS,
+        ratio_of="p50",
+        aim="1.1 (p50), 1.25 (p95) where jerk allows it",
+    )
+
+
+def _motion(robot: RobotDescription, planner: PlannerName, random: np.random.Generator) -> Trajectory | None:
+    limits = robot.limits
+    start = random.uniform(limits.min_position, limits.max_position)
+    here = robot.model.forward(start)
+    across, turn = random.normal(size=3), random.normal(size=4) * 0.1
+    goal: Pose | Array = Pose(
+        here.position + random.uniform(0.1, 0.6) * across / np.linalg.norm(across), here.quaternion + turn
+    )
+    via = None
+    through: tuple[Pose, ...] = ()
+    if planner is PlannerName.POLYLINE:
+        through = tuple(
+            Pose(here.position + random.uniform(-0.3, 0.3, 3), here.quaternion) for _ in range(CORNERS)
+        )
+    if planner in (PlannerName.OMPL, PlannerName.CHOMP):
+        goal = random.uniform(limits.min_position, limits.max_position)
+    elif planner is PlannerName.CIRC:
+        assert isinstance(goal, Pose)
+        aside = np.cross(across, random.normal(size=3))
+        via = 0.5 * (here.position + goal.position) + 0.1 * aside / np.linalg.norm(aside)
+    try:
+        radius_m = RADIUS_M if through else 0.0
+        return plan(
+            robot, MotionRequest(start, goal, planner, SPEED, via, through=through, radius_m=radius_m)
+        )
+    except CobotError:
+        return None
+
+
+def _blended(robot: RobotDescription, random: np.random.Generator) -> Trajectory | None:
+    """Lines as one motion; None where one of them is impossible or a corner cannot be round."""
+    legs: list[Leg] = []
+    start = random.uniform(robot.limits.min_position, robot.limits.max_position)
+    here = robot.model.forward(start)
+    for _ in range(CORNERS + 1):
+        goal = Pose(here.position + random.uniform(-0.3, 0.3, 3), here.quaternion)
+        request = MotionRequest(start, goal, PlannerName.LIN, SPEED)
+        try:
+            motion = plan(robot, request)
+        except CobotError:
+            return None
+        if motion is None:
+            return None
+        legs.append(leg_of(robot, request, motion))
+        start = motion.end
+    whole = joined(robot, legs, [RADIUS_M] * CORNERS)
+    return whole.trajectory if all(whole.blended) else None
+
+
+def _retimed(robot: RobotDescription, random: np.random.Generator) -> Trajectory | None:
+    """A course of some legs, which TOTG has run along at the limits of velocity and acceleration."""
+    home = np.array(robot.positions["home"].joints)
+    (rows,) = problems(robot.limits, home, 1.0, 0.02, 1, seed=int(random.integers(2**31)))
+    points = [Waypoint(each[1 : 1 + len(home)].tolist(), float(each[0])) for each in rows]
+    try:
+        return plan_waypoints(robot, WaypointRequest(home, points, 0.01, retime=True, corridor_rad=1e-3))
+    except CobotError:
+        return None
+
+
+def _without_jerk(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
+    """The law's duration, s, under toppra's limits: a hundred times the jerk, and all of the acceleration."""
+    all_of_it = replace(robot, limits=robot.limits.scaled(1.0, 1.0 / PLANNED_ACCELERATION, 1.0))
+    tcp_limits = robot.cartesian_limits.scaled(1.0, 1.0, 100.0) if with_tcp else None
+    limits = robot.limits.scaled(1.0, 1.0, 100.0)
+    return time_optimal(all_of_it, path, limits, tcp_limits).trajectory.duration_s
+
+
+def _toppra(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
+    """The duration, s; the TCP's way and turn count as two more joints."""
+    import toppra
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+
+    toppra.setup_logging("ERROR")
+    places = np.linspace(0.0, path.length, PLACES)
+    rows, limits, tcp = path.at(places), robot.limits, robot.cartesian_limits
+    velocity, acceleration = limits.max_velocity, limits.max_acceleration
+    if with_tcp:
+        rates = robot.model.chain.twists(rows, path.at(places, 1))
+        speeds = np.stack(
+            [np.linalg.norm(rates[:, :3], axis=1), np.linalg.norm(rates[:, 3:], axis=1)], axis=1
+        )
+        steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(places)[:, None]
+        ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+        rows = np.concatenate([rows, ways], axis=1)
+        velocity = np.append(velocity, [tcp.max_linear_velocity, tcp.max_angular_velocity])
+        acceleration = np.append(acceleration, [tcp.max_linear_acceleration, tcp.max_angular_acceleration])
+    constraints = [
+        JointVelocityConstraint(np.stack([-velocity, velocity], axis=1)),
+        JointAccelerationConstraint(np.stack([-acceleration, acceleration], axis=1)),
+    ]
+    spline = toppra.SplineInterpolator(places, rows)
+    problem = TOPPRA(constraints, spline, gridpoints=np.linspace(0.0, path.length, GRID + 1))
+    found = problem.compute_trajectory(0.0, 0.0)
+    return float(found.duration) if found is not None else float("nan")

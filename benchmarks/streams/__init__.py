@@ -1,0 +1,1 @@
+"""Streams, servo points and stops: latency, smoothness, overshoot."""

@@ -1,0 +1,1 @@
+"""Random requests of every planner, each answer judged without cobot."""

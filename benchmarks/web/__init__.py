@@ -1,0 +1,1 @@
+"""The web service, the panel and the fleet: answers, events, floods, memory."""

@@ -1,0 +1,1 @@
+"""The kinds of studies, and what only they use."""

@@ -1,0 +1,1 @@
+"""Parameters of studies: their spaces, studies that sample them, and the search for the best."""

@@ -1,0 +1,1 @@
+"""Programs of arms as the subject of a study."""
