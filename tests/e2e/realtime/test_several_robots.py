@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,6 +21,8 @@ import psutil
 import pytest
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import WAIT_S, Pair, unique_name, until
+from lerobot_stand_in import PLUGIN
+from wheels import build, client_wheel
 
 from cobot import Robot
 from cobot.client import Client
@@ -27,6 +30,9 @@ from cobot.client import Client
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
 EXAMPLES = Path(__file__).parents[3] / "examples"
+SESSION = Path(__file__).parents[2] / "cobot" / "learning" / "lerobot_session.py"
+LEROBOT_PYTHONS = {"3.11": "0.4", "3.12": "0.6"}
+"""Versions of LeRobot by the Python of their environment."""
 
 
 def rtloop(pair: Pair, robot: str) -> psutil.Process | None:
@@ -231,3 +237,72 @@ def test_the_panel_has_a_tab_for_each_robot(pair: Pair, http: httpx.Client, tmp_
         page.key("ArrowRight", "ArrowRight")  # after the last one comes the first
         until(lambda: shown() == pytest.approx(HOME[0], abs=0.01))
         assert page.run("document.activeElement.dataset.robot") == pair.left
+
+
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the distributions cobot-client and lerobot_robot_cobot, as pip would unpack them."""
+    folder = tmp_path_factory.mktemp("plugin")
+    for number, wheel in enumerate((client_wheel, lambda into: build(PLUGIN, into))):
+        (place := folder / str(number)).mkdir()
+        with zipfile.ZipFile(wheel(place)) as archive:
+            archive.extractall(folder)
+    return folder
+
+
+def lerobot_session(python: str, plugin: Path, *arguments: str) -> dict[str, Any]:
+    """A report of tests/cobot/learning/lerobot_session.py with LeRobot's own classes in this Python."""
+    interpreter = Path(sys.prefix) / "lerobot" / python / "bin" / "python"
+    if not interpreter.exists():
+        pytest.skip(f"needs LeRobot {LEROBOT_PYTHONS[python]} for Python {python}: make setup-dev")
+    places = (str(plugin), str(plugin / "cobot_client"))  # the second one is in a .pth of the wheel
+    ended = subprocess.run(
+        [str(interpreter), str(SESSION), *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(places), "HF_LEROBOT_HOME": str(plugin / "home")},
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr[-3000:]
+    report: dict[str, Any] = json.loads(ended.stdout.splitlines()[-1])
+    assert report["version"].startswith(f"{LEROBOT_PYTHONS[python]}.")
+    return report
+
+
+@pytest.mark.parametrize("python", LEROBOT_PYTHONS)
+def test_lerobots_own_classes_drive_one_arm_and_two(
+    pair: Pair, http: httpx.Client, plugin: Path, python: str
+) -> None:
+    """Oracle: LeRobot's registry of plug-ins, its command line and its base classes of robots and cameras."""
+    camera = "{wrist: {type: still, fps: 30, width: 8, height: 6}}"
+    left = f"{pair.url}/robots/{pair.left}"
+    one = lerobot_session(
+        python, plugin, "--robot.type=cobot", f"--robot.url={left}", f"--robot.cameras={camera}"
+    )
+    assert one["allowed"]
+    assert one["is a robot"]
+    assert one["type"] == "cobot"
+    assert one["connected"] == [True, False]
+    assert one["features"]
+    assert one["change"] == {"joint1.pos": pytest.approx(0.3, abs=0.05)}
+    assert one["pictures"] == {"wrist": [6, 8, 3, 2, 0]}
+    methods = one["dataset"]  # those that cobot-to-lerobot calls
+    assert {"repo_id", "fps", "features", "root", "robot_type", "use_videos"} <= set(methods["create"])
+    assert {"add_frame", "save_episode", "finalize", "num_episodes", "num_frames"} <= set(methods)
+
+    both = lerobot_session(
+        python,
+        plugin,
+        "--robot.type=bi_cobot",
+        "--robot.id=two",
+        f"--robot.left_arm_config.url={left}",
+        f"--robot.left_arm_config.cameras={camera}",
+        f"--robot.right_arm_config.url={pair.url}/robots/{pair.right}",
+    )
+    assert (both["type"], both["connected"], both["features"]) == ("bi_cobot", [True, False], True)
+    near = pytest.approx(0.3, abs=0.05)
+    assert both["change"] == {"left_joint1.pos": near, "right_joint1.pos": near}
+    assert both["pictures"] == {"left_wrist": [6, 8, 3, 2, 0]}
+    # Both arms are free: they move at a request.
+    go_home(pair, http)
