@@ -11,6 +11,7 @@ from cobot.ipc.state_block cimport StateScalars
 from rtloop.tool_and_scene cimport ALL, BEING_READ
 
 from cobot.ipc.layout import Command, Intervention, MotionResult, text
+from cobot.reasons import Reason, ReasonCode
 from cobot.types import RESTING, LoopMode
 from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
@@ -65,7 +66,8 @@ cdef class Controller(ModeMachine):
         """In T1, end a session that was begun at full speed, or that is now too fast."""
         share, begun = self._device.t1_share, self.streaming.t1_share
         if self.c_streams() and share is not None and (begun is None or share < begun):
-            self.stop("the robot has been switched to T1: sessions that begin now have reduced speed")
+            words = "the robot has been switched to T1: sessions that begin now have reduced speed"
+            self.stop(Reason(words, ReasonCode.T1))
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
         """Run `c_update` for Python."""
@@ -105,19 +107,21 @@ cdef class Controller(ModeMachine):
         cdef int asked = self.commands.c_poll_requests()
         cdef double silence_s
         if asked & FAST:
-            self.fast_stop("fast stop requested")
+            self.fast_stop(Reason("fast stop requested", ReasonCode.FAST_STOP_REQUESTED))
         if asked & ESTOP:
-            self.estop("e-stop requested")
+            self.estop(Reason("e-stop requested", ReasonCode.ESTOP_REQUESTED))
         if self.streaming.box.c_take_estop():
-            self.estop("e-stop requested by the streaming client")
+            self.estop(Reason("e-stop requested by the streaming client", ReasonCode.ESTOP_REQUESTED))
         if asked & STOP:
-            self.stop("stop requested")
+            self.stop(Reason("stop requested", ReasonCode.STOP_REQUESTED))
         silence_s = self.commands.c_service_silence_s(now_ns)
         if silence_s > self._service_timeout_s and (
             self._mode == TRAJECTORY or (self.c_streams() and self.streaming.c_from_service())
         ):
             self.safety.count(Intervention.SERVICE_TIMEOUT)
-            self.stop(f"the service has been silent for {silence_s:.1f} s")
+            words = f"the service has been silent for {silence_s:.1f} s"
+            limit_s = self._service_timeout_s
+            self.stop(Reason(words, ReasonCode.SERVICE_SILENT, value=silence_s, limit=limit_s, unit="s"))
 
     def _take_session(self):
         mode = LoopMode.TRAJECTORY if self.moving else self.mode

@@ -7,6 +7,7 @@ import numpy as np
 from cobot.ipc.layout import MotionResult
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory, encoded
+from cobot.reasons import ReasonCode
 from cobot.types import LoopMode
 
 MAX_RAD = 1e3
@@ -29,6 +30,8 @@ def last_state(memory: RobotMemory) -> np.ndarray | None:
         block.data["position"] = np.nan
         block.data["mode"] = LoopMode.ESTOP
         block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
+        block.data["reason_code"] = ReasonCode.DAMAGED.encode()
+        block.data["reason_values"] = np.nan
         block.data["stops_seen"] = _counted(memory.requests, "stops")
         block.data["estops_seen"] = _counted(memory.requests, "estops")
         block.data["command_seen"] = _counted(memory.head, "id")

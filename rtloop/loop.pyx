@@ -16,6 +16,7 @@ from rtloop.recording cimport PHASES, CycleRecorder
 import numpy as np
 
 from cobot.ipc.layout import Phase
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError, Paced
 from rtloop.backends.guarded import ForeignError, guarded
@@ -128,7 +129,8 @@ cdef class ControlLoop:
         try:
             beaten = self._backend.wait(patience * self._period_s)
         except BackendError as exc:
-            self.controller.fault(f"no packets from the robot, which clocks the cycle: {exc}")
+            words = f"no packets from the robot, which clocks the cycle: {exc}"
+            self.controller.fault(Reason(words, ReasonCode.NO_PACKETS))
             beaten = False
             with nogil:
                 self._clock.c_wait(False)
@@ -153,10 +155,11 @@ cdef class ControlLoop:
         """Handle a device that is faster than the clock: the arm stops with cycles of the computer's
         clock.
         """
-        self.controller.fault(
+        words = (
             f"the robot's packets arrive too fast: {self._pace.beats} packets in "
             f"{self._pace.beats_ns * 1e-9:.3f} s, but a period is {self._period_s:g} s"
         )
+        self.controller.fault(Reason(words, ReasonCode.PACKETS_TOO_FAST))
         with nogil:
             self._pace.c_hold(early_ns)
 
@@ -184,7 +187,7 @@ cdef class ControlLoop:
             if ending:
                 if end_cycle == 0:
                     end_cycle = self._cycle + int(END_LIMIT_S / self._period_s)
-                    self.controller.stop(ending[0])
+                    self.controller.stop(Reason(ending[0], ReasonCode.SHUTDOWN))
                 if not self.controller.c_moving() or self._cycle >= end_cycle:
                     return
 
@@ -203,9 +206,9 @@ cdef class ControlLoop:
         cdef Statistics statistics = self._statistics
         self._late_in_a_row = self._late_in_a_row + 1 if late_ns > self._period_ns else 0
         if self._late_in_a_row >= self._overruns_to_stop:
-            self.controller.overrun(f"{self._late_in_a_row} cycles in a row began late")
+            self.controller.overrun(f"{self._late_in_a_row} cycles in a row began late", late_ns * 1e-9)
         elif late_ns > self._pause_to_stop_ns:
-            self.controller.overrun(f"a cycle began {late_ns * 1e-9:.2f} s late")
+            self.controller.overrun(f"a cycle began {late_ns * 1e-9:.2f} s late", late_ns * 1e-9)
         fresh = self.c_read() and not self._beatless
         read_ns = monotonic_ns()
         if fresh:
@@ -231,7 +234,7 @@ cdef class ControlLoop:
             try:
                 self._heed_device()
             except ForeignError as exc:
-                self.controller.fault(str(exc))
+                self.controller.fault(Reason(str(exc), ReasonCode.DEVICE))
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -248,12 +251,13 @@ cdef class ControlLoop:
             try:
                 self._backend.read(fresh)
             except BackendError as exc:
-                self.controller.fault(f"reading from the robot failed: {exc}")
+                self.controller.fault(Reason(f"reading from the robot failed: {exc}", ReasonCode.READING))
                 return False
         for index in range(count_measured(fresh.dof)):
             square += fresh.c_values[index] * fresh.c_values[index]
         if not isfinite(square):
-            self.controller.fault("the robot reports a value that is not finite")
+            words = "the robot reports a value that is not finite"
+            self.controller.fault(Reason(words, ReasonCode.NOT_FINITE))
             return False
         self._measured, self._fresh = fresh, self._measured
         if square != self._square:
@@ -276,8 +280,9 @@ cdef class ControlLoop:
         """
         self._unwritten += 1
         if self._beatless == self._overruns_to_stop:
-            self.controller.fault(f"no packet from the robot, which clocks the cycle, for "
-                                  f"{self._beatless * self._period_s:.3f} s")
+            silence_s = self._beatless * self._period_s
+            words = f"no packet from the robot, which clocks the cycle, for {silence_s:.3f} s"
+            self.controller.fault(Reason(words, ReasonCode.NO_PACKETS, value=silence_s, unit="s"))
 
     def _heed_device(self):
         """Poll the device and apply its speed override.
@@ -295,9 +300,8 @@ cdef class ControlLoop:
     def _freeze(self):
         """Handle measured values that have not changed, as at rest, although the arm is not at rest."""
         self.controller.stale = True
-        self.controller.fault(
-            f"the robot has reported the same values in {self._frozen} cycles although it should move"
-        )
+        words = f"the robot has reported the same values in {self._frozen} cycles although it should move"
+        self.controller.fault(Reason(words, ReasonCode.FROZEN))
 
     cdef bint c_moves(self) noexcept nogil:
         """Whether a motion of a joint is commanded."""
@@ -326,7 +330,7 @@ cdef class ControlLoop:
             if self._is_loose():
                 return
             self._unwritten += 1
-            self.controller.fault(f"writing to the robot failed: {exc}")
+            self.controller.fault(Reason(f"writing to the robot failed: {exc}", ReasonCode.WRITING))
 
     cdef void c_publish(self, double robot_time_s) noexcept nogil:
         """Publish the measured values of this cycle, and the resulting command."""

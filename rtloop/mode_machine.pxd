@@ -28,7 +28,7 @@ cdef class ModeMachine:
     cdef readonly Handover handover
     cdef readonly PathFollower follower
     cdef readonly Signals signals
-    cdef readonly str reason
+    cdef readonly object reason
     cdef readonly unsigned long long motion_id
     cdef readonly long long deceleration_ns
     cdef int _mode, _dof, _motion_result
@@ -46,7 +46,7 @@ cdef class ModeMachine:
     cdef void _heed_stream(self) except *
     cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *
     cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *
-    cdef void _end_at_once(self, str reason) except *
+    cdef void _end_at_once(self, reason) except *
     cdef void _coast(self, Measured measured, bint fresh) except *
     cdef void _heed_fence(self) except *
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil

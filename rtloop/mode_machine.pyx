@@ -19,7 +19,8 @@ from rtloop.streaming.feed cimport NO_PROBLEM, Feed
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.ipc.layout import Intervention, MotionResult, text
+from cobot.ipc.layout import Intervention, MotionResult
+from cobot.reasons import Reason, ReasonCode
 from cobot.types import LoopMode
 from rtloop.backends import BackendError
 from rtloop.modes import STREAMING, TRANSITIONS
@@ -65,7 +66,7 @@ cdef class ModeMachine:
         self.signals = Signals(model.chain, memory.signals, device)
         if self.follower.by_itself:
             self.settling.believe_jumps()
-        self._mode, self._guide, self.reason = LoopMode.HOLD, NOTHING, ""
+        self._mode, self._guide, self.reason = LoopMode.HOLD, NOTHING, Reason("")
         self.motion_id, self._motion_result = 0, MotionResult.NONE
         self._yield_rad = settings.streaming.yield_rad
         self._tracking_error_rad = rt.tracking_error_rad
@@ -129,9 +130,9 @@ cdef class ModeMachine:
         mode = LoopMode(int(state["mode"]))
         if mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self._mode = mode
-            self.reason = text(state["reason"])
+            self.reason = Reason.of_record(state)
         elif result is MotionResult.RUNNING or mode in STREAMING:
-            self.reason = "rtloop was restarted"
+            self.reason = Reason("rtloop was restarted", ReasonCode.RESTARTED)
         self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
 
     def stop(self, reason):
@@ -142,11 +143,16 @@ cdef class ModeMachine:
             self._enter(LoopMode.STOPPING, reason)
             self._slow_down()
 
-    def overrun(self, what):
-        """Handle cycles that begin so late that later cycles are unreliable."""
+    def overrun(self, what, late_s):
+        """Handle cycles that begin so late that later cycles are unreliable.
+
+        Args:
+            late_s: delay of the present cycle, s.
+        """
         if self._mode == TRAJECTORY or self.c_streams():
             self.safety.count(Intervention.OVERRUN)
-            self.stop(f"{what}: the computer is too slow or too busy")
+            words = f"{what}: the computer is too slow or too busy"
+            self.stop(Reason(words, ReasonCode.LATE, value=late_s, unit="s"))
 
     def estop(self, reason):
         """Stop, and stay at rest until a reset."""
@@ -167,7 +173,7 @@ cdef class ModeMachine:
         """Switch the drives off after a stop of category 1. This may take long, because nothing moves."""
         result = self.drives.switch_off()
         if result != ACCEPTED:
-            self.reason = f"{self.reason}; {result.reason}"
+            self.reason = self.reason.and_then(result.reason)
 
     def fault(self, reason):
         """Handle a failure of the device or of tracking: stop, and stay at rest until a reset."""
@@ -218,7 +224,7 @@ cdef class ModeMachine:
                 self.c_let(NOTHING)
             memcpy(self._desired, self.safety.c_command, self._dof * sizeof(double))
         elif not self.safety.c_apply(self._desired, self.c_streams()):
-            self.estop("the commanded position is not finite")
+            self.estop(Reason("the commanded position is not finite", ReasonCode.NOT_FINITE))
             self.c_let(BRAKE)
         if self.c_streams():
             self.streaming.feed.source.c_follow(self.safety.c_command)
@@ -243,7 +249,7 @@ cdef class ModeMachine:
         if mode not in TRANSITIONS[self.mode]:
             return False
         self._mode = mode
-        self.reason = reason
+        self.reason = Reason.of_text(reason)
         return True
 
     cdef void c_let(self, Guide guide) noexcept nogil:
@@ -272,7 +278,7 @@ cdef class ModeMachine:
         """Follow the client's target in this cycle."""
         cdef Feed feed = self.streaming.feed
         if feed.not_finite:
-            self.estop(self.streaming.explain_not_finite())
+            self.estop(Reason(self.streaming.explain_not_finite(), ReasonCode.NOT_FINITE))
         elif feed.problem != NO_PROBLEM:
             self.stop(self.streaming.explain_end())
         elif not feed.holding:
@@ -328,18 +334,21 @@ cdef class ModeMachine:
                 measured.c_values, self.follower.clock.path_time_s, robot_time_s
             )
         except BackendError as exc:
-            self.stop(f"a condition of the motion cannot be checked: {exc}")
+            words = f"a condition of the motion cannot be checked: {exc}"
+            self.stop(Reason(words, ReasonCode.CONDITION_UNREADABLE))
             return
         if verdict == AS_BEFORE:
             return
         if verdict == BEGIN:
             self.follower.clock.c_begin()
         elif verdict == END:
-            self._end_at_once(f"the condition `until` was met: {self.signals.until.value:.4g}")
+            value = self.signals.until.value
+            words = f"the condition `until` was met: {value:.4g}"
+            self._end_at_once(Reason(words, ReasonCode.CONDITION_MET, value=value))
         else:
             self.follower.clock.c_hold(verdict == HOLD)
 
-    cdef void _end_at_once(self, str reason) except *:
+    cdef void _end_at_once(self, reason) except *:
         """Stop because `until` is met: on the path, or each joint as fast as its limits permit."""
         self.stop(reason)
         if self.follower.by_itself or self._guide != PATH:

@@ -28,7 +28,7 @@ cdef class StatePublisher:
     cdef double* _gripper_values  # in the block's private copy
     cdef uint64_t _gripper_seen  # sequence of the reading that is published
     # For `publish`, which asks Python objects.
-    cdef str _reason
+    cdef object _reason
     cdef long long _counted
 
     # Publish a cycle. `monotonic_ns` is filled in here.
@@ -40,7 +40,7 @@ cdef class StatePublisher:
     # Put the newest reading of the gripper into the numbers of the state.
     cdef void c_heed_gripper(self, StateScalars* scalars) noexcept nogil
     # What the safety layer has counted, a number for each kind of intervention; to be called when it changes.
-    cdef void c_heed(self, Safety safety, str reason) except *
+    cdef void c_heed(self, Safety safety, object reason) except *
     cdef void _find_tcp(self) noexcept nogil
     cdef void _smooth_effort_rate(self) noexcept nogil
 

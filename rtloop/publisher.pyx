@@ -15,6 +15,7 @@ from cobot.errors import LayoutError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, GripperObject, Intervention, Phase
 from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.ipc.shm import encoded
+from cobot.reasons import SEPARATOR, Reason
 
 STATISTICS_CYCLES = 500
 EFFORT_RATE_S = 0.01
@@ -70,7 +71,7 @@ cdef class StatePublisher:
         if scalars.gripper_object >= _objects:
             scalars.gripper_object = UNKNOWN
 
-    cdef void c_heed(self, Safety safety, str reason) except *:
+    cdef void c_heed(self, Safety safety, object reason) except *:
         """Copy the counts of the safety layer, and the reason for the mode, when they have changed."""
         if safety.counted != self._counted:
             self._counted = safety.counted
@@ -78,7 +79,14 @@ cdef class StatePublisher:
             memcpy(self._intervened_ns, safety.c_intervened_ns, _kinds * sizeof(int64_t))
         if reason is not self._reason:
             self._reason = reason
-            self.block.data["reason"] = encoded(reason)
+            self._write(Reason.of_text(reason))
+
+    def _write(self, reason):
+        """Write a reason into the state block."""
+        state = self.block.data
+        state["reason"], state["reason_of"] = encoded(reason), encoded(SEPARATOR.join(reason.of))
+        state["reason_code"], state["reason_unit"] = reason.code.encode(), reason.unit.encode()
+        state["reason_values"] = reason.value, reason.limit
 
     cdef void c_publish(
         self, const StateScalars* scalars, const double* measured, const double* command

@@ -35,11 +35,11 @@ cdef class CycleRecorder:
     cdef uint32_t* _phases_ns
     cdef uint8_t* _is_fresh
     cdef uint64_t* _counted_before  # a number for each kind of intervention
-    cdef str _reason
+    cdef object _reason
     cdef long long _counted
 
     # Note why the mode is what it is, and what the safety layer counted; to be called in each cycle.
-    cdef void c_heed(self, Safety safety, str reason, int mode, uint64_t cycle, int64_t now_ns) except *
+    cdef void c_heed(self, Safety safety, object reason, int mode, uint64_t cycle, int64_t now_ns) except *
     # Write the record of a cycle.
     #     state: a record of `cobot.ipc.state_fields.state_dtype`
     cdef void c_record(self, const char* state, const long long* phases_ns, bint fresh) noexcept nogil

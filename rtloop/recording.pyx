@@ -72,7 +72,7 @@ cdef class CycleRecorder:
         self._copied = len(RECORDED)
         self._cycle_at = state.fields["cycle"][1]
 
-    cdef void c_heed(self, Safety safety, str reason, int mode, uint64_t cycle, int64_t now_ns) except *:
+    cdef void c_heed(self, Safety safety, object reason, int mode, uint64_t cycle, int64_t now_ns) except *:
         cdef int kind
         self._interventions[0] = 0
         if safety.counted != self._counted:

@@ -19,6 +19,7 @@ from cobot.errors import PlanningError
 from cobot.ipc.layout import RING, Ack, Command, Intervention, MotionResult, text
 from cobot.ipc.shm import RobotMemory
 from cobot.motions.rehearsal import Flaw, SimulatedRun
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
@@ -37,6 +38,7 @@ RESTING_S = 0.2
 ROWS = 2000
 """Number of measured positions that are kept, evenly spaced over a motion's duration."""
 SATURATED = 0.999
+UNSETTLED = Reason("the arm did not settle at its goal", ReasonCode.NOT_SETTLED)
 
 
 class Disturbance(Protocol):
@@ -150,7 +152,7 @@ def _follow(
                 kept.append((cycle * period_s, state["position"].copy()))
     if flaw is None and controller.motion_result != MotionResult.ARRIVED:
         worst = limits.names[int(apart.argmax())]
-        flaw = Flaw(cycle * period_s, worst, controller.reason or "the arm did not settle at its goal")
+        flaw = Flaw(cycle * period_s, worst, controller.reason or UNSETTLED)
     times, positions = zip(*kept, strict=True)
     return SimulatedRun(np.array(times), np.array(positions), effort, off, cycle * period_s, flaw)
 
@@ -165,13 +167,14 @@ def _flaw(time_s: float, limits: JointLimits, share: Array, apart: Array, new: A
     """
     joint = int(share.argmax())
     if share[joint] >= SATURATED:
-        most = f"{limits.max_effort[joint]:g} {limits.effort_unit(joint)}"
-        return Flaw(time_s, limits.names[joint], f"the drive reaches its limit of {most}")
+        name, limit, unit = limits.names[joint], float(limits.max_effort[joint]), limits.effort_unit(joint)
+        words = f"the drive reaches its limit of {limit:g} {unit}"
+        return Flaw(time_s, name, Reason(words, ReasonCode.TORQUE_LIMIT, (name,), limit=limit, unit=unit))
     kinds = np.flatnonzero(new)
     if not len(kinds):
         return None
     joint = int(apart.argmax())
     what = Intervention(int(kinds[0])).name
-    unit = limits.unit(joint)
-    says = f"the safety layer intervenes ({what}); it is {apart[joint]:.4g} {unit} from its command"
-    return Flaw(time_s, limits.names[joint], says)
+    name, unit, off = limits.names[joint], limits.unit(joint), float(apart[joint])
+    words = f"the safety layer intervenes ({what}); it is {off:.4g} {unit} from its command"
+    return Flaw(time_s, name, Reason(words, ReasonCode.SAFETY_LAYER, (name,), off, unit=unit))

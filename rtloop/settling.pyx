@@ -4,6 +4,7 @@ from libc.math cimport fabs, sqrt
 
 import numpy as np
 
+from cobot.reasons import Reason, ReasonCode
 from rtloop.results import ACCEPTED, Rejected
 
 # Robot time after the end of a motion within which the arm has to settle.
@@ -48,16 +49,19 @@ cdef class SettlingMonitor:
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
             unit = self._limits.unit(joint)
-            return Rejected(
-                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from its commanded position "
+            name, off = self._limits.names[joint], abs(error[joint])
+            words = (
+                f"{name} is {off:.3f} {unit} from its commanded position "
                 f"({position[joint]:.3f} instead of {self._safety.position[joint]:.3f} {unit}), "
                 f"allowed are {allowed} {unit}"
             )
+            return Rejected(Reason(words, ReasonCode.TRACKING, (name,), off, allowed, unit))
         if self._jump:
-            return Rejected(
+            words = (
                 f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, "
                 f"which is physically impossible"
             )
+            return Rejected(Reason(words, ReasonCode.JUMP, value=self._jump, unit=self._limits.units))
         return ACCEPTED
 
     def explain_unsettled(self, desired, velocity):
@@ -71,17 +75,20 @@ cdef class SettlingMonitor:
         joint = int(off.argmax())
         name, unit = self._limits.names[joint], self._limits.unit(joint)
         if off[joint] > self._settle_position_rad:
-            return (
+            words = (
                 f"the safety layer keeps {name} at {self._safety.position[joint]:.4f} {unit}: "
                 f"the motion ends at {desired[joint]:.4f} {unit}"
             )
+            return Reason(words, ReasonCode.SAFETY_LAYER, (name,), off[joint], unit=unit)
         error = self._errors()
         joint = int(np.abs(error).argmax())
-        return (
-            f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-            f"{abs(error[joint]):.4f} {self._limits.unit(joint)} away and moves at {velocity[joint]:.4f} "
+        name, unit = self._limits.names[joint], self._limits.unit(joint)
+        words = (
+            f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {name} is "
+            f"{abs(error[joint]):.4f} {unit} away and moves at {velocity[joint]:.4f} "
             f"{self._limits.unit(joint, 1)}; a load that is not declared can cause this (POST /robot/tool)"
         )
+        return Reason(words, ReasonCode.NOT_SETTLED, (name,), abs(error[joint]), unit=unit)
 
     def _errors(self):
         return np.array([self._error[joint] for joint in range(self._dof)])

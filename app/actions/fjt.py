@@ -42,6 +42,7 @@ from app.services.motion.execution import MotionService
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService
@@ -140,12 +141,12 @@ class FollowJointTrajectory:
 
         async def await_cancel() -> None:
             await handle.cancel_requested.wait()
-            run.interrupt(MotionStopped("the goal was cancelled"))
+            run.interrupt(StopReason("the goal was cancelled", "cancelled").error)
 
         watcher = asyncio.create_task(await_cancel())
         try:
             if before is not None:
-                before.interrupt(MotionStopped("preempted by a newer goal"))
+                before.interrupt(StopReason("preempted by a newer goal", "replaced").error)
                 await before.ended.wait()
             yield run
         finally:

@@ -17,6 +17,7 @@ from app.services.gripping.service import GripperService
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from cobot.errors import CobotError, MotionStopped, UnavailableError
 from cobot.motions.gripper_bodies import GripperRequest
 from cobot.ros.messages import Message
@@ -87,7 +88,7 @@ class GripperAction:
     async def _cancel(self, handle: GoalHandle, caller: Caller) -> None:
         await handle.cancel_requested.wait()
         if caller.job is not None:
-            self._gripper.cancel(caller.job, MotionStopped("the goal was cancelled"))
+            self._gripper.cancel(caller.job, StopReason("the goal was cancelled", "cancelled").error)
 
     async def _feed(self, handle: GoalHandle, request: GripperRequest) -> None:
         while True:

@@ -19,6 +19,7 @@ class RequestClient:
         leases: the lease tokens that it sends.
         sequence: the token of the sequence on whose behalf the client acts, if any.
         tell: called with a sentence when another client takes over; None if the client cannot be notified.
+        is_valid: whether its access token is still valid; None for a client without one.
     """
 
     name: str
@@ -26,6 +27,7 @@ class RequestClient:
     leases: frozenset[str] = frozenset()
     sequence: str | None = None
     tell: Callable[[str], None] | None = None
+    is_valid: Callable[[], bool] | None = None
 
     def same(self, other: RequestClient) -> bool:
         """Whether both clients have the same name and address, and so probably belong to the same person."""

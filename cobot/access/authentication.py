@@ -125,6 +125,12 @@ class Authenticator:
         """Unix time of the last use of the token with this hash; None: not since the service started."""
         return self._used_ns.get(bytes.fromhex(sha256_hex))
 
+    def has_token(self, name: str) -> bool:
+        """Whether the file has a token of this name that has not expired."""
+        self._refresh()
+        now_ns = self._clock.wall_ns()
+        return any(holder.name == name and not 0 < ends_ns <= now_ns for _, holder, ends_ns in self._kept)
+
     def notice_change(self) -> None:
         """Apply a change of the file now, for requests and for open connections."""
         self._look_again_s = self._clock.now_s()

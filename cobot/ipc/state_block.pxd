@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 21, records df9ff0b522d0d068.
+# Layout version 22, records 5b25bfd232ec229c.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:

@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 21
+LAYOUT_VERSION = 22
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
@@ -293,6 +293,10 @@ STATE_FIELDS = (
         keys=Intervention,
     ),
     StateField("reason", TEXT, "", "Reason of the mode ESTOP or FAULT, or of the end of the last motion"),
+    StateField("reason_code", "S32", "", "Code of that reason, for programs; empty for a reason without one"),
+    StateField("reason_of", TEXT, "", "Names of the joint, links or other things concerned, between commas"),
+    StateField("reason_values", "f8", "", "Value and limit of that reason; NaN for none", 2),
+    StateField("reason_unit", "S16", "", "Unit of these values"),
 )
 """The fields in the order of the record. Arrays that the cycle copies at once are listed together: the
 measured ones and the commanded ones. The measured fields per joint come first, with `external_effort` as the

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cobot.motions.forecast import Closest
+from cobot.reasons import Reason
 from cobot.types import Array
 
 
@@ -20,7 +21,7 @@ class Flaw:
 
     time_s: float
     joint: str | None
-    says: str
+    says: Reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from cobot.motions.rehearsal import Flaw, Rehearsal, SimulatedRun
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.polynomials import greatest_rates
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
 from cobot.robot.nearest import Nearest
@@ -69,8 +70,9 @@ def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
     if len(touching) and (flaw is None or run.times_s[touching[0]] < flaw.time_s):
         first = int(touching[0])
-        pair = " and ".join(robot.collision.names(int(distances[first].argmin())))
-        flaw = Flaw(float(run.times_s[first]), None, f"{pair} touch")
+        pair = robot.collision.names(int(distances[first].argmin()))
+        says = Reason(f"{' and '.join(pair)} touch", ReasonCode.OBSTACLE, of=pair)
+        flaw = Flaw(float(run.times_s[first]), None, says)
     return Rehearsal(run, flaw, *_closest(robot, run.positions, distances))
 
 

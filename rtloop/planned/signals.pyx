@@ -13,6 +13,7 @@ import numpy as np
 
 from cobot.ipc.layout import REASON, Firing, Waiting, text
 from cobot.ipc.shm import encoded
+from cobot.reasons import Reason, ReasonCode
 from cobot.types import MAX_ACTIONS
 from rtloop.results import ACCEPTED, Rejected
 
@@ -141,7 +142,8 @@ cdef class Signals:
             report["robot_times_s"][row] = robot_time_s
             report["poses"][row] = pose
             if reason and self._record["stops"][row]:
-                done = Rejected(f"output {output} was rejected: {reason}")
+                words = f"output {output} was rejected: {reason}"
+                done = Rejected(Reason(words, ReasonCode.OUTPUT_REJECTED, of=(output,)))
                 break
         self._report.publish()
         return done

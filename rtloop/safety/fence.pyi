@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from cobot.motions.fence import Fence
+from cobot.reasons import Reason
 from cobot.robot.chain import Chain
 from cobot.types import Array
 
@@ -23,4 +24,4 @@ class Watch:
             ValueError: some of them are NaN.
         """
 
-    def said(self, row: Sequence[float]) -> str: ...
+    def said(self, row: Sequence[float]) -> Reason: ...

@@ -8,6 +8,7 @@ from cobot.robot.chain cimport Chain
 import numpy as np
 
 from cobot.motions.fence import Fence
+from cobot.reasons import Reason, ReasonCode
 
 # The service has looked at the motion at intervals; between them it may be a little beyond.
 cdef double TOLERANCE_M = 1e-3
@@ -49,7 +50,8 @@ cdef class Watch:
 
     def said(self, row):
         """The findings of `c_beyond` in words."""
-        return f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
+        words = f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
+        return Reason(words, ReasonCode.FENCE)
 
     cdef bint c_beyond(self, const double* rows, double* place4) noexcept nogil:
         """Whether the TCP is outside the fence at these joint positions and velocities. Gives its place and

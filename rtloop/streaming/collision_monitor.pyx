@@ -114,13 +114,13 @@ cdef class CollisionMonitor:
             self._see_inside()
 
     def blocking(self):
-        """The parts that would come too near to each other, in words; "" if there are none."""
+        """The pairs of parts that would come too near to each other."""
         found = dict.fromkeys(
-            " and ".join(body_or_geom(self._mj, geom) for geom in pair)
+            tuple(body_or_geom(self._mj, geom) for geom in pair)
             for index, pair in enumerate(self._watched)
             if self._blocking[index]
         )
-        return ", ".join(found)
+        return tuple(found)
 
     def look(self, command):
         """Check where the command leads, shape (3, dof)."""

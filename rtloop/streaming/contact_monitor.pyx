@@ -6,6 +6,8 @@ from cobot.arrays cimport checked_dof, doubles
 
 import numpy as np
 
+from cobot.reasons import Reason, ReasonCode
+
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -24,12 +26,14 @@ cdef class ContactMonitor:
         for index, value in enumerate((*torques, *wrench)):
             self.largest[index] = value
 
-    def words(self):
-        """The last exceeded limit, in words."""
+    def reason(self):
+        """The last exceeded limit."""
         joint = self.worst < self.dof
-        where = f"on {self.names[self.worst]}" if joint else f"along {AXES[self.worst - self.dof]} at the TCP"
-        unit = "N·m" if joint else "N or N·m"
-        return f"contact: {self.found:.1f} {unit} {where}, allowed are {self.largest[self.worst]:g}"
+        name = self.names[self.worst] if joint else AXES[self.worst - self.dof]
+        where = f"on {name}" if joint else f"along {name} at the TCP"
+        unit, limit = "N·m" if joint else "N or N·m", self.largest[self.worst]
+        words = f"contact: {self.found:.1f} {unit} {where}, allowed are {limit:g}"
+        return Reason(words, ReasonCode.CONTACT, of=(name,), value=self.found, limit=limit, unit=unit)
 
     def check(self, external):
         """Whether the torques (dof,) and the wrench (6,), one after the other in an array, exceed the

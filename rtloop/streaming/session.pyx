@@ -3,6 +3,7 @@
 import numpy as np
 
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.limits import streamed
 from cobot.types import CartesianLimits, LoopMode
 from rtloop.backends import BackendError, Impedance, ImpedanceControlled
@@ -92,14 +93,18 @@ cdef class Session:
         """The reason why the feed ends the session. Call it only if the feed has a `problem`."""
         cdef int problem = self.feed.problem
         if problem == CONTACT:
-            return self._contact_monitor.words()
+            return self._contact_monitor.reason()
         if problem == SERVO_WATCHDOG:
-            return f"servo watchdog: no point for {self.points.watchdog_s:g} s"
+            words, limit_s = f"servo watchdog: no point for {self.points.watchdog_s:g} s", self.points.watchdog_s
+            return Reason(words, ReasonCode.NO_POINTS, limit=limit_s, unit="s")
+        if problem == OBSTACLE:
+            pairs = self._collision_monitor.blocking()
+            named = ", ".join(" and ".join(pair) for pair in pairs)
+            words = f"the points lead the arm into itself or its surroundings: {named}"
+            return Reason(words, ReasonCode.OBSTACLE, of=tuple(dict.fromkeys(sum(pairs, ()))))
         return {
-            CLIENT_ENDED: "the client has ended the session",
-            CLIENT_DIED: "the streaming client has died",
-            OBSTACLE: "the points lead the arm into itself or its surroundings: "
-            + self._collision_monitor.blocking(),
+            CLIENT_ENDED: Reason("the client has ended the session", ReasonCode.CLIENT_ENDED),
+            CLIENT_DIED: Reason("the streaming client has died", ReasonCode.CLIENT_DIED),
         }[problem]
 
     def explain_not_finite(self):
@@ -154,7 +159,8 @@ cdef class Session:
             if isinstance(self._backend, ImpedanceControlled):
                 self._backend.set_impedance(None)
         except BackendError as exc:
-            return Rejected(f"the robot cannot be held at its position: {exc}")
+            words = f"the robot cannot be held at its position: {exc}"
+            return Rejected(Reason(words, ReasonCode.HOLD_REFUSED))
         return ACCEPTED
 
     def _try_to_begin(self, request, command):

@@ -73,7 +73,7 @@ def test_reason_and_interventions_are_those_of_this_cycle(
     rig = Rig(settings, robot)
     reader = RobotMemory.attach(rig.memory.robot, MemoryRole.READER)
     try:
-        reasons = set()
+        reasons, codes = set(), set()
         for cycle in range(200):
             if cycle in (20, 120):
                 rig.request("estops" if cycle == 20 else "stops")
@@ -84,9 +84,12 @@ def test_reason_and_interventions_are_those_of_this_cycle(
             state = reader.state.read()
             reasons.add(rig.reason)
             assert text(state["reason"]) == rig.reason
+            assert Reason.of_record(state).fields() == rig.reason.fields()
+            codes.add(rig.reason.code)
             assert state["interventions"].tolist() == rig.interventions
             assert (state["intervened_ns"] > 0).tolist() == (state["interventions"] > 0).tolist()
         assert len(reasons) == 3, "none, the e-stop, what is wrong with the tracking"
+        assert codes == {"", "estop_requested", "tracking"}
         assert rig.interventions[Intervention.TRACKING] == 1
     finally:
         reader.close()

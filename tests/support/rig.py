@@ -20,6 +20,7 @@ from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.motions.fence import Fence
 from cobot.motions.signals import NO_PLACED, Placed
+from cobot.reasons import Reason
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
@@ -132,7 +133,7 @@ class Rig:
         return self.loop.controller.mode
 
     @property
-    def reason(self) -> str:
+    def reason(self) -> Reason:
         return self.loop.controller.reason
 
     @property

@@ -7,6 +7,7 @@ The names come from the middleware `access`, if it is installed: `scope["cobot.i
 from __future__ import annotations
 
 from collections.abc import Awaitable
+from functools import partial
 from typing import Any
 
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -56,9 +57,11 @@ def client_of(scope: Scope) -> RequestClient:
             leases += (token.strip() for token in value.decode("latin-1").split(","))
         elif name == _MOTION:
             sequence = value.decode("latin-1")
+    stored = identity is not None and identity.stored
     return RequestClient(
         ANONYMOUS if identity is None else str(identity.name),
         str(identity.address) if identity is not None else peer[0] if peer else "",
         frozenset(leases),
         sequence,
+        is_valid=partial(scope["app"].state.tokens.has_token, identity.name) if stored else None,
     )

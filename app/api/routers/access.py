@@ -70,7 +70,7 @@ async def delete_access_token(
     request: Request,
     own: Annotated[bool, Query(description="true: delete the token even if this request uses it.")] = False,
 ) -> TokenEntry:
-    """Delete an access token. It is invalid at once, and its open WebSockets are closed.
+    """Delete an access token. It is invalid at once, its open WebSockets are closed, and its control ends.
 
     The last token of an administrator cannot be deleted. The request must use a token of an administrator.
     """
@@ -78,6 +78,8 @@ async def delete_access_token(
     by, tokens = _administrator(request), _tokens_of(request)
     gone = await asyncio.to_thread(tokens.file.revoke, name, by=by, own=own)
     tokens.notice_change()
+    for services in request.app.state.robots.values():
+        services.control.end_if_revoked()
     return TokenEntry(**_facts(gone))
 
 

@@ -53,7 +53,7 @@ from cobot.errors import CobotError, InputError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
 from cobot.motions.gripper_bodies import GripperRequest
-from cobot.motions.rehearsal import Rehearsal
+from cobot.motions.rehearsal import Flaw, Rehearsal
 
 PLAN: dict[str, Any] = {
     "responses": responses(409, 501, 503),
@@ -249,10 +249,15 @@ def rehearsal(plan: Plan, found: Rehearsal | None) -> RehearsalAnswer:
         planned_duration_s=0.0 if forecast.trajectory is None else forecast.trajectory.duration_s,
         effort=(torque if found is None else found.run.effort).tolist(),
         off=(0.0 * torque if found is None else found.run.off_rad).tolist(),
-        problem=None if flaw is None else RehearsalFlaw(time_s=flaw.time_s, joint=flaw.joint, says=flaw.says),
+        problem=None if flaw is None else _problem(flaw),
         closest_self=_distance(closest.closest_self),
         closest_environment=_distance(closest.closest_environment),
     )
+
+
+def _problem(flaw: Flaw) -> RehearsalFlaw:
+    told = {"time_s": flaw.time_s, "joint": flaw.joint, "says": flaw.says, **flaw.says.fields()}
+    return RehearsalFlaw.model_validate(told)
 
 
 def _kept(plan: Plan, services: Services) -> KeptPlan:

@@ -50,6 +50,7 @@ from cobot.errors import AuthenticationError, CobotError, InputError, Permission
 from cobot.ipc.layout import Stream
 from cobot.ipc.state_fields import LAYOUT_VERSION
 from cobot.logs import log_context
+from cobot.reasons import Reason
 
 MAX_ANSWERS = 64
 """Maximum number of answers that wait for a client which does not read. Beyond it the oldest is dropped."""
@@ -138,9 +139,13 @@ class StreamConnection:
                 else:
                     await self._take_binary(message["bytes"])
             except CobotError as exc:
-                self._answer("error", code=exc.code, detail=str(exc), **self._place)
+                self._answer_error(exc)
                 self._tell_refused(exc)
             await asyncio.sleep(0)  # a client that floods this connection must not delay the others
+
+    def _answer_error(self, error: CobotError) -> None:
+        details = {"details": dict(error.details)} if error.details else {}
+        self._answer("error", code=error.code, detail=str(error), **details, **self._place)
 
     def _tell_refused(self, error: CobotError) -> None:
         """Report a refused message. `audit.require` reports an insufficient role."""
@@ -290,7 +295,7 @@ class StreamConnection:
             return
         self._require_operator("jog")
         answer = await self._jog.take(command, self._name, self._timeout_s)
-        self._answer("jog", share=answer.share, limited_by=answer.limited_by)
+        self._answer("jog", share=answer.share, limited_by=answer.limited_by, **answer.limited_by.fields())
 
     async def _take_pull(self, frame: Pull) -> None:
         if frame.link is None or frame.point is None or frame.target is None:
@@ -300,8 +305,8 @@ class StreamConnection:
         await self._pulling.pull(frame.link, frame.point, frame.target)
         self._answer("pull", link=frame.link)
 
-    def _report_jog_end(self, reason: str) -> None:
-        self._answer("jog_ended", reason=reason)
+    def _report_jog_end(self, reason: Reason) -> None:
+        self._answer("jog_ended", reason=reason, **reason.fields())
 
     @property
     def _name(self) -> str:
@@ -317,6 +322,7 @@ class StreamConnection:
         session = self._session = await self._streams.open(request, self._name, self._timeout_s)
         session.tell = self._tell_first_target
         self._answer("session", number=session.number)
-        session.ended.add_done_callback(
-            lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())
-        )
+        session.ended.add_done_callback(lambda ended: self._report_end(session.number, ended.result()))
+
+    def _report_end(self, number: int, reason: Reason) -> None:
+        self._answer("session_ended", number=number, reason=reason, **reason.fields())

@@ -165,6 +165,12 @@ class RehearsalFlaw(BaseModel):
     time_s: float = Field(description="Time since the motion's start, s.")
     joint: str | None = Field(description="The joint; null for a problem of the whole arm.")
     says: str = Field(description="The problem.")
+    reason_code: str = Field("", description="Code of the problem, for programs (docs/conventions.md).")
+    reason_of: str = Field("", description="Names of the joint or links concerned, between commas.")
+    reason_values: list[float | None] = Field(
+        [None, None], description="Value and limit of the problem, in `reason_unit`; null for none."
+    )
+    reason_unit: str = Field("", description="Unit of these values.")
 
 
 class RehearsalAnswer(BaseModel):

@@ -10,7 +10,7 @@ const WRITE_MS = 30_000; // planning is given 20 s by the service
 export const LONG_MS = 130_000; // what writes or reads a long file
 
 // status: of HTTP; 0 without an answer. answer: its body, see reasons.js.
-export class Refused extends Error {
+class Refused extends Error {
   constructor(status, detail, { code = "", explain = null, details = null } = {}) {
     super(detail);
     Object.assign(this, { status, code, explain, details });

@@ -1,5 +1,6 @@
 // Plans that somebody else has made, as agents do, and who lets an agent run them.
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 10_000; // how long a plan is kept is no event
@@ -30,7 +31,7 @@ export class Approvals {
       const plans = await this.api.get("/plans");
       if (robot === this.api.robot) this.show(plans.filter((plan) => !this.motions.own(plan.plan_id)));
     } catch (error) {
-      element("plans-why").textContent = error.message;
+      element("plans-why").textContent = reasonOf(error);
     }
   }
 
@@ -71,7 +72,7 @@ export class Approvals {
       this.motions.look(await this.api.get(`/plans/${plan.plan_id}`));
       element("plans-why").textContent = "";
     } catch (error) {
-      element("plans-why").textContent = error.message;
+      element("plans-why").textContent = reasonOf(error);
     }
   }
 
@@ -96,7 +97,7 @@ export class Approvals {
       this.write(row);
       element("plans-why").textContent = "";
     } catch (error) {
-      element("plans-why").textContent = error.message;
+      element("plans-why").textContent = reasonOf(error);
     }
     this.look();
   }

@@ -1,5 +1,6 @@
 // Downloads a backup or a support bundle, and uploads a backup that the next start restores.
 import { LONG_MS } from "./api.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
@@ -29,7 +30,7 @@ export class Archives {
       setTimeout(() => URL.revokeObjectURL(link.href), LONG_MS);
       this.say(kind, () => word("archive_made", { name, kb: Math.ceil(content.size / 1000) }), "good");
     } catch (error) {
-      this.say(kind, () => error.message, "warn");
+      this.say(kind, () => reasonOf(error), "warn");
     }
   }
 
@@ -45,7 +46,7 @@ export class Archives {
       const when = () => new Date(created).toLocaleString(document.documentElement.lang);
       this.say("backup", () => word("backup_staged", { when: when(), contents: contents.join("; ") }), "good");
     } catch (error) {
-      this.say("backup", () => error.message, "warn");
+      this.say("backup", () => reasonOf(error), "warn");
     }
   }
 

@@ -1,19 +1,7 @@
 // Why the arm will not move, in words, and the way out; or that nobody says how it is.
-import { sentenceOf } from "./reasons.js";
+import { saysMore, sentenceOf, whyOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
-// What the real-time process says when it latches begins or goes on like this; the word says it in each language.
-export const CAUSES = [
-  [/^e-stop requested/, "cause_estop"],
-  [/^fast stop requested/, "cause_fast_stop"],
-  [/not finite/, "cause_not_finite"],
-  [/^reading from the robot failed/, "cause_reading"],
-  [/^writing to the robot failed/, "cause_writing"],
-  [/which clocks the cycle/, "cause_beat"],
-  [/packets arrive too fast/, "cause_race"],
-  [/has reported the same values/, "cause_frozen"],
-  [/from its commanded position|measured position has jumped/, "cause_tracking"],
-];
 const LATCHED = { ESTOP: "estop", FAULT: "fault" };
 const element = (id) => document.getElementById(id);
 
@@ -48,11 +36,11 @@ export class Banner {
     this.shown = shown;
     element("banner").hidden = !kind;
     if (!kind) return;
-    const reason = this.quiet ? this.why : this.state.reason;
-    const cause = this.quiet ? "silent" : CAUSES.find(([pattern]) => pattern.test(reason))?.[1];
+    const { quiet, state } = this;
     element("banner-title").textContent = word(kind);
-    element("banner-cause").textContent = cause ? word(cause) : "";
-    element("banner-reason").textContent = reason;
+    element("banner-cause").textContent = quiet ? word("silent") : whyOf(state);
+    element("banner-cause").title = quiet ? "" : state.reason;
+    element("banner-reason").textContent = quiet ? this.why : saysMore(state) ? state.reason : "";
     element("banner-way").textContent = this.problem || word(this.quiet ? "way_silent" : "way_out");
     element("reset").hidden = Boolean(this.quiet);
   }

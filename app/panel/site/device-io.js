@@ -2,6 +2,7 @@
 // Move shows the outputs that the user has marked there. Each browser keeps the marks.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -49,7 +50,7 @@ export class DeviceIo {
       this.lost = false;
     } catch (error) {
       this.lost = true;
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
     this.write();
   }
@@ -59,7 +60,7 @@ export class DeviceIo {
     try {
       await this.api.ask("PUT", this.api.address(`/io/${encodeURIComponent(name)}`), { value });
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
     this.look();
   }

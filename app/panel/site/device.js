@@ -1,4 +1,5 @@
 // What moves the robot: what it can do, how it says that it is, and what the first contact with it has found.
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
@@ -79,7 +80,7 @@ export class Device {
       element("contact-payload").checked = false;
       this.tell({ ...this.told, unacknowledged: "" });
     } catch (error) {
-      element("contact-why").textContent = error.message;
+      element("contact-why").textContent = reasonOf(error);
     }
     button.disabled = false;
   }

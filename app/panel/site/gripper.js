@@ -1,5 +1,6 @@
 // The gripper: how it is, and its commands. The card is there if the robot has one.
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 500;
@@ -38,7 +39,7 @@ export class Gripper {
       if (robot === this.api.robot) this.report = report;
     } catch (error) {
       this.none = NOT_THERE.includes(error.status);
-      if (!this.none) element("gripper-state").textContent = error.message;
+      if (!this.none) element("gripper-state").textContent = reasonOf(error);
       return;
     }
     this.write();
@@ -60,9 +61,9 @@ export class Gripper {
     let why = "";
     try {
       const answer = await this.api.post(`/gripper/${name}`, body, { waitMs: COMMAND_MS });
-      if (answer.success === false) why = answer.message;
+      if (answer.success === false) why = reasonOf({ ...answer, detail: answer.message });
     } catch (error) {
-      why = error.message;
+      why = reasonOf(error);
     }
     if (number === this.commands) element("gripper-why").textContent = why;
     this.look();

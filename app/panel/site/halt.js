@@ -2,10 +2,9 @@
 // arm until a motion begins or it is closed. An e-stop and a fault have a message of their own, in banner.js.
 import { WITH_STEPS } from "./job.js";
 import { causeOf } from "./reasons.js";
-import { requests } from "./stop.js";
+import { isSamePress, requests } from "./stop.js";
 import { inEachLanguage, named, word } from "./words.js";
 
-const JOINED_MS = 2000; // the same press arrives in two ways
 const STREAM = "stream";
 const LATCHED = ["ESTOP", "FAULT"];
 const element = (id) => document.getElementById(id);
@@ -19,22 +18,22 @@ export class Halt {
 
   // Also for another robot.
   clear() {
-    this.stop = null; // {time, by, cause, isOwn}
+    this.stop = null; // the event
     this.ended = this.running = ""; // the kind of the job that the stop has ended, and of the one that runs
     this.write();
   }
 
   hear({ type, time, data }) {
-    if (type === "stop") this.stopped(new Date(time), data);
+    if (type === "stop") this.stopped({ time, data });
     else if (type === "job" && !data.parent) this.follow(data);
     else if (type === "motion" && data.what === "begun") this.clearStop();
     else if (type === "session") this.stream(data.what);
     else if (type === "mode" && LATCHED.includes(data.mode)) this.clearStop();
   }
 
-  stopped(time, { by, cause, request }) {
-    if (this.stop && time - this.stop.time < JOINED_MS) return;
-    this.stop = { time, by, cause, isOwn: requests.has(request) };
+  stopped(event) {
+    if (isSamePress(this.stop, event)) return;
+    this.stop = event;
     this.ended = this.running;
     this.write();
   }
@@ -65,9 +64,10 @@ export class Halt {
   write() {
     element("halt").hidden = !this.stop;
     if (!this.stop) return;
-    const time = this.stop.time.toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
-    const who = this.stop.isOwn ? word("halt_you", { time }) : word("halt_by", { time, by: named(this.stop.by) });
-    const why = this.stop.cause === "cancelled" ? "" : causeOf(this.stop); // that cause is only the client once more
+    const { data } = this.stop;
+    const time = new Date(this.stop.time).toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
+    const who = requests.has(data.request) ? word("halt_you", { time }) : word("halt_by", { time, by: named(data.by) });
+    const why = data.cause === "cancelled" ? "" : causeOf(data); // that cause is only the client once more
     element("halt-who").textContent = [who, why].filter(Boolean).join(" ");
     const isProgram = WITH_STEPS.includes(this.ended);
     const what = isProgram ? "halt_program" : this.ended ? "halt_motion" : "halt_nothing";

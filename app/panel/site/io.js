@@ -1,5 +1,6 @@
 // Digital inputs and outputs, and registers: read while the card is open, written by who may.
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 1000; // a change of them is no event
@@ -51,7 +52,7 @@ export class Io {
       element("io-why").textContent = "";
       this.write();
     } catch (error) {
-      element("io-why").textContent = error.message;
+      element("io-why").textContent = reasonOf(error);
     }
   }
 
@@ -77,7 +78,7 @@ export class Io {
       await call;
       this.look();
     } catch (error) {
-      element("io-why").textContent = error.message;
+      element("io-why").textContent = reasonOf(error);
     }
   }
 

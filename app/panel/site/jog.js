@@ -3,7 +3,7 @@
 import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { abcOf, stepped, tcpOf } from "./kinematics.js";
-import { reasonOf } from "./reasons.js";
+import { reasonOf, whyOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 50;
@@ -125,12 +125,12 @@ export class Jog {
 
   hear(frame) {
     if (frame.type === "jog" && this.held) this.say(frame.limited_by ? this.limited(frame) : word("jog_moves"));
-    else if (frame.type === "jog_ended" && frame.reason) this.say(word("jog_ended", frame));
-    else if (frame.type === "error" && frame.about === "jog") this.say(frame.detail);
+    else if (frame.type === "jog_ended" && frame.reason) this.say(word("jog_ended", { reason: whyOf(frame) }));
+    else if (frame.type === "error" && frame.about === "jog") this.say(reasonOf(frame));
   }
 
   limited(frame) {
-    return word("jog_limited", { percent: Math.round(100 * frame.share), why: frame.limited_by });
+    return word("jog_limited", { percent: Math.round(100 * frame.share), why: whyOf({ ...frame, reason: frame.limited_by }) });
   }
 
   // An increment is a motion like any other: planned, checked, and refused with the reason. It starts from the

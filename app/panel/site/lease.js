@@ -1,5 +1,6 @@
 // The control of the arm for this page alone. It is taken and released over the WebSocket, and ends with the
 // connection. Requests that move the arm send its token.
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const TIMEOUT_S = 600; // after the last motion
@@ -24,7 +25,7 @@ export class Lease {
   hear(frame) {
     if (frame.type === "control") this.set(frame.token);
     else if (frame.type === "control_released" || frame.type === "control_lost") this.set("");
-    else if (frame.type === "error" && frame.about === "control") element("control").textContent = frame.detail;
+    else if (frame.type === "error" && frame.about === "control") element("control").textContent = reasonOf(frame);
     else if (frame.type === "error" && frame.about === "release") this.set("");
   }
 

@@ -10,7 +10,7 @@ function node(kind, attributes) {
 }
 
 // Of many points no more than can be seen: in each column the least and the greatest.
-export function thinned(points) {
+function thinned(points) {
   if (points.length <= 4 * COLUMNS) return points;
   const size = Math.ceil(points.length / COLUMNS);
   const kept = [];

@@ -1,14 +1,14 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
-import { causeOf, reasonOf } from "./reasons.js";
+import { causeOf, reasonOf, whyOf } from "./reasons.js";
+import { isSamePress } from "./stop.js";
 import { inEachLanguage, word } from "./words.js";
 
 const MAX_ENTRIES = 100;
-const SAME_STOP_MS = 500;
 const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
 const FAILURES = ["failed", "interrupted"];
 const LATCHED = ["ESTOP", "FAULT"];
 const TERMINATED = [143, -15]; // return codes of a program that a stop or a cancel has ended
-const LOST_CONTROL = ["taken over", "disconnected"];
+const LOST_CONTROL = ["taken over", "disconnected", "revoked"];
 const QUIET = ["alive", "hello", "state"];
 const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job" } };
 // Steps on the way to something that has a line of its own.
@@ -23,6 +23,8 @@ function said(type, data) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
   if (type === "stop") values.reason = causeOf(data);
+  else if (type === "refused") values.reason = reasonOf({ ...data, detail: data.reason });
+  else if (data.reason_code) values.reason = whyOf(data);
   if (type === "job" && data.error) values.error = reasonOf({ ...data, detail: data.error });
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
   if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("object_none");
@@ -80,11 +82,10 @@ export class Log {
     setTimeout(() => this.write(), 100); // many may come at once
   }
 
-  // Whether a stop is the same press as the one before: STOP is sent in two ways.
-  repeats({ time, data }) {
-    const { time: before, data: last } = this.stop ?? {};
-    if (last?.by === data.by && new Date(time) - new Date(before) < SAME_STOP_MS) return true;
-    this.stop = { time, data };
+  // Whether a stop is the same press as the one before.
+  repeats(event) {
+    if (isSamePress(this.stop, event)) return true;
+    this.stop = event;
     return false;
   }
 
@@ -109,7 +110,7 @@ export class Log {
     kind.textContent = word(`event_${type}`);
     kind.dataset.level = level;
     text.textContent = said(type, data);
-    text.title = data.error ?? data.reason ?? "";
+    text.title = [data.what, data.error ?? data.reason].filter(Boolean).join(": ");
     made.told = event;
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));

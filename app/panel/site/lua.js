@@ -1,4 +1,5 @@
 // A Lua program. The service checks and runs it and names the line of an error. Its output is shown next to it.
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const NAME = "panel.lua";
@@ -35,14 +36,14 @@ export class Lua {
       const { status, sequence_id: number, returncode } = await this.api.get("/sequences/status");
       if (status === "finished" && number === this.own) this.ended({ returncode }); // before its number was known here
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error));
     }
   }
 
   async ended({ returncode }) {
     const { own } = this;
     this.own = null;
-    const { lines: all, missing } = await this.api.get(`/sequences/logs?n=${LINES}`).catch((error) => ({ lines: [], missing: error.message }));
+    const { lines: all, missing } = await this.api.get(`/sequences/logs?n=${LINES}`).catch((error) => ({ lines: [], missing: reasonOf(error) }));
     const lines = ofRun(all, own);
     element("lua-log").textContent = lines.join("\n");
     element("lua-log").scrollTop = element("lua-log").scrollHeight;

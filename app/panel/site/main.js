@@ -32,6 +32,7 @@ import { ProgramPage } from "./program-page.js";
 import { Pull } from "./pull.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
+import { reasonOf } from "./reasons.js";
 import { Recordings } from "./recordings.js";
 import { Run } from "./run.js";
 import { RunNow } from "./run-now.js";
@@ -131,7 +132,7 @@ class Panel {
       this.silent(false);
     } catch (error) {
       if (DOORS.includes(error.status)) return; // with a token the page is loaded again
-      this.silent(true, error.message);
+      this.silent(true, reasonOf(error));
       setTimeout(() => this.begin(), AGAIN_MS);
       return;
     }
@@ -238,7 +239,7 @@ class Panel {
       why.hidden = true;
     } catch (error) {
       why.dataset.word = "view_none";
-      why.textContent = `${word("view_none")} ${error.message}`;
+      why.textContent = `${word("view_none")} ${reasonOf(error)}`;
     }
   }
 
@@ -275,7 +276,7 @@ class Panel {
     this.view?.show(state);
     this.drag.place();
     this.clearance.show(state, this.tag);
-    this.view?.blame(LATCHED.includes(state.mode) ? state.reason : "");
+    this.view?.blame(LATCHED.includes(state.mode) ? state.reason_of : "");
   }
 }
 

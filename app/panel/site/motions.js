@@ -3,7 +3,7 @@ import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { ID, idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
-import { reasonOf } from "./reasons.js";
+import { reasonOf, whyOf } from "./reasons.js";
 import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
@@ -235,8 +235,9 @@ export class Motions {
       for (const id of plan.ids) {
         const found = await this.api.post(`/plans/${id}/rehearse`);
         if (!found.runs_through) {
-          const { time_s: after, says } = found.problem;
-          say(() => word("rehearsed_not", { seconds: (seconds + after).toFixed(1), says }));
+          const { problem } = found;
+          const says = () => whyOf({ ...problem, reason: problem.says });
+          say(() => word("rehearsed_not", { seconds: (seconds + problem.time_s).toFixed(1), says: says() }), problem.says);
           return;
         }
         seconds += found.duration_s;

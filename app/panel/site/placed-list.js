@@ -3,6 +3,7 @@ import { allow } from "./able.js";
 import { ID } from "./ids.js";
 import { abcOf } from "./kinematics.js";
 import { changed, poseFields } from "./numbers.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ORIGIN = [0, 0, 0, 0, 0, 0];
@@ -90,7 +91,7 @@ export class PlacedList {
       this.say(() => [words(), stopped, touched].filter(Boolean).join(" "), stopped || touched ? "warn" : "good");
       return true;
     } catch (error) {
-      this.say(() => error.message, "warn");
+      this.say(() => reasonOf(error), "warn");
       return false;
     }
   }

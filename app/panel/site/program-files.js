@@ -16,7 +16,7 @@ function isSequence(text) {
 }
 
 // Downloads a file.
-export function download(name, text) {
+function download(name, text) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
   link.download = name;
@@ -25,7 +25,7 @@ export function download(name, text) {
 }
 
 // A file that is dropped on a card is opened there. Elsewhere a drop must not replace this page.
-export function acceptFiles(card, open) {
+function acceptFiles(card, open) {
   for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
   card.addEventListener("dragover", () => card.toggleAttribute("data-over", true));
   card.addEventListener("dragleave", () => card.removeAttribute("data-over"));

@@ -1,5 +1,6 @@
 // Pulling a link of the simulated arm with the mouse or a finger, while it is guided by hand. Frames go out for as
 // long as the button is held; the simulation ends a pull by itself when they stop.
+import { reasonOf } from "./reasons.js";
 import { word } from "./words.js";
 
 const EVERY_MS = 50;
@@ -63,6 +64,6 @@ export class Pull {
   hear(frame) {
     if (frame.type !== "error" || frame.about !== "pull") return;
     this.release();
-    this.now().freedrive.say(word("pull_refused", { why: frame.detail }));
+    this.now().freedrive.say(word("pull_refused", { why: reasonOf(frame) }));
   }
 }

@@ -5,6 +5,7 @@ import { named, word } from "./words.js";
 const DEG = 180 / Math.PI;
 const SHOWN_UNITS = { rad: [DEG, "°"], "rad/s": [DEG, "°/s"], "rad/s²": [DEG, "°/s²"], "rad/s³": [DEG, "°/s³"], m: [1000, "mm"], "m/s": [1000, "mm/s"], "m/s²": [1000, "mm/s²"], "m/s³": [1000, "mm/s³"] };
 const MAX_CHECKS = 2;
+const FROM_DEVICE = ["condition_unreadable", "device", "hold_refused", "no_packets", "output_rejected", "reading", "writing"];
 
 function amount(value, unit) {
   const [scale, shown] = SHOWN_UNITS[unit] ?? [1, unit];
@@ -27,7 +28,19 @@ function checked({ check, quantity, value, limit, unit, share, of }) {
 
 // Why a motion was stopped, from its cause; "" for a stop on request, of which the note next to the arm tells.
 export function causeOf({ cause, by = "" } = {}) {
-  return cause && cause !== "stop" ? word(`stopped_${cause}`, { by: named(by) }, "") : "";
+  return cause && cause !== "stop" ? word(`reason_${cause}`, { by: named(by) }, "") : "";
+}
+
+// Why the arm has stopped or moves slowly, from the fields `reason...` of a state, an event, a frame or details.
+export function whyOf({ reason = "", reason_code: code = "", reason_of: of = "", reason_values: values = [], reason_unit: unit = "" }) {
+  if (code === "stop") return "";
+  const [value, limit] = values.map((each) => (each === null ? "?" : amount(each, unit)));
+  return word(`reason_${code}`, { of, by: named(of), value, limit }, "") || named(reason);
+}
+
+// Whether the sentence of such a reason has what only the device knows.
+export function saysMore({ reason_code: code }) {
+  return FROM_DEVICE.includes(code);
 }
 
 // The service's own sentence, which has what only the device knows.
@@ -42,11 +55,12 @@ export function reasonOf(error) {
   const sentence = sentenceOf(error);
   if (!code) return sentence;
   const general = word(`error_${code}`, {}, ""); // only for codes that explain themselves; other sentences name a field or a value
-  if (details?.share !== undefined && (details.cause || general)) {
-    return [details.cause ? causeOf(details) : general, word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
+  if (details?.share !== undefined && (details.cause || details.reason_code || general)) {
+    return [details.reason_code ? whyOf(details) : details.cause ? causeOf(details) : general, word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
   }
-  const cause = details?.cause ? word(`${code}_${details.cause}`, { by: named(details.by ?? "") }, "") : "";
+  const cause = code === "stopped" ? causeOf(details ?? {}) : details?.cause ? word(`${code}_${details.cause}`, { by: named(details.by ?? "") }, "") : "";
   if (cause) return cause;
+  if (details?.reason_code) return whyOf({ ...details, reason: sentence });
   const checks = (explain?.checks ?? []).slice(0, MAX_CHECKS).map(checked);
   if (checks.length) {
     const works = [...new Set(explain.works.map(({ change }) => word(`change_${change}`)))];

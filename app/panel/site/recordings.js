@@ -2,6 +2,7 @@
 // shown as a ghost along its own time, with what happened.
 import { LONG_MS } from "./api.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const WHEN = ["hello", "fault", "estop"];
@@ -45,7 +46,7 @@ export class Recordings {
       this.say("");
       this.write();
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
   }
 
@@ -55,7 +56,7 @@ export class Recordings {
       await this.api.post("/recordings", body, { waitMs: LONG_MS });
       await this.look();
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
     button.disabled = false;
   }
@@ -70,7 +71,7 @@ export class Recordings {
       link.click();
       URL.revokeObjectURL(link.href);
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
   }
 
@@ -87,7 +88,7 @@ export class Recordings {
       element("rec-shown").hidden = false;
       this.goTo(shown.duration_s);
     } catch (error) {
-      this.say(error.message);
+      this.say(reasonOf(error));
     }
   }
 

@@ -116,12 +116,12 @@ export class Drawn {
     for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
   }
 
-  // Draws in red the bodies that a sentence names and those that a named joint moves; "" for none.
-  blame(sentence) {
-    const said = new Set(sentence.match(/[\w.-]+/g));
+  // Draws in red the bodies with these names, between commas, and those that a joint of these names moves; "" for none.
+  blame(listed) {
+    const said = listed.split(", ");
     const names = ({ name, joints }) => [name, ...joints.map(({ index }) => this.joints[index])];
     this.bodies.forEach((body, index) => {
-      const blamed = index > 0 && names(body).some((each) => said.has(each));
+      const blamed = index > 0 && names(body).some((each) => said.includes(each));
       for (const { material: own } of this.groups[index].children) own?.emissive?.setHex(blamed ? BLAMED : 0);
     });
   }

@@ -1,4 +1,5 @@
 // Begins the simulation again: the arm and its cell are at the start, an e-stop or a fault is cleared.
+import { reasonOf } from "./reasons.js";
 import { word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
@@ -16,7 +17,7 @@ export class Simulation {
       await this.api.post("/simulation/reset");
       say(word("simulation_begun"));
     } catch (error) {
-      say(error.message);
+      say(reasonOf(error));
     }
   }
 }

@@ -1,6 +1,7 @@
 // The surroundings of the arm and the named frames: chosen from a list, edited in fields, saved for all clients.
 import { PlacedList } from "./placed-list.js";
 import { Numbers } from "./numbers.js";
+import { reasonOf } from "./reasons.js";
 import { word } from "./words.js";
 
 const MAX_FILE_BYTES = 30_000_000; // a larger one is not even read; the service says what it takes
@@ -132,7 +133,7 @@ class Objects extends PlacedList {
       return;
     }
     if (chosen && this.isMesh) return void this.say(() => word("mesh_name"), "warn");
-    const solid = await this.solid().catch((error) => void this.say(() => error.message, "warn"));
+    const solid = await this.solid().catch((error) => void this.say(() => reasonOf(error), "warn"));
     if (!solid) return;
     const kept = chosen?.name === name ? weight(chosen) : {};
     const frame_id = chosen ? "" : this.part("frame").value;

@@ -1,6 +1,7 @@
 // The head of the panel: the state in one word, the robot, and who has the control. Cycle times and the connection
 // are on the page Diagnose.
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, named, word } from "./words.js";
 
 const EVERY_MS = 5000; // no event tells of the cycle
@@ -81,7 +82,7 @@ export class Status {
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);
     } catch (error) {
       for (const id of ["control", "cycle"]) say(id, "?", "bad");
-      element("control").title = error.message;
+      element("control").title = reasonOf(error);
     }
   }
 

@@ -29,10 +29,10 @@ export function symbol(kind) {
 export const nameOf = (step, number) => step.label || (number === "0" ? word("step_home") : step.named) || word(`step_${kindOf(step)}`);
 
 const whole = (value, scale) => (scale * value).toFixed(0).replace("-", "−").replace(/^−0$/, "0");
-export const placeText = (pose) => `${POSE.map((axis) => `${axis} ${whole(pose[axis] ?? 0, 1000)}`).join("  ")} mm`;
+const placeText = (pose) => `${POSE.map((axis) => `${axis} ${whole(pose[axis] ?? 0, 1000)}`).join("  ")} mm`;
 
 // An input and what it must be.
-export function conditionText({ input = "", is, above, below } = {}) {
+function conditionText({ input = "", is, above, below } = {}) {
   if (typeof is === "boolean") return word(is ? "say_is_on" : "say_is_off", { input });
   return above === undefined ? word("say_below", { input, value: below ?? "?" }) : word("say_above", { input, value: above });
 }

@@ -1,6 +1,6 @@
 // The steps of a sequence file: kinds, lists in each other, and numbers as the runner has them: "2.1" is the first
 // step in step 2, "2.else.1" the first one of its `else`, "0" the way home. Pure functions, without a browser.
-export const KINDS = ["gripper", "press", "follow", "search", "insert", "set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error"];
+const KINDS = ["gripper", "press", "follow", "search", "insert", "set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error"];
 const MOTIONS = { joints: "joints", named: "named", angle: "arc", x: "pose" };
 const STILL = ["gripper", "set", "wait_for", "wait_s"]; // the arm does not move in these
 const MAX_PREVIEWED = 500;
@@ -37,7 +37,7 @@ export function isTree(content) {
 
 // A list by its id: "" is the outermost one, "2" the main list of step 2, "2.else" its other one; null for none.
 // make: create a list that the step does not have yet.
-export function listAt(content, id, make = false) {
+function listAt(content, id, make = false) {
   const parts = id ? id.split(".") : [];
   let list = rootOf(content);
   while (parts.length) {

@@ -4,6 +4,7 @@ export const WRITING = "input:not([type=range]), textarea, [contenteditable]";
 const UNSURE_MS = 3000; // an arm comes to rest sooner
 const GIVE_UP_MS = 11_000; // the service gives itself 10 s
 const SHOWN_MS = 2000; // the confirmation, on the button
+const SAME_MS = 2000;
 export const requests = new Set(); // ids of the requests and connections by which this page stops the arm
 const button = document.getElementById("stop");
 const why = document.getElementById("stop-why");
@@ -11,6 +12,11 @@ let pressed = 0; // how often
 let confirmed = 0; // the newest press after which the arm is known to be at rest
 let failed = 0; // and the newest one that is told to have failed
 let shown = 0; // the timer of the confirmation
+
+// Whether two events `stop` are one press, which is sent in two ways.
+export function isSamePress(before, { time, data }) {
+  return before?.data.by === data.by && new Date(time) - new Date(before.time) < SAME_MS;
+}
 
 function succeed(press) {
   if (press > confirmed) confirm();

@@ -3,6 +3,7 @@
 import { allow } from "./able.js";
 import { idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, named, word } from "./words.js";
 
 const CHANGED = 412;
@@ -109,7 +110,7 @@ export class Stored {
       this.write();
       this.page.say(() => word("stored_opened", found));
     } catch (error) {
-      this.page.say(() => named(error.message));
+      this.page.say(() => reasonOf(error));
     }
   }
 
@@ -131,8 +132,8 @@ export class Stored {
       this.program.savedAs(saved, { state, opened });
       this.page.say(() => word("stored_saved", saved));
     } catch (error) {
-      if (error.status === CHANGED) this.conflict = named(error.message);
-      this.page.say(() => word("stored_unsaved", { why: named(error.message) }));
+      if (error.status === CHANGED) this.conflict = reasonOf(error);
+      this.page.say(() => word("stored_unsaved", { why: reasonOf(error) }));
       if (kind === "sequence" && !this.program.content) this.page.markWrong(error.message);
     }
     this.saving = false;
@@ -161,7 +162,7 @@ export class Stored {
       if (this.program.document.id === id) this.program.becomeNew(this.program.document.label);
       this.page.say(() => word("stored_deleted", { label }));
     } catch (error) {
-      this.page.say(() => named(error.message));
+      this.page.say(() => reasonOf(error));
     }
   }
 

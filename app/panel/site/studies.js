@@ -1,6 +1,7 @@
 // The studies of the service: how far they are, the map of a reach study around the arm, and the best placement.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 2000; // while they are shown: progress is no event
@@ -88,7 +89,7 @@ export class Studies {
     try {
       await what();
     } catch (error) {
-      this.say(() => error.message);
+      this.say(() => reasonOf(error));
     }
   }
 

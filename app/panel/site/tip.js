@@ -1,5 +1,6 @@
 // TCP teach-in: the tip of the tool touches a fixed point in four or more poses, and the service computes the TCP.
 import { allow } from "./able.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const [NEEDED, MAX] = [4, 20];
@@ -55,7 +56,7 @@ export class Tip {
       this.found = found;
       this.say(() => this.result(), found.error_m > GOOD_M ? "warn" : "good");
     } catch (error) {
-      if (asked === this.asked) this.say(() => error.message, "warn");
+      if (asked === this.asked) this.say(() => reasonOf(error), "warn");
     }
   }
 
@@ -73,7 +74,7 @@ export class Tip {
       this.clear();
       this.say(() => word("tip_is_set"), "good");
     } catch (error) {
-      this.say(() => error.message, "warn");
+      this.say(() => reasonOf(error), "warn");
     }
   }
 

@@ -2,6 +2,7 @@
 // users who change different fields do not overwrite each other.
 import { abcOf } from "./kinematics.js";
 import { changed, placeFields, poseFields } from "./numbers.js";
+import { reasonOf } from "./reasons.js";
 import { Tip } from "./tip.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -90,7 +91,7 @@ export class Tool {
       const lost = tool.inertia && "mass" in changes && !changes.inertia;
       this.say(() => word(lost ? "tool_point_mass" : "tool_saved"), "good");
     } catch (error) {
-      this.say(() => error.message, "warn");
+      this.say(() => reasonOf(error), "warn");
     }
   }
 

@@ -38,7 +38,7 @@ export class View {
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...VIEWS.iso));
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
-    this.blamed = ""; // what a fault says, of which the links that it names are red
+    this.blamed = ""; // names of the links that are red because of a fault
     this.framed = false;
     this.arm = this.ghost = this.path = this.way = this.map = this.plan = this.still = this.joints = null;
     this.parts = new Map(); // of a simulated cell, by name and shape
@@ -100,10 +100,10 @@ export class View {
   }
 
   // A sentence that names links or joints; "" for none.
-  blame(sentence) {
-    if (sentence === this.blamed) return;
-    this.blamed = sentence;
-    this.arm?.blame(sentence);
+  blame(names) {
+    if (names === this.blamed) return;
+    this.blamed = names;
+    this.arm?.blame(names);
     this.draw();
   }
 

@@ -8,8 +8,9 @@ import contextlib
 from app.services.devices.gripper_worker import GripperWorker
 from app.services.gripping.commands import Running, start_of
 from app.services.rights.claims import Caller
+from app.services.rights.stop_reason import StopReason
 from cobot.clock import Clock
-from cobot.errors import DeviceError, MotionStopped, MotionTimeout
+from cobot.errors import DeviceError, MotionTimeout
 from cobot.grippers import GripperState
 
 MIN_WAIT_S = 0.001
@@ -39,7 +40,7 @@ async def follow(
             if running.interruption is not None:
                 raise running.interruption
             if caller.gone.is_set():
-                raise MotionStopped("the client went away")
+                raise StopReason("the client went away", "client_left").error
             state = _ended(worker, asked, name)
             if state is not None:
                 return state

@@ -150,7 +150,7 @@ class GripperService:
         stops, latched = self._ownership.stops, self._is_latched(False)
         running = Running(name, command, caller.job, stops, latched)
         if self._running is not None:
-            self._running.interrupt(MotionStopped(f"preempted by {name} of {CLIENT.get()}"))
+            self._running.interrupt(StopReason(f"preempted by {name} of {CLIENT.get()}", "replaced").error)
         self._running, self._lost = running, False
         self._held.context = contextvars.copy_context()
         error: BaseException | None = None
@@ -194,7 +194,7 @@ class GripperService:
         """
         worker = self._require()
         if self._running is not None:
-            self._running.interrupt(MotionStopped(f"stopped by {CLIENT.get()}"))
+            self._running.interrupt(StopReason(f"stopped by {CLIENT.get()}", "cancelled").error)
         asked = worker.tell(lambda gripper: gripper.stop())
         await asyncio.wait({asked}, timeout=STOP_S)
         if not asked.done():
@@ -232,7 +232,7 @@ class GripperService:
             MotionStopped: a stop was requested after the command.
         """
         if self._ownership.stops != caller.stops:
-            raise MotionStopped("a stop was requested while the request was being read")
+            raise StopReason("a stop was requested while the request was being read", by="").error
         if isinstance(command, GripperRelease):
             return  # what is jammed must come out whatever has happened
         if self._is_latched(False):
@@ -357,7 +357,7 @@ class GripperService:
         if not stopped and running is not None and (running.latched or not self._is_latched(False)):
             return  # it was asked for after the stop
         if running is not None:
-            running.interrupt(MotionStopped(why))
+            running.interrupt(StopReason(why, "robot" if self._is_latched(False) else "stop", "").error)
         if self._options.on_stop == "open":
             self._running = None
             self._spawn(self._open(worker))

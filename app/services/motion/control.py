@@ -137,6 +137,10 @@ class ControlService:
         """Release the lease of a WebSocket that has closed."""
         self._ownership.lease.drop_client(client)
 
+    def end_if_revoked(self) -> None:
+        """Release the lease if the access token of its client has been deleted or has expired."""
+        self._ownership.lease.end_if_revoked()
+
     def _require_free(self, client: RequestClient) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner
         if owner is not None:

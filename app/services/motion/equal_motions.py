@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import JobKind
 from app.services.rights.speed_override import SpeedOverride
-from cobot.errors import CobotError, MotionStopped
+from app.services.rights.stop_reason import StopReason
+from cobot.errors import CobotError
 from cobot.motions.requests import MotionRequest, RatedMove
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
@@ -68,7 +69,9 @@ class EqualMotions:
         """
         for name, target in targets.items():
             if self._robots[name].link.stops != target.stops:
-                raise MotionStopped(f"{name} was stopped after its part of the motion was requested")
+                raise StopReason(
+                    f"{name} was stopped after its part of the motion was requested", by=""
+                ).error
         with contextlib.ExitStack() as stack:
             claims: dict[str, Claim] = {}
             for name in targets:
@@ -158,4 +161,5 @@ def _in_step(overrides: list[SpeedOverride]) -> Iterator[None]:
 
 def _stop(claims: dict[str, Claim], cause: BaseException) -> None:
     for claim in claims.values():
-        claim.interrupt(MotionStopped(f"another robot of the synchronous motion has stopped: {cause}"))
+        reason = f"another robot of the synchronous motion has stopped: {cause}"
+        claim.interrupt(StopReason(reason, "other_robot", "").error)

@@ -221,14 +221,15 @@ class MotionService:
         if state.motion_result in WHERE or stopped:
             share = 100.0 * state.path_time_s / state.path_duration_s
             cause = claim.interruption or StopReason(state.reason, "robot", "").error
+            why = state.reason.fields() if claim.interruption is None else {}
             where = WHERE.get(state.motion_result, WHERE[MotionResult.STOPPED])
             waited = f"; it waited for {waits_for}" if waits_for else ""
-            details = {**cause.details, "share": share / 100.0}
+            details = {**cause.details, **why, "share": share / 100.0}
             raise type(cause)(
                 f"{cause}: the arm came to rest {where} after {share:.0f} % of it{waited}", details=details
             )
         if state.motion_result not in (MotionResult.ARRIVED, MotionResult.MET):
-            raise ExecutionError(state.reason)
+            raise ExecutionError(state.reason, details=state.reason.fields())
         if state.motion_result is MotionResult.ARRIVED and signals is not None and signals.is_missed:
             raise ConditionNotMet(f"the arm is at its goal, and the condition was not met: {signals.until}")
 

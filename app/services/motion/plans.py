@@ -29,6 +29,7 @@ from app.services.motion.queue.moves import QueueRequest
 from app.services.motion.queue.signals import MoveSignals
 from app.services.rights.claims import Caller
 from app.services.rights.job import Job
+from app.services.rights.stop_reason import StopReason
 from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import Settings
@@ -36,7 +37,6 @@ from cobot.errors import (
     CobotError,
     ConflictError,
     InputError,
-    MotionStopped,
     NotFoundError,
     PlanningTimeout,
     UnavailableError,
@@ -263,7 +263,7 @@ class PlanService:
         try:
             await asyncio.wait({running, leaving}, return_when=asyncio.FIRST_COMPLETED)
             if not running.done():
-                raise MotionStopped("the client went away")
+                raise StopReason("the client went away", "client_left").error
             return plan, await running
         finally:
             running.cancel()

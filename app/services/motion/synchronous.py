@@ -13,7 +13,8 @@ import numpy as np
 
 from app.services.motion.equal_motions import EqualMotions, RobotTarget
 from app.services.motion.frames import Frames
-from cobot.errors import ConflictError, InputError, LimitError, MotionStopped, NotFoundError
+from app.services.rights.stop_reason import StopReason
+from cobot.errors import ConflictError, InputError, LimitError, NotFoundError
 from cobot.robot.limits import check_positions
 from cobot.strict import shown
 from cobot.types import Array, vector
@@ -160,7 +161,9 @@ class SyncService:
         async with sync.turn:
             await self.wait(sync.robots)
             if sync not in self._syncs.values():
-                raise MotionStopped(f"the synchronous motion was ended before segment {segment} began")
+                raise StopReason(
+                    f"the synchronous motion was ended before segment {segment} began", "cancelled", ""
+                ).error
             await self.move(waiting)
         return True
 

@@ -32,7 +32,6 @@ from cobot.errors import (
     ConflictError,
     ExecutionError,
     InputError,
-    MotionStopped,
     UnavailableError,
 )
 from cobot.folders import below
@@ -183,7 +182,7 @@ class SequenceService:
         self._watcher = asyncio.create_task(self._watch(process, progress, number, token))
         if self._ownership.stops != stops:
             await self.stop()
-            raise MotionStopped(f"a stop was requested while sequence {number} was being started")
+            raise StopReason(f"a stop was requested while sequence {number} was being started", by="").error
         return self.status
 
     async def stop(self, reason: StopReason | None = None) -> str | None:

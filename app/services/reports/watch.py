@@ -19,6 +19,7 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import Intervention
+from cobot.reasons import Reason
 from cobot.types import RESTING, LoopMode
 
 PERIOD_S, IDLE_PERIOD_S = 0.01, 0.05
@@ -93,18 +94,20 @@ class StateWatch:
         if state.mode is before.mode:
             return
         latched = state.mode in (LoopMode.ESTOP, LoopMode.FAULT)
-        reason = state.reason if latched or state.mode is LoopMode.STOPPING else ""
-        self._events.publish("mode", mode=state.mode.name, before=before.mode.name, reason=reason)
+        reason = state.reason if latched or state.mode is LoopMode.STOPPING else Reason("")
+        told = {"reason": reason, **reason.fields()}
+        self._events.publish("mode", mode=state.mode.name, before=before.mode.name, **told)
         if state.mode is LoopMode.FAULT:
-            self._events.publish("fault", reason=state.reason)
+            self._events.publish("fault", **told)
         elif state.mode is LoopMode.ESTOP:
-            self._events.publish("estop", what="latched", reason=state.reason)
+            self._events.publish("estop", what="latched", **told)
 
     def _look_at_session(self, state: RobotState) -> None:
         if state.session == self._session:
             return
         if self._session:
-            self._events.publish("session", what="ended", session=self._session, reason=state.reason)
+            told = {"reason": state.reason, **state.reason.fields()}
+            self._events.publish("session", what="ended", session=self._session, **told)
         if state.session:
             self._events.publish("session", what="begun", session=state.session, client=self._streamer())
         self._session = state.session

@@ -40,13 +40,14 @@ class Lease:
 
 
 class ControlLease:
-    """The lease of one robot. An expired lease ends when it is next read.
+    """The lease of one robot. A lease that has expired, or whose access token is
+    invalid, ends when it is next read.
 
     Args:
         moving: returns whether a motion or a sequence runs. Meanwhile the lease does not expire.
         ended: called when a lease has ended.
-        tell: called with the change of a lease ("taken", "released", "expired", "taken over" or
-            "disconnected") and with the lease.
+        tell: called with the change of a lease ("taken", "released", "expired", "taken over", "disconnected"
+            or "revoked") and with the lease.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class ControlLease:
     @property
     def current(self) -> Lease | None:
         """The present lease, or None."""
+        self.end_if_revoked()
         lease = self._lease
         if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:
             how = f"has expired: nothing has moved for {lease.timeout_s:g} s; take control again"
@@ -132,6 +134,12 @@ class ControlLease:
         self.require(client)
         if self.current is not None:
             self._end("released", "was released")
+
+    def end_if_revoked(self) -> None:
+        """End the lease if the access token of its client has been deleted or has expired."""
+        is_valid = None if self._lease is None else self._lease.client.is_valid
+        if is_valid is not None and not is_valid():
+            self._end("revoked", "ended because its access token was deleted or has expired")
 
     def drop_client(self, client: RequestClient) -> None:
         """End the lease of a WebSocket that has closed."""

@@ -11,10 +11,13 @@ from cobot.errors import MotionStopped
 StopCause = Literal[
     "stop",  # a client or `cobot stop`
     "cancelled",  # a client ended this job alone
+    "replaced",  # a client requested something else instead
     "taken_over",  # a client took over the control
     "client_left",  # the client that requested the motion disconnected
     "scene",  # the motion would touch something that was added meanwhile
     "gripper",  # the gripper lost its object
+    "move_before",  # the move before it in the queue failed
+    "other_robot",  # another robot of the synchronous motion stopped
     "watchdog",  # a watchdog was not written in time
     "service",  # the service ends
     "robot",  # rtloop or the device: the mode and its reason say why

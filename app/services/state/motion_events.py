@@ -8,6 +8,7 @@ from app.services.clients import CLIENT
 from app.services.events.ring import RobotEvents
 from app.services.state.robot_state import RobotState
 from cobot.ipc.layout import MotionResult
+from cobot.reasons import Reason
 
 ENDS = {
     MotionResult.ARRIVED: "finished",
@@ -57,11 +58,13 @@ class MotionEvents:
         if state.motion_id == self._beginning.get("motion"):  # it was short, and its beginning went unnoticed
             self.publish_begin()
         result = state.motion_result
+        reason = Reason("") if result is MotionResult.ARRIVED else state.reason
         self._events.publish(
             "motion",
             what=ENDS[result],
             motion=state.motion_id,
-            reason="" if result is MotionResult.ARRIVED else state.reason,
+            reason=reason,
+            **reason.fields(),
             path_time_s=state.path_time_s,
             duration_s=state.path_duration_s,
         )

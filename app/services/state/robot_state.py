@@ -10,8 +10,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cobot.ipc.layout import MotionResult, record_of, text
+from cobot.ipc.layout import MotionResult, record_of
 from cobot.ipc.state_fields import STATE_SCALARS, STATE_STRUCT
+from cobot.reasons import Reason
 from cobot.types import Array, LoopMode
 
 PLACES = {name: place for place, (name, _) in enumerate(STATE_SCALARS)}
@@ -110,5 +111,5 @@ class RobotState:
         return float((self._now_ns - self.scalars[MEASURED_NS]) * 1e-9)
 
     @property
-    def reason(self) -> str:
-        return text(self.record["reason"])
+    def reason(self) -> Reason:
+        return Reason.of_record(self.record)

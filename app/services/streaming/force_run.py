@@ -11,12 +11,14 @@ import numpy as np
 
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from app.services.streaming.force_stages import Aim, ForceSample, NotMet, Push, Stage, let_go
 from app.services.streaming.sessions import StreamSession
 from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.motions.force_bodies import AnyForceMotion, FollowMotion
 from cobot.pose import Pose
+from cobot.reasons import Reason
 
 PERIOD_S = 0.01
 FORCE_INTEGRAL_PER_S = 2.0
@@ -172,12 +174,14 @@ class ForceRun:
             ExecutionError: rtloop has ended the session; the error has the reason.
         """
         if self.caller.gone.is_set() and self.caller.job is not None:
-            self._ownership.cancel(self.caller.job, MotionStopped("the client went away"))
-            raise MotionStopped("the client went away")
+            gone = StopReason("the client went away", "client_left").error
+            self._ownership.cancel(self.caller.job, gone)
+            raise gone
         if not session.over:
             return
         claim = self._ownership.moving
         interrupted = isinstance(claim, Claim) and claim.interruption is not None
         if interrupted or self._link.stops != self._stops:
-            raise MotionStopped(session.over)
-        raise ExecutionError(session.over)
+            details = claim.interruption.details if interrupted else {}
+            raise MotionStopped(session.over, details=details)
+        raise ExecutionError(session.over, details=Reason.of_text(session.over).fields())

@@ -19,11 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.services.state.link import RobotLink
-from app.services.streaming.jog_limits import JogLimits
+from app.services.streaming.jog_limits import UNLIMITED, JogLimits
 from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import streamed
 from cobot.types import Array
@@ -38,8 +39,10 @@ SMOOTHING_S = 0.15
 """Time constant with which the velocity follows the requested one, s."""
 MAX_LEAD_RAD = 0.1
 """Maximum lead of the targets over the arm, rad or m. Beyond it the targets wait for the arm."""
-LET_GO = "the client has let go"
-SILENT = f"no jog frame for {SILENCE_S:g} s: let go, then press again"
+LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)
+SILENT = Reason(f"no jog frame for {SILENCE_S:g} s: let go, then press again", ReasonCode.JOG_SILENT)
+GONE = Reason("the connection to the client was lost", ReasonCode.CONNECTION_LOST)
+NOT_AT_REST = Reason("the arm must come to rest first", ReasonCode.NOT_AT_REST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ class JogAnswer:
     """
 
     share: float
-    limited_by: str
+    limited_by: Reason
 
 
 class Jog:
@@ -78,7 +81,7 @@ class Jog:
         robot: RobotDescription,
         link: RobotLink,
         streams: StreamService,
-        ended: Callable[[str], None],
+        ended: Callable[[Reason], None],
     ) -> None:
         """ended: called with the reason when a jog has ended and the arm is at rest."""
         self._link = link
@@ -89,8 +92,8 @@ class Jog:
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
         self._heard_s = 0.0
-        self._spent = ""  # why the last one has ended, until the client lets go
-        self._answer = JogAnswer(1.0, "")
+        self._spent = UNLIMITED  # why the last one has ended, until the client lets go
+        self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
         self._let_go = False
 
@@ -111,7 +114,7 @@ class Jog:
             return JogAnswer(0.0, self._spent)
         if self._task is not None:
             if self._session is not None and self._session.over:
-                return JogAnswer(0.0, "the arm must come to rest first")
+                return JogAnswer(0.0, NOT_AT_REST)
             self._command = command
             return self._answer
         request = nominal_session(self._streams.info)
@@ -120,10 +123,10 @@ class Jog:
         try:
             session = await self._streams.open(request, name, timeout_s)
         except CobotError as exc:
-            self._spent = str(exc)
+            self._spent = Reason(str(exc))
             raise
         self._let_go = False
-        self._command, self._session, self._answer = command, session, JogAnswer(1.0, "")
+        self._command, self._session, self._answer = command, session, JogAnswer(1.0, UNLIMITED)
         self._heard_s = self._link.clock.now_s()
         self._position = self._link.state().commanded_position.copy()
         self._velocity = np.zeros_like(self._position)
@@ -132,7 +135,7 @@ class Jog:
 
     def release(self) -> None:
         """End the jog, because the client has released it. The arm stops."""
-        self._spent = ""
+        self._spent = UNLIMITED
         self._let_go = True
         if self._session is not None:
             self._session.end(LET_GO)
@@ -140,7 +143,7 @@ class Jog:
     def close(self) -> None:
         """End the jog, because the client has disconnected."""
         if self._session is not None:
-            self._session.end("the connection to the client was lost")
+            self._session.end(GONE)
 
     async def _run(self, session: StreamSession) -> None:
         """Send targets until the session ends, then wait until the arm is at rest."""
@@ -164,7 +167,7 @@ class Jog:
         self._task = self._session = None
         if not self._let_go:
             self._spent = reason
-        self._ended("" if reason == LET_GO else reason)
+        self._ended(UNLIMITED if reason == LET_GO else reason)
 
     def _step(self, session: StreamSession, sequence: int, step_s: float) -> None:
         """Send the next target."""
@@ -176,7 +179,7 @@ class Jog:
         share, reason = self._limits.share(self._position, self._velocity)
         here = self._link.state().commanded_position
         if np.abs(self._position - here).max() > MAX_LEAD_RAD:
-            share, reason = 0.0, reason or f"the arm does not follow: {self._obstacle(here)}"
+            share, reason = 0.0, reason or self._obstacle(here)
         velocity = share * self._velocity
         self._position = self._position + step_s * velocity
         setpoint = session.setpoint.copy()
@@ -189,12 +192,13 @@ class Jog:
         session.take_setpoint(sequence, setpoint)
         self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
 
-    def _obstacle(self, here: Array) -> str:
-        """The reason in words why the real-time loop slows the arm down."""
+    def _obstacle(self, here: Array) -> Reason:
+        """The reason why the real-time loop slows the arm down."""
         section = self._streams.section
         within_m = section.collision_margin_m + section.slow_down_m
         near = self._limits.nearest(here, self._velocity, within_m)
-        return near or "an unknown cause slows it down or holds it"
+        words = f"the arm does not follow: {near or 'an unknown cause slows it down or holds it'}"
+        return Reason(words, near.code or ReasonCode.NOT_FOLLOWING, near.of, near.value, unit=near.unit)
 
     @property
     def _in_tool(self) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.errors import InputError
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits, vector
 
@@ -33,6 +34,7 @@ APPROACH_M_S = 1e-3
 """Approach speed up to which an obstacle counts as not approaching, m/s."""
 SINGULAR = 0.06
 """Threshold of the singular values of the Jacobian, m/rad or 1. Smaller ones are damped."""
+UNLIMITED = Reason("")
 SLOWED = 0.98
 """Share below which a reason is reported."""
 
@@ -49,7 +51,7 @@ class LimitedVelocity:
 
     velocity: Array
     share: float
-    reason: str
+    reason: Reason
 
 
 class JogLimits:
@@ -82,7 +84,7 @@ class JogLimits:
             InputError: neither joints nor a twist.
         """
         _, rotation, jacobian = self._robot.model.forward_and_jacobian(position)
-        share, reason = 1.0, ""
+        share, reason = 1.0, UNLIMITED
         if joints is not None:
             velocity = np.array(joints)
         elif twist is not None:
@@ -94,7 +96,8 @@ class JogLimits:
             size = max(float(np.dot(asked, asked)), 1e-300)
             share = float(np.clip(np.dot(done, asked) / size, 0.0, 1.0))
             if share < SLOWED:
-                reason = "the arm is near a singularity, where it cannot move in this direction"
+                words = "the arm is near a singularity, where it cannot move in this direction"
+                reason = Reason(words, ReasonCode.SINGULARITY)
         else:
             raise InputError("a jog frame has joints or a twist")
         fast = self._too_fast(velocity, jacobian)
@@ -111,7 +114,7 @@ class JogLimits:
         """The share of a joint acceleration that is within the limits."""
         return float(1.0 / max(1.0, (np.abs(acceleration) / self._rates.max_acceleration).max()))
 
-    def share(self, position: Array, velocity: Array) -> tuple[float, str]:
+    def share(self, position: Array, velocity: Array) -> tuple[float, Reason]:
         """The share of a velocity that is safe at this position, 0 to 1, and the reason if it is below 1,
         otherwise "".
         """
@@ -119,9 +122,9 @@ class JogLimits:
         near, why = self.of_obstacles(position, velocity)
         if near < share:
             share, reason = near, why
-        return (share, reason) if share < SLOWED else (1.0, "")
+        return (share, reason) if share < SLOWED else (1.0, UNLIMITED)
 
-    def _of_limits(self, position: Array, velocity: Array) -> tuple[float, str]:
+    def _of_limits(self, position: Array, velocity: Array) -> tuple[float, Reason]:
         limits = self._robot.limits
         room = np.where(velocity > 0.0, limits.max_position - position, position - limits.min_position)
         allowed = allowed_speed(room - JOINT_ROOM, self._rates.max_acceleration)
@@ -130,10 +133,11 @@ class JogLimits:
         joint = int(shares.argmin())
         ends = limits.max_position if velocity[joint] > 0.0 else limits.min_position
         unit, name = limits.unit(joint), limits.names[joint]
-        why = f"{name} is at {position[joint]:.2f} {unit}, near its limit of {ends[joint]:.2f} {unit}"
-        return float(shares[joint]), why
+        value, limit = float(position[joint]), float(ends[joint])
+        words = f"{name} is at {value:.2f} {unit}, near its limit of {limit:.2f} {unit}"
+        return float(shares[joint]), Reason(words, ReasonCode.JOINT_LIMIT, (name,), value, limit, unit)
 
-    def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
+    def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, Reason]:
         """The share of a velocity that is safe with respect to obstacles, and the reason why it is below
         1.
         """
@@ -143,19 +147,19 @@ class JogLimits:
         allowed = allowed_speed(room, slowing * np.maximum(closing, APPROACH_M_S))
         counts = (closing > APPROACH_M_S) & (closing > allowed)
         if not counts.any():
-            return 1.0, ""
+            return 1.0, UNLIMITED
         shares = np.where(counts, allowed / np.maximum(closing, 1e-9), 1.0)
         pair = int(shares.argmin())
         return float(shares[pair]), self._distance(pair, here)
 
-    def nearest(self, position: Array, velocity: Array, within_m: float) -> str:
+    def nearest(self, position: Array, velocity: Array, within_m: float) -> Reason:
         """The nearest pair of parts that approach each other, and their distance, in words; "" if there is
         none.
         """
         here, closing = self._approach(position, velocity, within_m)
         distances = np.where(closing > APPROACH_M_S, here, np.inf)
         if not (distances < within_m).any():
-            return ""
+            return UNLIMITED
         return self._distance(int(distances.argmin()), here)
 
     def _approach(self, position: Array, velocity: Array, farthest_m: float) -> tuple[Array, Array]:
@@ -164,9 +168,10 @@ class JogLimits:
         here, there = self._robot.collision.clearance.distances(rows, farthest_m)
         return here, (here - there) / LOOK_S
 
-    def _distance(self, pair: int, here: Array) -> str:
+    def _distance(self, pair: int, here: Array) -> Reason:
         first, second = self._robot.collision.names(pair)
-        return f"{first} and {second} are {1e3 * here[pair]:.0f} mm from each other"
+        words = f"{first} and {second} are {1e3 * here[pair]:.0f} mm from each other"
+        return Reason(words, ReasonCode.NEAR_OBSTACLE, (first, second), float(here[pair]), unit="m")
 
 
 def allowed_speed(room: Array, deceleration: Array) -> Array:

@@ -31,6 +31,7 @@ from cobot.ipc.first_target import FirstTarget
 from cobot.ipc.layout import Stream, setpoint_dtype, text
 from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint
 from cobot.ipc.stream_writer import StreamWriter
+from cobot.reasons import Reason
 from cobot.types import RESTING, LoopMode
 
 MAX_CONNECTIONS = 32
@@ -64,7 +65,7 @@ class StreamSession:
         self.setpoint = np.zeros((), setpoint_dtype(dof))
         self.refused = 0
         self.over = ""
-        self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.ended: asyncio.Future[Reason] = asyncio.get_running_loop().create_future()
         self.tell: Callable[[str], None] = lambda words: None
         self._sequence = 0
         self._writer = writer
@@ -295,7 +296,7 @@ class StreamService:
         finally:
             self.session = None
             session.over = session.over or reason
-            session.ended.set_result(reason)
+            session.ended.set_result(Reason.of_text(reason))
             log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
             audit.note("session ended", session=session.number, reason=reason)
 
@@ -308,9 +309,10 @@ class StreamService:
                 session.end()  # rtloop must not continue a session that no client owns
                 return str(exc)
             session.report_refusal(state.record)
-            cause = str(claim.interruption or BY_STOP)
-            if cause != BY_STOP:  # for which rtloop has its own words
-                session.over = session.over or cause
+            cause = claim.interruption
+            if cause is not None and str(cause) != BY_STOP:  # for which rtloop has its own words
+                code, by = cause.details.get("cause", ""), cause.details.get("by", "")
+                session.over = session.over or Reason(str(cause), code, (by,) if by else ())
             if state.session != session.number:
                 return session.over or state.reason
             if state.mode in (LoopMode.STOPPING, *RESTING) and not session.over:

@@ -27,15 +27,25 @@ def random_state(seed: int, dof: int = 7) -> np.ndarray:
             state[field.name] = random.integers(0, 1000, field.shape(dof))
     state["gripper_object"] = random.integers(len(GripperObject))
     state["mode"], state["reason"] = random.integers(len(LoopMode)), "señal".encode()
+    state["reason_code"], state["reason_of"], state["reason_unit"] = b"contact", "größe, 取".encode(), b"N"
     return state
+
+
+def finite(value: Any) -> Any:
+    """A number, a list of numbers or bytes, with None for what is not a number."""
+    if isinstance(value, list):
+        return [finite(each) for each in value]
+    return None if value != value else value
 
 
 def expected(state: np.ndarray) -> dict[str, Any]:
     """As a reader of shared memory would write it, field by field."""
     content = {name: state[name].tolist() for name in state.dtype.names or ()}
-    content = {name: None if value != value else value for name, value in content.items()}
+    content = {name: finite(value) for name, value in content.items()}
     content["gripper_object"] = GripperObject(int(state["gripper_object"])).name
-    content["mode"], content["reason"] = LoopMode(int(state["mode"])).name, text(state["reason"])
+    content["mode"] = LoopMode(int(state["mode"])).name
+    for name in ("reason", "reason_code", "reason_of", "reason_unit"):
+        content[name] = text(state[name])
     for name in ("interventions", "intervened_ns"):
         content[name] = {kind.name.lower(): int(state[name][kind]) for kind in Intervention}
     return content
@@ -84,6 +94,7 @@ def test_it_answers_with_the_reason_while_the_robot_is_stopped(service: VirtualS
     service.sleep(0.5)
     content = service.get("/robot/state").json()
     assert (content["mode"], content["reason"]) == ("ESTOP", "e-stop requested")
+    assert (content["reason_code"], content["reason_values"]) == ("estop_requested", [None, None])
     assert service.post("/robot/reset", json={}).status_code == 200
 
 

@@ -25,6 +25,7 @@ from cobot.errors import BY_CODE
 from cobot.findings import Check, Kind
 from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.motions.planners import PLANNERS
+from cobot.reasons import ReasonCode
 from cobot.robot.device import FLAGS
 from cobot.trajectory import NoticeKind
 
@@ -32,7 +33,7 @@ REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
-MADE += ("change_", "check_", "conflict_", "error_", "notice_", "stopped_")
+MADE += ("change_", "check_", "conflict_", "error_", "notice_", "reason_")
 MADE += ("part_", "role_", "say_", "step_", "study_", "test_")
 """So begin names of words that are put together."""
 
@@ -164,23 +165,34 @@ def test_each_word_is_there_in_each_language() -> None:
     assert names["en"] <= spoken, names["en"] - spoken
 
 
-def test_each_cause_of_a_fault_has_words() -> None:
-    """Oracle: the reasons as they stand in the real-time process."""
-    latching = r'(?s)self\.(?:controller\.)?(?:fault|estop|fast_stop)\(\s*f?"([^"]+)"'
-    lost = r'(?s)return Rejected\(\s*f"([^"]+)"(?=.*def explain_unsettled)'
-    where = {"controller": latching, "mode_machine": latching, "loop": latching, "settling": lost}
-    reasons = [
-        each
-        for name, pattern in where.items()
-        for each in re.findall(pattern, (REPOSITORY / "rtloop" / f"{name}.pyx").read_text(encoding="utf-8"))
-    ]
-    assert len(reasons) > 9
-    script = (pages.SITE / "banner.js").read_text(encoding="utf-8")
-    patterns = re.findall(r"\[/(.+)/, \"cause_\w+\"\]", script)
-    for reason in reasons:
-        assert any(re.search(pattern, reason) for pattern in patterns), reason
-    for pattern in patterns:
-        assert any(re.search(pattern, reason) for reason in reasons), pattern
+def test_each_code_of_a_reason_has_words_and_is_documented() -> None:
+    """Oracle: the enumeration, and the table in docs/conventions.md."""
+    codes = {*ReasonCode} - {ReasonCode.OTHER}
+    assert words_of("reason_") == codes | {*get_args(StopCause)} - {"stop"}
+    manual = (REPOSITORY / "docs" / "conventions.md").read_text(encoding="utf-8").partition("### Reasons")[2]
+    rows = manual.partition("| Codes |")[2].partition("\n\n")[0]
+    assert {*re.findall(r"`(\w+)`", rows)} == codes
+
+
+def test_no_sentence_of_the_service_is_taken_apart() -> None:
+    """Oracle: what the panel shows of a reason comes from its code, never from a pattern over its words."""
+    for name in ("banner", "reasons", "halt", "log", "jog", "lease"):
+        script = (pages.SITE / f"{name}.js").read_text(encoding="utf-8")
+        assert not re.search(r"\.(?:test|match|exec)\(|RegExp", script), name
+
+
+def test_each_exported_name_is_used_elsewhere() -> None:
+    """Oracle: the imports of the other modules, and of the tests."""
+    scripts = {file.name: file.read_text(encoding="utf-8") for file in pages.SITE.glob("*.js")}
+    imports = r"(?s)(?:import|const) \{([^}]*)\} (?:from|= await import\() ?\"\./%s\""
+    tested = "".join(file.read_text(encoding="utf-8") for file in (REPOSITORY / "tests").rglob("*.py"))
+    for name, script in scripts.items():
+        found = re.findall(imports % re.escape(name), "\n".join(scripts.values()))
+        used = {each.split(" as ")[0].strip() for names in found for each in names.split(",")}
+        if f"/panel/{name}" in tested:
+            used |= {*re.findall(r"\w+", tested)}
+        exported = {*re.findall(r"(?m)^export (?:async )?(?:function|const|class|let) (\w+)", script)}
+        assert exported <= used, (name, exported - used)
 
 
 def words_of(begin: str) -> set[str]:
@@ -197,7 +209,6 @@ def test_each_cause_in_the_details_of_an_error_has_words_and_is_documented() -> 
         for code, facts in re.findall(r"(?m)^\| `(stopped|conflict)` \| (.*) \|$", manual)
     }
     assert documented["stopped"] == {*get_args(StopCause)}
-    assert documented["stopped"] - {"stop"} == words_of("stopped_")
     assert documented["conflict"] == words_of("conflict_")
     sources = "".join(file.read_text(encoding="utf-8") for file in (REPOSITORY / "app").rglob("*.py"))
     made = set(re.findall(r'details=\{"cause": "(\w+)"', sources))

@@ -35,7 +35,7 @@ def test_what_exceeds_the_most_is_found_and_named() -> None:
             where = (
                 [f"N·m on {name}" for name in NAMES] + [f"N or N·m along {axis} at the TCP" for axis in AXES]
             )[index]
-            assert monitor.words() == f"contact: {push[index]:.1f} {where}, allowed are {most[index]:g}"
+            assert monitor.reason() == f"contact: {push[index]:.1f} {where}, allowed are {most[index]:g}"
     assert SESSIONS * PUSHES // 5 < exceeded < SESSIONS * PUSHES
 
 
@@ -46,7 +46,7 @@ def test_what_is_no_number_exceeds_nothing_and_hides_nothing() -> None:
     assert not monitor.check(push)
     push[9] = -11.0
     assert monitor.check(push)
-    assert monitor.words() == "contact: -11.0 N or N·m along z at the TCP, allowed are 10"
+    assert monitor.reason() == "contact: -11.0 N or N·m along z at the TCP, allowed are 10"
 
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:

@@ -110,7 +110,9 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
             "for (const each of ['banner', 'stop-why', 'contact', 'token-form', 'queue-card']) "
             "document.querySelector(`#${each}`).hidden = false"
         )
-        panel.page.run("cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails'})")
+        panel.page.run(
+            "cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails', reason_code: 'reading'})"
+        )
         panel.page.run("new cobotPanel.tabs.constructor([{name: 'one'}, {name: 'two'}], () => {})")
         panel.page.run("document.body.toggleAttribute('data-silent', true)")
         look("with all that can be said at once, and two robots")

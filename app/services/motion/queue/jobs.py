@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from app.services.motion.queue.moves import QueuedMove
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from cobot.errors import CobotError, MotionStopped
 from cobot.motions.stretches import Stretch
 
@@ -33,7 +34,7 @@ class QueueJobs:
         `behind`.
         """
         if behind is None and isinstance(error, CobotError):
-            behind = MotionStopped(f"the move before it failed: {error}")
+            behind = StopReason(f"the move before it failed: {error}", "move_before", "").error
         for move in moves:
             self.end(move, error)
             error = behind or error

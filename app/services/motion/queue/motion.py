@@ -24,6 +24,7 @@ from app.services.motion.queue.placement import QueueSignals
 from app.services.motion.queue.runs import QueueRun, Runs
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult
@@ -323,7 +324,7 @@ class QueueMotion:
             self._runs.all.append(after)
             placement = await self._signals.place_next(after, [*self.moves, *chain])
             if self._dropped:
-                raise MotionStopped("a move was dropped meanwhile")
+                raise StopReason("a move was dropped meanwhile", "cancelled", "").error
             await self._motion.replace(
                 claim, longer.trajectory, longer.offset_s, planned_s, placement.signals
             )

@@ -28,6 +28,7 @@ from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import Job, JobKind
 from app.services.rights.ownership import Ownership
+from app.services.rights.stop_reason import StopReason
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
     CobotError,
@@ -138,7 +139,7 @@ class MotionQueue:
                         f"the motion queue is full: {waiting} moves are waiting, allowed are {CAPACITY}"
                     )
                 if stops != self._ownership.stops:
-                    raise MotionStopped("a stop was requested while the move was being read")
+                    raise StopReason("a stop was requested while the move was being read", by="").error
                 return await self._accept(self._claim, request)
             with contextlib.ExitStack() as stack:
                 job = self._ownership.new_job(JobKind.QUEUE, request.name)
@@ -155,7 +156,7 @@ class MotionQueue:
         """Stop on the path and remove all moves. Also ends a pause. Returns when the arm is at rest."""
         claim = self._claim
         if claim is not None:
-            claim.interrupt(MotionStopped(reason))
+            claim.interrupt(StopReason(reason, "cancelled").error)
             claim.speed_override.reset()
             await claim.ended.wait()
 

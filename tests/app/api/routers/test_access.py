@@ -40,6 +40,11 @@ class Guarded:
     def create(self, name: str, role: str = "observer", **more: Any) -> httpx.Response:
         return self.ask("POST", json={"name": name, "role": role, **more})
 
+    def take_control(self, token: str) -> None:
+        """As soon as nothing moves any more."""
+        body = {"timeout_s": 3600.0}
+        self.run.until(lambda: self.ask("POST", "/robot/control", token, json=body).status_code == 200)
+
     def opens(self, token: str) -> bool:
         return self.ask("GET", "/health", token).status_code == 200
 
@@ -103,6 +108,32 @@ def test_a_deleted_token_is_invalid_at_once_and_its_websocket_is_closed(guarded:
     again = guarded.ask("DELETE", f"{PATH}/leaving")
     assert (again.status_code, again.json()["code"]) == (404, "not_found")
     assert "there are: root, olga" in again.json()["detail"]
+
+
+def test_the_control_of_a_deleted_token_ends_at_once(guarded: Guarded) -> None:
+    """Oracle: what the next client may do, and the events."""
+    run, token = guarded.run, guarded.create("leaving", "operator").json()["token"]
+    guarded.take_control(token)
+    assert guarded.ask("POST", "/robot/control", guarded.operator, json={}).status_code == 409
+    ring = run.app.state.services.link.events.ring
+    before = ring.newest
+    assert guarded.ask("DELETE", f"{PATH}/leaving").status_code == 200
+    told = [json.loads(each.text) for each in ring.since(before, 100)]
+    (lost,) = (each["data"] for each in told if each["type"] == "lease")
+    assert (lost["what"], lost["holder"]) == ("revoked", "leaving")
+    assert guarded.ask("GET", "/robot/control").json()["held"] is False
+    mine = guarded.ask("POST", "/robot/control", guarded.operator, json={})
+    assert mine.status_code == 200
+    headers = {"X-Control-Token": mine.json()["token"], "Authorization": f"Bearer {guarded.operator}"}
+    assert run.ask("DELETE", "/robot/control", headers=headers).status_code == 200
+
+
+def test_the_control_of_a_token_that_the_command_line_has_deleted_ends(guarded: Guarded) -> None:
+    _, token = guarded.file.create_entry("brief", Role.OPERATOR, timedelta(days=1), by="root")
+    guarded.take_control(token)
+    guarded.file.revoke("brief", by="root")  # as by `cobot token revoke`, in another process
+    guarded.run.sleep(1.0)
+    assert guarded.ask("GET", "/robot/control").json()["held"] is False
 
 
 def test_only_an_administrator_sees_and_changes_tokens(guarded: Guarded) -> None:

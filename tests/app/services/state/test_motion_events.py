@@ -10,6 +10,7 @@ from app.services.events.ring import Events
 from app.services.state.motion_events import MotionEvents
 from app.services.state.robot_state import RobotState
 from cobot.ipc.layout import MotionResult
+from cobot.reasons import Reason
 
 
 class Bench:
@@ -23,7 +24,7 @@ class Bench:
         state = SimpleNamespace(
             motion_id=motion_id,
             motion_result=result,
-            reason="why",
+            reason=Reason("why"),
             path_time_s=0.5,
             path_duration_s=2.0,
         )
