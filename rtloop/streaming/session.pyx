@@ -95,7 +95,8 @@ cdef class Session:
         if problem == CONTACT:
             return self._contact_monitor.reason()
         if problem == SERVO_WATCHDOG:
-            words, limit_s = f"servo watchdog: no point for {self.points.watchdog_s:g} s", self.points.watchdog_s
+            limit_s = self.points.watchdog_s
+            words = f"servo watchdog: no point for {limit_s:g} s"
             return Reason(words, ReasonCode.NO_POINTS, limit=limit_s, unit="s")
         if problem == OBSTACLE:
             pairs = self._collision_monitor.blocking()

@@ -19,6 +19,7 @@ from cobot.ipc.gripper_record import fill_gripper
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Command, GripperObject, Intervention, Phase, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.state_fields import STATE_SCALARS
+from cobot.reasons import Reason
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
 from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, Statistics

@@ -180,8 +180,7 @@ class ForceRun:
         if not session.over:
             return
         claim = self._ownership.moving
-        interrupted = isinstance(claim, Claim) and claim.interruption is not None
-        if interrupted or self._link.stops != self._stops:
-            details = claim.interruption.details if interrupted else {}
-            raise MotionStopped(session.over, details=details)
+        cause = claim.interruption if isinstance(claim, Claim) else None
+        if cause is not None or self._link.stops != self._stops:
+            raise MotionStopped(session.over, details=None if cause is None else cause.details)
         raise ExecutionError(session.over, details=Reason.of_text(session.over).fields())
