@@ -54,7 +54,7 @@ def test_a_wheel_runs_outside_the_checkout(
     assert stems(installed, "*.so") == stems(ROOT, "*.pyx")
     site = Path("app", "panel", "site")
     assert sorted(os.listdir(installed / site)) == sorted(os.listdir(ROOT / site))
-    assert (installed / "cobot" / "studies" / "map_page.html").is_file()
+    assert (installed / "cobot" / "studies" / "results" / "map_page.html").is_file()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(installed))
     with answering(Run(tmp_path)) as run:
