@@ -12,8 +12,8 @@ import numpy as np
 from app.api.schemas.scene import PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
+from cobot.robot.geometry.solids import cloud, columns
 from cobot.robot.scene import SceneObject
-from cobot.robot.solids import cloud, columns
 from cobot.types import Array, Numbers3, Numbers6
 
 FARTHEST_M = 100.0
@@ -64,7 +64,7 @@ def _made(body: PutObject) -> tuple[Array, list[Array]]:
     if body.shape == "height_field":
         return _columns(body), []
     if body.shape == "mesh":
-        from cobot.robot.mesh import parts, read
+        from cobot.robot.geometry.mesh import parts, read
 
         if body.file is None:
             vertices, triangles = np.array(body.vertices), np.array(body.triangles)

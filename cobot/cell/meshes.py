@@ -10,7 +10,7 @@ import numpy as np
 
 from cobot.errors import CobotError, ConfigError, InputError, LimitError
 from cobot.foreign import plain_text
-from cobot.robot import mesh
+from cobot.robot.geometry import mesh
 from cobot.types import Array, Numbers3, Numbers6
 
 MAX_FILE_BYTES = 20_000_000

@@ -25,9 +25,9 @@ from cobot.launch.fleet_extra import require_zenoh
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.geometry.visuals import has_visuals, visuals_of
 from cobot.robot.holding import attach_tool_and_objects, check_holds, examine
 from cobot.robot.limits import check_positions
-from cobot.robot.visuals import has_visuals, visuals_of
 from cobot.types import PlannerName, Scaling, vector
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
-from cobot.robot.rays import base_frame, cast, pixels_of, rays_of, view_along
+from cobot.robot.geometry.rays import base_frame, cast, pixels_of, rays_of, view_along
 from cobot.robot.rotations import matrix_of
 from cobot.types import Array
 

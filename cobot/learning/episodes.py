@@ -30,7 +30,7 @@ from cobot.recording.bounds import bounded_reader, require_room
 from cobot.recording.messages import DEFINITIONS, GRIPPER, GRIPPER_VALUES
 from cobot.recording.reader import UNREADABLE
 from cobot.recording.store import UNFINISHED
-from cobot.robot.rays import png
+from cobot.robot.geometry.rays import png
 from cobot.types import Array, vector
 
 JOINT_STATE, IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/CompressedImage"

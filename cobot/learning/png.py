@@ -1,4 +1,4 @@
-"""Reads the PNG files that `cobot.robot.rays.png` writes: eight bits, RGB, no filter, not interlaced."""
+"""Reads the PNG files of `cobot.robot.geometry.rays.png`: eight bits, RGB, no filter, not interlaced."""
 
 from __future__ import annotations
 

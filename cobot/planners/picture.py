@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cobot.robot.description import RobotDescription
-from cobot.robot.rays import base_frame, cast, pixels_of, png, rays_of, view_along
+from cobot.robot.geometry.rays import base_frame, cast, pixels_of, png, rays_of, view_along
 from cobot.types import Array
 
 WIDTH, HEIGHT = 480, 360

@@ -20,8 +20,8 @@ from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
 from app.robot_services import Services
 from cobot.access.roles import Role
 from cobot.pose import Pose
-from cobot.robot.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
-from cobot.robot.visuals import visuals_of
+from cobot.robot.geometry.bodies import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
+from cobot.robot.geometry.visuals import visuals_of
 from cobot.types import Array, JointLimits, Numbers7, PictureView
 
 PROCESS = secrets.token_hex(4)
@@ -228,7 +228,7 @@ async def picture(
 
 
 def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
-    from cobot.robot.picture import draw, solid, surface  # they take a second to import
+    from cobot.robot.geometry.picture import draw, solid, surface  # they take a second to import
 
     parts = []
     cell = services.cell

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from cobot.errors import ConflictError, LimitError, NotFoundError
+from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.scene import Scene, SceneObject
-from cobot.robot.solids import MAX_SOLIDS
 from cobot.strict import shown
 from cobot.types import Pose
 

@@ -18,8 +18,8 @@ from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
+from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.load import check_load
-from cobot.robot.solids import MAX_SOLIDS
 from cobot.robot.tool import Tool, ToolFile, check_tool
 from cobot.strict import shown
 from cobot.types import RESTING, Array

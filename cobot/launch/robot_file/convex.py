@@ -14,7 +14,7 @@ import trimesh
 from scipy import ndimage
 
 from cobot.errors import InputError
-from cobot.robot.mesh import Indices, cells_met, cells_outside
+from cobot.robot.geometry.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1

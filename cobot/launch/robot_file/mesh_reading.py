@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 
 from cobot.errors import InputError
-from cobot.robot.mesh import Indices
+from cobot.robot.geometry.mesh import Indices
 from cobot.types import Array
 
 MAX_BYTES = 300_000_000

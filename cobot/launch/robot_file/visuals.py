@@ -17,7 +17,7 @@ from cobot.errors import ConfigError
 from cobot.launch.robot_file.meshes import find_mesh, safe_stem
 from cobot.launch.robot_file.urdf_checks import SHAPES, ZERO, check_shape
 from cobot.launch.robot_file.worker import Worker, absolute
-from cobot.robot.visuals import MANIFEST
+from cobot.robot.geometry.visuals import MANIFEST
 from cobot.xml_file import numbers
 
 SUBFOLDER = "visuals"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cobot.robot.rays import png
+from cobot.robot.geometry.rays import png
 from cobot.studies.results.colours import NOTHING, SCALE, colours_of, range_of
 from cobot.types import Array
 

@@ -25,7 +25,7 @@ from cobot.learning.record import record
 from cobot.learning.simulation import Simulation
 from cobot.recording import bounds
 from cobot.robot.description import RobotDescription
-from cobot.robot.rays import png
+from cobot.robot.geometry.rays import png
 
 NAMES = ["joint1", "joint2"]
 RANDOM = np.random.default_rng(2)

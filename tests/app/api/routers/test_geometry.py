@@ -20,7 +20,7 @@ from virtual_service import VirtualService
 from app.api.routers.geometry import rendered
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
-from cobot.robot.geometry import geometry_of
+from cobot.robot.geometry.bodies import geometry_of
 from cobot.robot.model import RobotModel
 from cobot.shipped import FOLDER
 from cobot.types import Array, JointLimits

@@ -21,7 +21,7 @@ from cobot.launch.robot_file.convex import solids
 from cobot.launch.robot_file.mesh_reading import as_glb, read_mesh
 from cobot.launch.robot_file.worker import Worker, absolute
 from cobot.robot.description import load_robot
-from cobot.robot.visuals import visuals_of
+from cobot.robot.geometry.visuals import visuals_of
 
 CORNERS = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0], [0, 0, 0.07]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

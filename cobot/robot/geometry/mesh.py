@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError, LimitError
-from cobot.robot.solids import MAX_SOLIDS, coarser, joined
+from cobot.robot.geometry.solids import MAX_SOLIDS, coarser, joined
 from cobot.types import Array
 
 Indices = npt.NDArray[np.int64]

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from cobot.errors import ConfigError, NotFoundError
-from cobot.robot.visuals import MAX_MESH_BYTES, has_visuals, visuals_of
+from cobot.robot.geometry.visuals import MAX_MESH_BYTES, has_visuals, visuals_of
 from cobot.shipped import FOLDER
 
 ENTRY = "{link: a, shape: mesh, position: [0, 0, 0], quaternion: [1, 0, 0, 0], file: FILE}"

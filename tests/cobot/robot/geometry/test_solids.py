@@ -14,10 +14,10 @@ from app.api.solids import solid_of
 from cobot.config import load_settings
 from cobot.errors import InputError, LimitError
 from cobot.robot.description import load_robot
+from cobot.robot.geometry.mesh import parts, read
+from cobot.robot.geometry.solids import MAX_SOLIDS, cloud, columns
 from cobot.robot.load import homogeneous
-from cobot.robot.mesh import parts, read
 from cobot.robot.scene import Scene, SceneFile, SceneObject
-from cobot.robot.solids import MAX_SOLIDS, cloud, columns
 
 ROBOT = load_robot(load_settings(None))
 HOME = np.array(ROBOT.positions["home"].joints)

@@ -16,9 +16,9 @@ from matplotlib.image import imread
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.pose import Pose
-from cobot.robot import picture
 from cobot.robot.description import load_robot
-from cobot.robot.picture import HEIGHT, MARGIN, VIEWS, WIDTH, Facets, draw, solid
+from cobot.robot.geometry import picture
+from cobot.robot.geometry.picture import HEIGHT, MARGIN, VIEWS, WIDTH, Facets, draw, solid
 from cobot.robot.scene import Scene, SceneObject, Shape
 from cobot.types import Array, PictureView
 

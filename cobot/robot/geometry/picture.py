@@ -18,8 +18,8 @@ import trimesh
 
 from cobot.errors import ConfigError, NotFoundError
 from cobot.robot.description import RobotDescription
-from cobot.robot.geometry import geometry_of
-from cobot.robot.visuals import RobotVisuals, visuals_of
+from cobot.robot.geometry.bodies import geometry_of
+from cobot.robot.geometry.visuals import RobotVisuals, visuals_of
 from cobot.types import Array, PictureView, Pose
 
 VIEWS: dict[PictureView, tuple[float, float]] = {
