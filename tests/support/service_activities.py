@@ -92,10 +92,14 @@ class Servo(OverRosbridge):
         return str(health["reason"]) if health.get("mode") == "HOLD" else ""
 
 
-def goal_asked(run: Run, there: list[float], time_s: int, joint: str = "joint") -> str:
-    """To be sent over rosbridge for a goal of FollowJointTrajectory; joints have this name and a number."""
+def goal_asked(run: Run, there: list[float], time_s: int, joint: str | list[str] = "joint") -> str:
+    """To be sent over rosbridge for a goal of FollowJointTrajectory. The joints have these names, or this
+    name and a number.
+    """
     point = {"positions": there, "time_from_start": {"sec": time_s, "nanosec": 0}}
-    joints = [f"{joint}{number}" for number in range(1, len(there) + 1)]
+    joints = joint
+    if isinstance(joint, str):
+        joints = [f"{joint}{number}" for number in range(1, len(there) + 1)]
     asked = {
         "op": "send_action_goal",
         "id": "goal",
@@ -106,7 +110,9 @@ def goal_asked(run: Run, there: list[float], time_s: int, joint: str = "joint") 
     return json.dumps(asked)
 
 
-def followed(run: Run, there: list[float], time_s: int = 2, joint: str = "joint") -> tuple[bool, str]:
+def followed(
+    run: Run, there: list[float], time_s: int = 2, joint: str | list[str] = "joint"
+) -> tuple[bool, str]:
     """Whether a goal of FollowJointTrajectory arrives, and what was answered."""
     with connect(run.url.replace("http", "ws") + "/rosbridge") as socket:
         socket.send(goal_asked(run, there, time_s, joint))

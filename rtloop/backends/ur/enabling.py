@@ -12,12 +12,13 @@ from rtloop.backends.ur.dashboard import Dashboard
 from rtloop.backends.ur.fields import RuntimeState, UrRobotMode
 from rtloop.backends.ur.options import UrOptions
 from rtloop.backends.ur.program import MotionProgram
+from rtloop.backends.ur.robot_api import MIN_VERSION, RobotApi
 from rtloop.backends.ur.transport import ByteStream, UrTransport
 from rtloop.backends.ur.words import LOCAL, SWITCH_ON, UNLOCKABLE, hindrance, mode_in_words
 
 PRIMARY_PORT = 30001
-POLYSCOPE_X = 10
-"""Major version of its software, which has no dashboard server."""
+POLYSCOPE_X = (10,)
+"""First version of its software, which has no dashboard server."""
 SAFETY_S = 2.0
 """Time for a safety mode to end after its cause has been reset."""
 MIN_REMOTE = (5, 6)
@@ -34,7 +35,7 @@ class Enabling:
     ) -> None:
         self._transport, self._options, self._program = transport, options, program
         self._period_s = period_s
-        self._dashboard = Dashboard(transport, options.address)
+        self._operator: Dashboard | RobotApi | None = None
         self._primary: ByteStream | None = None
         self._heard = b""
         self._answer, self._in_time = "", False
@@ -52,26 +53,36 @@ class Enabling:
             BackendError: the arm cannot be made ready, with the reason.
         """
         try:
-            has_dashboard = self._options.dashboard and version[0] < POLYSCOPE_X
-            if has_dashboard:
-                yield from self._require_remote(version)
-            yield from self._become_safe(state, has_dashboard)
-            yield from self._switch_on(state, has_dashboard)
-            yield from self._end_programs(state, has_dashboard)
+            self._operator = self._operator_of(version)
+            yield from self._require_remote(version)
+            yield from self._become_safe(state)
+            yield from self._switch_on(state)
+            yield from self._end_programs(state)
             yield from self._run_program(state, local)
         finally:
             self.close()
 
+    def _operator_of(self, version: tuple[int, ...]) -> Dashboard | RobotApi | None:
+        """The interface of this version that switches the arm on; None if a person does so."""
+        options = self._options
+        if not options.dashboard or POLYSCOPE_X <= version[:2] < MIN_VERSION:
+            return None
+        if version < POLYSCOPE_X:
+            return Dashboard(self._transport, options.address)
+        return RobotApi(self._transport, options.address, options.robot_api_port)
+
     def close(self) -> None:
-        self._dashboard.close()
+        if self._operator is not None:
+            self._operator.close()
         if self._primary is not None:
             self._primary.close()
         self._primary = None
 
     def _ask(self, request: str) -> Generator[None, None, None]:
+        assert self._operator is not None
         self._answer = ""
-        self._dashboard.ask(request)
-        while (answer := self._dashboard.poll()) is None:
+        self._operator.ask(request)
+        while (answer := self._operator.poll()) is None:
             yield
         self._answer = answer
 
@@ -83,14 +94,14 @@ class Enabling:
         self._in_time = happened()
 
     def _require_remote(self, version: tuple[int, ...]) -> Generator[None, None, None]:
-        if version[:2] < MIN_REMOTE:
+        if self._operator is None or version[:2] < MIN_REMOTE:
             return
         yield from self._ask("is in remote control")
         if self._answer.lower() == "false":
             raise BackendError(LOCAL)
 
-    def _become_safe(self, state: State, has_dashboard: bool) -> Generator[None, None, None]:
-        if state()["safety_mode"] == UNLOCKABLE and has_dashboard:
+    def _become_safe(self, state: State) -> Generator[None, None, None]:
+        if state()["safety_mode"] == UNLOCKABLE and self._operator is not None:
             yield from self._ask("close safety popup")
             yield from self._ask("unlock protective stop")
             if "releasing" not in self._answer.lower():
@@ -101,7 +112,7 @@ class Enabling:
         if reason := _hindered(state()):
             raise BackendError(reason)
 
-    def _switch_on(self, state: State, has_dashboard: bool) -> Generator[None, None, None]:
+    def _switch_on(self, state: State) -> Generator[None, None, None]:
         for modes, request, goal in (
             ((UrRobotMode.POWER_OFF,), "power on", (UrRobotMode.IDLE, UrRobotMode.RUNNING)),
             ((UrRobotMode.POWER_ON,), "", (UrRobotMode.IDLE, UrRobotMode.RUNNING)),
@@ -110,7 +121,7 @@ class Enabling:
             mode = state()["robot_mode"]
             if mode not in modes:
                 continue
-            if not has_dashboard:
+            if self._operator is None:
                 raise BackendError(SWITCH_ON[mode])
             if request:
                 yield from self._ask(request)
@@ -127,13 +138,13 @@ class Enabling:
         if mode != UrRobotMode.RUNNING:
             raise BackendError(SWITCH_ON.get(mode) or f"the robot mode: {mode_in_words(mode)}")
 
-    def _end_programs(self, state: State, has_dashboard: bool) -> Generator[None, None, None]:
+    def _end_programs(self, state: State) -> Generator[None, None, None]:
         """Programs of others are not ended. cobot's own, of a process that was killed, ends by itself."""
 
         def stopped() -> bool:
             return bool(state()["runtime_state"] == RuntimeState.STOPPED)
 
-        if not stopped() and self._program.started and has_dashboard:
+        if not stopped() and self._program.started and self._operator is not None:
             yield from self._ask("stop")
         yield from self._until(stopped, SAFETY_S)
         if not self._in_time and not self._program.started:

@@ -21,6 +21,7 @@ class UrOptions(BackendOptions):
         callback: address of this computer as the controller sees it; None: that of the connection to it.
         dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective
             stop; false: a person does so at the teach pendant.
+        robot_api_port: TCP port of the Robot API, which PolyScope X has instead of the dashboard server.
         outputs: whether outputs and the speed slider can be set; other clients of RTDE then cannot set them.
         connect_s: timeout for the connection to the controller, s.
         enable_s: timeout for each step of switching on, s.
@@ -38,6 +39,7 @@ class UrOptions(BackendOptions):
     port: Annotated[int, Field(ge=0, le=65_535)] = DEFAULT_PORT
     callback: Host | None = None
     dashboard: bool = True
+    robot_api_port: Annotated[int, Field(ge=1, le=65_535)] = 80
     outputs: bool = True
     connect_s: Annotated[float, Field(ge=0.1, le=15.0)] = 5.0
     enable_s: Annotated[float, Field(ge=0.5, le=60.0)] = 15.0

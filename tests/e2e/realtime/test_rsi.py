@@ -26,8 +26,6 @@ from streaming_client import StreamClient
 
 from rtloop.contract.__main__ import main as backend_command
 
-PARTS = ("motions", "plans", "trajectories", "programs", "jobs")
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -92,7 +90,7 @@ def took_everything(controller: RsiProcess) -> None:
     assert "reached its limit" not in events
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", rest_tour.PARTS)
 def test_the_rest_tour(run: RunOverRsi, controller: RsiProcess, part: str) -> None:
     rest_tour.tour(run, part)
     took_everything(controller)

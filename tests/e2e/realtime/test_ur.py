@@ -20,8 +20,9 @@ import pytest
 import rest_tour
 from arm_activities import robot_health
 from cobot_run import WAIT_S, answering
+from service_activities import followed
 from streaming_client import StreamClient
-from ur_arm import POSITIONS, ur_folder
+from ur_arm import JOINTS, POSITIONS, ur_folder
 from ur_run import ControllerProcess, RunOverUr
 
 from cobot.config import SETTINGS_FILE
@@ -135,6 +136,13 @@ def test_a_stream_of_joints_moves_it(run: RunOverUr, controller: ControllerProce
         return bool(abs(controller.ask()["setpoint"][0] - HOME[0]) > 0.05)
 
     run.until(turned)
+    nothing_refused(controller)
+
+
+def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverUr, controller: ControllerProcess) -> None:
+    joints = [each[0] for each in JOINTS]
+    rest_tour.again(lambda: followed(run, THERE, joint=joints))
+    np.testing.assert_allclose(controller.ask()["measured"], THERE, atol=5e-3)
     nothing_refused(controller)
 
 

@@ -16,6 +16,7 @@ from cobot.robot.description import load_robot
 from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
 from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.ur import dashboard, robot_api
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.network import DataNetwork
 from rtloop.backends.ur.simulator.options import SERIES, UrControllerOptions
@@ -39,8 +40,8 @@ def main() -> int:
         print(f"cobot simulate ur: {exc}", file=sys.stderr)
         return 2
     print(
-        f"cobot simulate ur: ports 29999, 30001, 30002 and 30004 of {chosen.address}, control on "
-        f"127.0.0.1:{server.control_port}",
+        f"cobot simulate ur: ports {_operator_port(chosen)}, 30001, 30002 and 30004 of {chosen.address}, "
+        f"control on 127.0.0.1:{server.control_port}",
         flush=True,
     )
     if chosen.priority is not None:
@@ -69,7 +70,12 @@ def _server(chosen: argparse.Namespace) -> UrServer:
         chosen.control_port,
         network,
         chosen.patience,
+        chosen.robot_api_port,
     )
+
+
+def _operator_port(chosen: argparse.Namespace) -> int:
+    return int(chosen.robot_api_port) if chosen.series == "x" else dashboard.PORT
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -84,7 +90,19 @@ def _parser() -> argparse.ArgumentParser:
         metavar="IPV4",
         help="address on which it listens; default 127.0.0.1",
     )
-    add("--series", choices=list(SERIES), default="e", help="e: 500 times per second; cb3: 125; default e")
+    add(
+        "--series",
+        choices=list(SERIES),
+        default="e",
+        help="e: 500 times per second; cb3: 125; x: PolyScope X, 500; default e",
+    )
+    add(
+        "--robot-api-port",
+        type=within(int, 1, MAX_PORT),
+        default=robot_api.PORT,
+        metavar="P",
+        help="port of PolyScope X's Robot API; default 80, which needs root",
+    )
     add("--on", action="store_true", help="start with the arm switched on and its brakes released")
     add(
         "--local", action="store_true", help="start in Local Control, which rejects programs from the network"

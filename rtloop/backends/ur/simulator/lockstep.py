@@ -11,7 +11,7 @@ from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
 from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.fri.simulator.arm import CabinetArm
-from rtloop.backends.ur import dashboard, enabling, rtde
+from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
 from rtloop.backends.ur.fields import SafetyMode
 from rtloop.backends.ur.program import decode_position
@@ -20,6 +20,7 @@ from rtloop.backends.ur.simulator.dashboard_session import DashboardSession
 from rtloop.backends.ur.simulator.network import DataNetwork
 from rtloop.backends.ur.simulator.options import UrControllerOptions
 from rtloop.backends.ur.simulator.primary_session import PrimarySession
+from rtloop.backends.ur.simulator.robot_api_session import RobotApiSession
 from rtloop.backends.ur.simulator.rtde_session import RtdeSession
 from rtloop.backends.ur.simulator.session import UrSession
 from rtloop.backends.ur.transport import ByteListener, ByteStream
@@ -133,9 +134,14 @@ class UrLockStep:
     def connect(self, host: str, port: int) -> ByteStream:
         sessions: dict[int, Callable[[], UrSession]] = {
             rtde.PORT: lambda: RtdeSession(self.controller, self.network),
-            dashboard.PORT: lambda: DashboardSession(self.controller),
             enabling.PRIMARY_PORT: lambda: PrimarySession(self.controller),
         }
+        if self.controller.options.series == "x":
+            sessions[robot_api.PORT] = lambda: RobotApiSession(self.controller)
+        else:
+            sessions[dashboard.PORT] = lambda: DashboardSession(self.controller)
+        if port not in sessions:
+            raise ConnectionRefusedError(f"nothing listens at port {port}")
         here, there = _pipe(self.cable)
         self._sessions.append((sessions[port](), there))
         return here

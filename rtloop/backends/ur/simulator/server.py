@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from rtloop.backends.fri.simulator.times import DurationCounter
-from rtloop.backends.ur import dashboard, enabling, rtde
+from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.simulator.control import ControlSession, UrControlRequest
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.dashboard_session import DashboardSession
 from rtloop.backends.ur.simulator.network import DataNetwork
 from rtloop.backends.ur.simulator.primary_session import PrimarySession
+from rtloop.backends.ur.simulator.robot_api_session import RobotApiSession
 from rtloop.backends.ur.simulator.rtde_session import RtdeSession
 from rtloop.backends.ur.simulator.session import UrSession
 from rtloop.backends.ur.transport import TcpStream
@@ -99,8 +100,12 @@ class UrServer:
         control_port: int,
         network: DataNetwork,
         patience_s: float = 0.0,
+        robot_api_port: int = robot_api.PORT,
     ) -> None:
-        """patience_s: how long the controller's time stands still for a late command.
+        """
+        Args:
+            patience_s: how long the controller's time stands still for a late command.
+            robot_api_port: TCP port of the Robot API, for PolyScope X.
 
         Raises:
             OSError: a port is taken.
@@ -117,11 +122,14 @@ class UrServer:
         self._controller = make(self)
         controller = self._controller
         sessions: dict[int, Callable[[], UrSession]] = {
-            dashboard.PORT: lambda: DashboardSession(controller),
             enabling.PRIMARY_PORT: lambda: PrimarySession(controller),
             SECONDARY_PORT: lambda: PrimarySession(controller, is_primary=False),
             rtde.PORT: lambda: RtdeSession(controller, network),
         }
+        if controller.options.series == "x":
+            sessions[robot_api_port] = lambda: RobotApiSession(controller)
+        else:
+            sessions[dashboard.PORT] = lambda: DashboardSession(controller)
         self._listeners: list[socket.socket] = []
         try:
             for port, session in sessions.items():

@@ -54,8 +54,9 @@ def value(backend: UrBackend, name: str) -> float:
     return points[name].value
 
 
-def test_an_arm_that_is_off_is_switched_on_and_its_brakes_are_released(connect: Joined) -> None:
-    backend, way = opened(connect, UrControllerOptions())
+@pytest.mark.parametrize("series", ["e", "x"])
+def test_an_arm_that_is_off_is_switched_on_and_its_brakes_are_released(connect: Joined, series: str) -> None:
+    backend, way = opened(connect, UrControllerOptions(series))
     assert (way.controller.robot_mode, way.controller.runtime) == (UrRobotMode.RUNNING, RuntimeState.PLAYING)
     hold(backend, way, 5)
     assert backend.status().brakes == "released"
@@ -185,8 +186,9 @@ def test_late_commands_make_no_jump_at_full_speed(connect: Joined, period_ms: in
     assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
 
 
-def test_local_control_is_named_with_what_to_press(connect: Joined) -> None:
-    backend, way = opened(connect, UrControllerOptions(is_on=True, is_remote=False))
+@pytest.mark.parametrize("series", ["e", "x"])
+def test_local_control_is_named_with_what_to_press(connect: Joined, series: str) -> None:
+    backend, way = opened(connect, UrControllerOptions(series, is_on=True, is_remote=False))
     assert "Remote Control" in refusal(backend, way)
     way.controller.is_remote = True
     reset(backend)
@@ -270,6 +272,29 @@ def test_safety_modes_are_faults_in_words(connect: Joined, safety: SafetyMode, w
         way.controller.set_safety(SafetyMode.NORMAL)
     reset(backend)
     hold(backend, way, 5)
+
+
+def test_a_protective_stop_is_unlocked_by_the_robot_api_of_polyscope_x(connect: Joined) -> None:
+    backend, way = opened(connect, UrControllerOptions("x", is_on=True))
+    hold(backend, way, 5)
+    way.controller.set_safety(SafetyMode.PROTECTIVE_STOP)
+    assert "protective stop" in refusal(backend, way)
+    way.controller.blocked = "Cannot unlock until 5 s after it"
+    with pytest.raises(
+        BackendError, match=r"does not unlock it: status 409 Conflict Cannot unlock until 5 s"
+    ):
+        reset(backend)
+    way.controller.blocked = ""
+    reset(backend)
+    hold(backend, way, 5)
+
+
+def test_a_polyscope_x_without_the_robot_api_is_switched_on_by_a_person(
+    connect: Joined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(UrControllerOptions, "version", (10, 10, 0, 0))
+    backend, way = opened(connect, UrControllerOptions("x"))
+    assert "press ON, then START at the teach pendant" in refusal(backend, way)
 
 
 def test_reduced_mode_moves_and_is_reported(connect: Joined) -> None:
