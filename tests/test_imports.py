@@ -17,7 +17,15 @@ import cobot
 
 ROOT = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^[ \t]*(?:import (.+)|from ([\w.]+) import (\([^)]*\)|.+))", re.M)
-PROCESSES = ("rtloop.main", "cobot.dds.process", "cobot.launch.cli", "cobot.launch.supervisor", "app.server")
+COMMAND = "cobot.launch.cli"
+PROCESSES = (
+    "rtloop.main",
+    "cobot.dds.process",
+    COMMAND,
+    "cobot.launch.backups",  # of which `cobot run` restores what has been staged
+    "cobot.launch.supervisor",
+    "app.server",
+)
 SLOW = {"cobot.planners", "httpx", "ompl", "ruckig", "scipy"}
 """What only planning processes and clients need."""
 
@@ -37,6 +45,10 @@ def test_a_planning_process_is_ready_without_what_only_some_planners_need() -> N
 
 def test_no_process_imports_what_only_planners_and_clients_need() -> None:
     assert not _imported(PROCESSES) & SLOW
+
+
+def test_a_command_such_as_stop_imports_no_simulation() -> None:
+    assert not _imported((COMMAND,)) & {"mujoco", "cobot.cell", *SLOW}
 
 
 def _imported(modules: tuple[str, ...]) -> set[str]:

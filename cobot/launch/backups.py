@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 from cobot.audit import record_from_cli
-from cobot.client.rest import Client
 from cobot.commands import options
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
@@ -85,6 +84,8 @@ def _tell(backup: Backup, what: str) -> None:
 
 def _support(chosen: argparse.Namespace, settings: Settings) -> None:
     """Write a bundle with data from the service, or from the files alone if the service does not answer."""
+    from cobot.client.rest import Client  # `cobot run` needs this module too, without a client
+
     if chosen.file.exists():
         raise InputError(f"{chosen.file}: {EXISTS}")
     verify = True if chosen.certificate is None else chosen.certificate

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NoReturn
 
 from cobot.addresses import address
-from cobot.cell.cell import cell_file
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
 from cobot.config import Settings, advice, load_settings, load_with_rolled_out
@@ -223,6 +222,8 @@ def _with_cell(settings: Settings, cell: Path | None) -> Settings:
     """The settings with this cell for the default robot. With None the cell of the settings is kept."""
     if cell is None:
         return settings
+    from cobot.cell.cell import cell_file
+
     robot = {"robot": settings.robot.model_copy(update={"cell": cell_file(cell.resolve())})}
     robots = tuple(each.model_copy(update=robot) for each in settings.robots[:1]) + settings.robots[1:]
     return settings.model_copy(update={**robot, "robots": robots})

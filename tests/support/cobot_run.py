@@ -18,6 +18,7 @@ import httpx
 import psutil
 import yaml
 from folders import ROOT, SUPPORT
+from warm_start import Warm, started
 
 WAIT_S = 120.0
 POLL_S = (0.01, 0.05)
@@ -129,15 +130,17 @@ class Run:
     def command(self) -> list[str]:
         return [sys.executable, "-m", "cobot", "run", "--config", str(self.config)]
 
-    def start(self) -> subprocess.Popen[str]:
+    def start(self) -> subprocess.Popen[str] | Warm:
         self.lines.clear()
-        self.process = subprocess.Popen(
-            self.command(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=self.environment
+        command = self.command()
+        warm = None if self.environment else started(command)
+        self.process = warm or subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=self.environment
         )
         threading.Thread(target=self._collect, args=(self.process,), daemon=True).start()
         return self.process
 
-    def _collect(self, process: subprocess.Popen[str]) -> None:
+    def _collect(self, process: subprocess.Popen[str] | Warm) -> None:
         assert process.stdout is not None
         with process.stdout as output:
             for line in output:
@@ -245,7 +248,7 @@ class RunOfFolder(Run):
     def command(self) -> list[str]:
         return [*super().command()[:-1], str(self.made)]
 
-    def start(self) -> subprocess.Popen[str]:
+    def start(self) -> subprocess.Popen[str] | Warm:
         file = self.made / "cobot-setting.yaml"
         settings = yaml.safe_load(file.read_text())
         for section, values in yaml.safe_load(self.config.read_text()).items():
