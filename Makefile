@@ -39,8 +39,8 @@ COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(first
 # Python is started some hundred times: it shall not compile everything each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Tests of whole processes wait for half of their time: four processes keep two processors busy.
-PARALLEL := --numprocesses 4 --dist loadfile --no-loadscope-reorder
+# Tests of whole processes wait for most of their time: five processes keep two processors busy.
+PARALLEL := --numprocesses 5 --dist loadfile --no-loadscope-reorder
 
 # What cython-lint has pycodestyle not look for. It would start one for each file, for twice as long as all the rest.
 NOT_CYTHON := E121,E123,E126,E133,E203,E211,E225,E226,E227,E241,E242,E251,E271,E272,E275,E4,E704,E9,W5

@@ -60,7 +60,7 @@ def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
         ends = np.array([problem.start, problem.goal])
         best = np.inf
         with problem.robot.collision.keeping(room(problem.robot, ends)) as clearance:
-            for seed in range(samples(6)):
+            for seed in range(samples(24)):
                 bounds, paths = (limits.min_position, limits.max_position), []
                 for number in range(3):
                     corners = connect(clearance, ends[0], ends[1:], *bounds, 3 * seed + number, WAIT_S, 2.0)

@@ -2,8 +2,8 @@
 
 Oracles: the same laws in numpy, `tests/support/laws`, around the same generators, which have oracles of
 their own.
-Each part is compared on 100,000 coordinates of random sessions, or on as many random inputs; the environment
-variable COBOT_SHARE_OF_SAMPLES takes fewer.
+Each part is compared on a share (`sample_counts`) of 100,000 coordinates of random sessions, or of as many random
+inputs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from laws import target_checks as check_law
 from laws import torque as torque_law
 from laws.comparison import close
 from laws.servo_through_points import ThroughPoints as ThroughPointsLaw
-from sample_counts import samples
+from sample_counts import ENOUGH, samples
 
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode
@@ -384,7 +384,7 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
                 ((one.reference[0] == limits.min_position) | (one.reference[0] == limits.max_position)).any()
             )
             compared += dof
-    if SAMPLES >= 100_000:
+    if ENOUGH:
         assert seen == {None, Intervention.NOT_FINITE, Intervention.JUMP}
         assert min(events.values()) > 0, events
 
@@ -578,7 +578,7 @@ def test_servo_points_of_random_clients(robot: RobotDescription, points: Points,
                 source.follow(followed)
             compared += dof
         counts += [one.taken, one.dropped, one.underruns]
-    if SAMPLES >= 100_000:
+    if ENOUGH:
         assert seen == {None, Intervention.NOT_FINITE}
         drops = mode in (ServoMode.DIRECT, ServoMode.BUFFERED, ServoMode.BUFFERED_1MS)
         waits = mode in (ServoMode.BUFFERED, ServoMode.BUFFERED_1MS)

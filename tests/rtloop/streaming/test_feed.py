@@ -14,7 +14,7 @@ import pytest
 from cobot_run import unique_name
 from laws import feed as law
 from laws.comparison import require_same
-from sample_counts import samples
+from sample_counts import ENOUGH, samples
 from wild_writer import Writer
 
 from cobot.config import Settings
@@ -278,7 +278,7 @@ def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
                 problems.add(int(other.feed.problem))
                 break
         counted += other.safety.interventions
-    if SAMPLES >= 100_000:
+    if ENOUGH:
         names = {each.name for each, count in zip(Intervention, counted, strict=True) if count}
         assert EXPECTED.get(kind.split()[0], set()) <= names
         assert problems <= ({law.SERVO_WATCHDOG, law.CLIENT_ENDED} if "servo" in kind else set())

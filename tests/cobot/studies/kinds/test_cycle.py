@@ -100,7 +100,7 @@ def test_a_search_is_as_good_as_a_grid(tmp_path: Path) -> None:
     grid = cycle(program, orders=[[1, 2, 3]], space={"blend_radius_m": axes})
     best = np.nanmin(np.asarray(grid.kernel()(0, grid.tasks)["duration_s"], float))
     space = {"blend_radius_m": {"uniform": [0.0, 0.1]}}
-    study = cycle(program, orders=[[1, 2, 3]], space=space, search={"trials": 48})
+    study = cycle(program, orders=[[1, 2, 3]], space=space, search={"trials": 24})
     found = run_study(study, tmp_path / "out", workers=1).answer["best duration_s"]
     assert found <= 1.03 * best
 
