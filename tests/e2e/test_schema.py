@@ -52,7 +52,7 @@ BY_NAME = r"^/robots/\{robot\}/"
 LOOK_EVERY_S = 0.1
 PLANNED = re.compile(r"\(for [\d.]+ s\)$")
 """How the name of a motion ends that has no number yet."""
-FORCE = "/robot/force/"
+FORCE = "/force/"
 """Motions with force never get a number, and take as long as on a real robot."""
 LIMIT_S = 1800
 pytestmark = pytest.mark.timeout(2 * LIMIT_S)

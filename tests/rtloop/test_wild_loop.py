@@ -25,8 +25,8 @@ LIMIT_S = 280.0
     [
         (90_000, 1, "between", "loopback"),
         (80_000, 2, "between", "loopback"),
-        (30_000, 5, "between", "simulated"),
-        (20_000, 4, "beside", "loopback"),
+        (120_000, 5, "between", "simulated"),
+        (80_000, 4, "beside", "loopback"),
     ],
 )
 def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(

@@ -173,7 +173,7 @@ def test_dense_samples_find_nothing_on_motions_that_are_proven_free(
         if found is not None:  # the first place, in the ordered search
             before = distances[: int(399 * found[1])]
             assert before.min(initial=1.0) >= margin_m - RESOLUTION_M
-    assert min(verdicts.values()) >= 10 or not ENOUGH, verdicts
+    assert min(verdicts.values()) >= samples(10) or not ENOUGH, verdicts
 
 
 def test_a_slide_and_a_branch_are_bounded_too() -> None:

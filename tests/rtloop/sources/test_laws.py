@@ -2,7 +2,7 @@
 
 Oracles: the same laws in numpy, `tests/support/laws`, around the same generators, which have oracles of
 their own.
-Each part is compared on a share (`sample_counts`) of 100,000 coordinates of random sessions, or of as many random
+Each part is compared on a share (`sample_counts`) of 400,000 coordinates of random sessions, or of as many random
 inputs.
 """
 
@@ -51,7 +51,7 @@ from rtloop.sources.torque import TorqueSource
 PERIOD_S = 1e-3
 PROFILED = 1e-9
 """Where a time-optimal profile of a state that carries rounding lies inside."""
-SAMPLES = samples(100_000)
+SAMPLES = samples(400_000)
 RATES = np.array([[1.0], [1.0 / PERIOD_S], [1.0 / PERIOD_S**2]])
 """A rounding of a position, in a velocity and an acceleration that are its differences."""
 TCP = CartesianLimits(0.5, 2.0, 20.0, 1.0, 5.0, 40.0)

@@ -36,7 +36,7 @@ from rtloop.streaming.collision_monitor import CollisionMonitor
 from rtloop.streaming.feed import PointFeed, TargetFeed
 
 PERIOD_S = 1e-3
-SAMPLES = samples(100_000)
+SAMPLES = samples(200_000)
 NEAR_M = 0.01
 CYCLES = 400
 """Of a session, if nothing ends it."""

@@ -27,7 +27,7 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, LoopMode
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
-CYCLES, EVERY = samples(12_000), 10
+CYCLES, EVERY = samples(48_000), 10
 MARGIN_M, SHORT_M = 0.005, 0.004
 """A small margin, so that an arm that stops too late touches, and the part of it that may be used up."""
 BENT = {"rail arm": np.array([0.0, 0.3, 0.5, 0.4, 0.4, 0.9, 0.2])}

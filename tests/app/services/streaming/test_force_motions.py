@@ -155,9 +155,9 @@ def test_a_search_finds_a_hole(service: VirtualService, table: Table, pattern: s
         "pattern": pattern,
         "radius": 0.005,
         "pitch": 0.0008,
-        "search_speed": 0.006,
+        "search_speed": 0.003,
         "drop": 0.0005,
-        "max_time_s": 100.0,
+        "max_time_s": 200.0,
     }
     found = done(service.post("/robot/force/search", body))
     assert (found["success"], found["stopped_by"]) == (True, "drop"), found

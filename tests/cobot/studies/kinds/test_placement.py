@@ -96,14 +96,13 @@ def test_a_search_finds_a_placement_as_good_as_a_grid(tmp_path: Path) -> None:
     need("cmaes", "study")
     need("optuna", "study")
     space = {"base_x_m": {"uniform": [-0.3, 0.5]}, "base_y_m": {"uniform": [-0.4, 0.4]}}
-    targets = {"box": {"low": LOW.tolist(), "high": HIGH.tolist()}, "spacing_m": 0.15}
-    study = placement(space, method="ik", search={"trials": 40}, targets=targets)
+    study = placement(space, method="ik", search={"trials": 40})
     best = run_study(study, tmp_path / "out", workers=1).answer["best share"]
     axes = {
         name: {"low": axis["uniform"][0], "high": axis["uniform"][1], "count": 7}
         for name, axis in space.items()
     }
-    grid = placement(axes, method="ik", targets=targets)
+    grid = placement(axes, method="ik")
     assert best >= float(np.max(np.asarray(grid.kernel()(0, grid.tasks)["share"], float))) - 0.03
 
 
