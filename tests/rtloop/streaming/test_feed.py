@@ -252,7 +252,7 @@ def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
     client = Client(memories[0], random)
     one, other = Side(settings, robot, memories[1]), Side(settings, robot, memories[2])
     counted, problems = np.zeros(len(Intervention), np.uint64), set()
-    cycles = SAMPLES // robot.limits.dof // (5 if "servo" in kind else 1)
+    cycles = SAMPLES // robot.limits.dof // (2 if "servo" in kind else 1)
     while cycles > 0:
         position = a_place(robot, settings.streaming.collision_margin_m, random)
         pose = np.zeros(7)
