@@ -72,9 +72,9 @@ TESTS = (
 WILD_LOOP = "tests/rtloop/test_wild_loop.py::test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits"
 SCENES = "cage", "shelf", "table"
 NARROW = "test_ways_out_of_narrow_places_are_not_much_longer_than_the_best_and_the_same_again"
-# What takes long there: half a minute, of modules that the sources and the whole loop work too; searches that
-# the tests beside them make in other scenes; and another interpreter for what differs from the one beside it in
-# its seed alone.
+# These take long there: half a minute, of modules that the sources and the whole loop work too; searches that
+# other tests make in other scenes; and another interpreter for a test that differs from its neighbour only in
+# its seed.
 TOO_LONG = (
     *(f"tests/cobot/planners/test_rrt_connect.py::test_a_path_makes_no_detour[{each}]" for each in SCENES),
     f"tests/cobot/planners/test_rrt_connect.py::{NARROW}",
@@ -260,7 +260,9 @@ def test_each_compiled_module_is_worked_there() -> None:
 @pytest.mark.timeout(2 * LIMIT_S)
 def test_the_sanitizers_find_nothing_in_the_compiled_modules(copy: Path) -> None:
     deselected = [f"--deselect={test}" for test in TOO_LONG]
-    result = in_copy(copy, "-m", "pytest", "--assert=plain", "-p", "pytest_timeout", "-x", *deselected, *TESTS)
+    # Without rewritten assertions: to compile the tests takes seconds there.
+    options = ("--assert=plain", "-p", "pytest_timeout", "-x")
+    result = in_copy(copy, "-m", "pytest", *options, *deselected, *TESTS)
     assert result.returncode == 0, result.stdout[-10000:] + result.stderr[-10000:]
 
 

@@ -1,8 +1,8 @@
 """How many random inputs a test takes: a share of the number that it names.
 
-The environment variable COBOT_SHARE_OF_SAMPLES sets the share. By default it is a quarter, which `make test` has
-time for; 1 is for who has changed what the test is about. Under the sanitizers, which make all of it ten times
-as slow, it is a hundredth: what memory a test touches does not depend on the number.
+The environment variable COBOT_SHARE_OF_SAMPLES sets the share. The default is a quarter, for which
+`make test` has time. Use 1 after a change of the tested code. The sanitizers, which make a test ten times as
+slow, use a hundredth: the memory that a test touches does not depend on the number.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 DEFAULT_SHARE = 0.25
 SHARE = float(os.environ.get("COBOT_SHARE_OF_SAMPLES", DEFAULT_SHARE))
 ENOUGH = SHARE >= DEFAULT_SHARE
-"""Whether all that a test must meet by chance is met."""
+"""Whether the share is large enough to meet all that a test has to meet by chance."""
 
 
 def samples(number: int) -> int:

@@ -2,8 +2,8 @@
 
 Oracles: the same laws in numpy, `tests/support/laws`, around the same generators, which have oracles of
 their own.
-Each part is compared on a share (`sample_counts`) of 400,000 coordinates of random sessions, or of as many random
-inputs.
+Each part is compared on a share (`sample_counts`) of 400,000 coordinates of random sessions, or of as many
+random inputs.
 """
 
 from __future__ import annotations
