@@ -26,6 +26,7 @@ from app.services.motion.planning import PlanningService
 from app.services.motion.plans import PlanService
 from app.services.motion.positions import PositionService
 from app.services.motion.queue.motion_queue import MotionQueue
+from app.services.motion.retarget import RetargetService
 from app.services.motion.scene import SceneService
 from app.services.motion.synchronous import SyncService
 from app.services.motion.tool import ToolService
@@ -130,6 +131,7 @@ class Services:
     settings: RobotSettings
     queue: MotionQueue
     jobs: JobService
+    retargeting: RetargetService
     servo: ServoService
     fjt: FollowJointTrajectory
     states: StateTexts
@@ -247,6 +249,7 @@ def _services(
         settings=tool_and_limits,
         queue=queue,
         jobs=JobService(jobs, ownership, stopping, sequences, queue, gripper, studies),
+        retargeting=RetargetService(link, ownership, goals, motion, planning),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

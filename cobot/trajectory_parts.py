@@ -21,7 +21,7 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
     ]
     times = np.concatenate([[begin_s], inner, [end_s]])
     middles = 0.5 * (times[:-1] + times[1:])
-    return Trajectory(times - begin_s, _expanded(trajectory, times[:-1], middles))
+    return Trajectory(times - begin_s, expanded(trajectory, times[:-1], middles))
 
 
 def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
@@ -44,7 +44,7 @@ def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
     return left, offset_s
 
 
-def _expanded(trajectory: Trajectory, origins_s: Array, inside_s: Array) -> Array:
+def expanded(trajectory: Trajectory, origins_s: Array, inside_s: Array) -> Array:
     """Coefficients of the segments that contain `inside_s`, (n, dof, 6), in the time since `origins_s`."""
     index = np.searchsorted(trajectory.breakpoints_s, inside_s, side="right") - 1
     since = origins_s - trajectory.breakpoints_s[index]

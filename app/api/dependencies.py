@@ -14,7 +14,7 @@ from typing import Annotated, Any, cast, get_type_hints
 
 from fastapi import Depends, Request
 from fastapi.params import Form
-from pydantic import BaseModel
+from pydantic import BaseModel, RootModel
 from starlette.requests import HTTPConnection
 
 from app.api.endpoints import Endpoint
@@ -178,7 +178,7 @@ def body_check(function: Callable[..., Any]) -> Callable[[Request], Awaitable[No
     for hint in get_type_hints(function, include_extras=True).values():
         if any(isinstance(each, Form) for each in getattr(hint, "__metadata__", ())):
             return form_body
-        if isinstance(hint, type) and issubclass(hint, RequestModel):
+        if isinstance(hint, type) and issubclass(hint, RequestModel | RootModel):
             return json_body
     return None
 

@@ -111,7 +111,7 @@ class JobService:
             NotFoundError, ConflictError: there is no such job, or it has already ended.
             ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
-        job = self._going(number)
+        job = self.going(number)
         reason = StopReason(f"job {number} was cancelled by {CLIENT.get()}", "cancelled")
         error = reason.error
         if job is self._ownership.sequence_job:
@@ -138,7 +138,7 @@ class JobService:
             InputError: there is no such waypoint.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
-        job = self._going(number)
+        job = self.going(number)
         if job.state is JobState.QUEUED:
             raise ConflictError(
                 f"job {number} is queued: pause the job before it instead, then this one waits too"
@@ -170,7 +170,7 @@ class JobService:
 
     async def step(self, number: str) -> JobRecord:
         """Continue a paused sequence up to its next stop. Raises as `resume`."""
-        job = self._going(number)
+        job = self.going(number)
         steps = self._steps(job)
         self._require_paused(job)
         if steps.held:
@@ -192,7 +192,7 @@ class JobService:
             InputError: there is no such waypoint.
             UnavailableError: see `SpeedOverride.resume`.
         """
-        job = self._going(number)
+        job = self.going(number)
         self._require_paused(job)
         if job is self._ownership.sequence_job or waypoint is not None:
             self._steps(job).go_on(waypoint)
@@ -215,7 +215,12 @@ class JobService:
                 f"job {job.id} waits because the speed override is 0: POST /robot/speed_override"
             )
 
-    def _going(self, number: str) -> Job:
+    def going(self, number: str) -> Job:
+        """A job that has not ended.
+
+        Raises:
+            NotFoundError, ConflictError: there is no such job, or it has already ended.
+        """
         job = self.book.live(number)
         if job is None:
             raise ConflictError(f"job {number} has already ended: {self._find(number).state}")

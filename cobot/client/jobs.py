@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from cobot.client.connection import ERRORS, Connection, Json
 from cobot.clock import SYSTEM
@@ -76,6 +77,21 @@ class JobHandle:
     def resume(self, waypoint: int | None = None) -> Json:
         """Resume the job. A sequence that is paused at a waypoint can resume from another one."""
         return self._tell("resume", **{} if waypoint is None else {"waypoint": waypoint})
+
+    def retarget(self, **goal: Any) -> Json:
+        """Lead the running motion to another goal, without a stop; the job goes on.
+
+        Args:
+            goal: the fields of a motion as in POST /robot/move/named, joints or pose, for example
+                `joints=[...], speed=0.3`.
+
+        Returns:
+            The answer of POST /jobs/{job}/retarget: where the arm leaves its former path.
+
+        Raises:
+            CobotError: the goal cannot be changed; the motion goes on as before.
+        """
+        return self._connection._json("POST", f"/jobs/{self.id}/retarget", json=goal, timeout=30.0)
 
     def _tell(self, what: str, **query: int) -> Json:
         path = f"/jobs/{self.id}/{what}"

@@ -67,6 +67,7 @@ def test_every_example_says_how_it_is_run() -> None:
         "hello.lua": ".venv/bin/cobot lua examples/hello.lua",
         "learning_env.py": ".venv/bin/python examples/learning_env.py",
         "lerobot_arm.py": ".venv/bin/python examples/lerobot_arm.py",
+        "new_goal.py": ".venv/bin/python examples/new_goal.py",
         "openpi_policy.py": ".venv/bin/python examples/openpi_policy.py HOST:PORT [SECONDS]",
         "own_hand.py": ".venv/bin/python examples/own_hand.py",
         "paths.py": ".venv/bin/python examples/paths.py",
@@ -107,6 +108,13 @@ def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
     said = output(clone, command, shared)
     assert "velocity: at most" in said
     assert "nearest to its surroundings" in said
+
+
+def test_a_motion_gets_new_goals_while_it_runs(shared: Run, clone: Path) -> None:
+    (command,) = commands("new_goal.py")
+    said = output(clone, command, shared)
+    assert said.count("new path in") == 3
+    assert said.splitlines()[-1] == "joint 1 is at 0.300 rad"
 
 
 def test_what_stands_in_the_way_is_gone_around(shared: Run, clone: Path) -> None:

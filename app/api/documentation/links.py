@@ -34,7 +34,7 @@ LINKS: dict[str, dict[str, dict[str, Any]]] = {
     "KeptPlan": {"execute": {"requestBody": {"plan_id": PLAN}}},
     "JobAnswer": {
         operation: _parameter("job", JOB)
-        for operation in ("job", "cancel_job", "pause_job", "resume_job", "step_job")
+        for operation in ("job", "cancel_job", "pause_job", "resume_job", "retarget_job", "step_job")
     },
     "NamedPositionAnswer": {
         "move_named": {"requestBody": {"name": NAME}},

@@ -10,6 +10,7 @@ from fastapi import Path, Query, Request, Response
 from app.api.costly import costly_turn
 from app.api.dependencies import Call, addressed
 from app.api.errors import responses
+from app.api.motions.goals import goal_of
 from app.api.paging import deprecated_value, page_of
 from app.api.route import EndpointRouter
 from app.api.schemas.jobs import (
@@ -17,6 +18,8 @@ from app.api.schemas.jobs import (
     JobQuery,
     JobsAnswer,
     JobsQuery,
+    NewGoal,
+    RetargetAnswer,
     SpeedOverrideAnswer,
     SpeedOverrideBody,
     job_answer,
@@ -119,6 +122,37 @@ async def step_job(job: Id, request: Request) -> JobAnswer:
     services = Call(request).services
     audit.add_details(job=job)
     return job_answer(await services.jobs.step(job))
+
+
+@router.endpoint(
+    "POST /jobs/{job}/retarget",
+    Role.OPERATOR,
+    timeout_s=20.0,
+    control=True,
+    responses=responses(404, 409, 501, 503),
+)
+async def retarget_job(job: Id, body: NewGoal, request: Request) -> RetargetAnswer:
+    """Lead a running motion to another goal, without a stop. If that is impossible, it goes on unchanged.
+
+    The body is that of a motion to a named position, to joint angles or to a pose. The arm leaves its path at
+    a place ahead, with continuous accelerations. The whole way is checked for limits and collisions first.
+    """
+    call = Call(request)
+    services = call.services
+    audit.add_details(job=job)
+    running = services.jobs.going(job)
+    goal = goal_of(body.root, services)
+    found = await services.retargeting.retarget(running, goal, call.timeout_s - ANSWER_S)
+    return RetargetAnswer(
+        job=job,
+        motion_id=found.motion_id,
+        change_in_s=found.change_in_s,
+        settled_in_s=found.settled_in_s,
+        joints=found.joints.tolist(),
+        duration_s=found.duration_s,
+        planning_time_s=found.planning_s,
+        note=found.note,
+    )
 
 
 @router.endpoint("GET /robot/speed_override", Role.OBSERVER, timeout_s=1.5)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Query
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, RootModel
 
 from app.api.dependencies import MAX_BODY, Call
 from app.api.errors import RefusedAnswer
@@ -24,6 +24,8 @@ from cobot import audit
 from cobot.addresses import address
 from cobot.errors import CobotError
 from cobot.loose_lists import RequestModel
+from cobot.motions.bodies import AnyMotion
+from cobot.motions.fields import HOME, example
 from cobot.strict import StrictModel
 
 MAX_WAIT_S = 60.0
@@ -142,6 +144,32 @@ class MoveQuery(BaseModel):
         "path and continue into the next motion without a stop, if that is queued in time. 0: "
         "the TCP stops.",
     )
+
+
+class NewGoal(RootModel[AnyMotion]):
+    """The body of a motion to a named position, to joint angles or to a pose."""
+
+    model_config = example({"joints": [0.5, 0.5, *HOME[2:]], "speed": 0.25})
+
+
+class RetargetAnswer(BaseModel):
+    """The place at which the arm leaves its former path, and the motion from there."""
+
+    job: str = Field(description="Id of the job, which goes on.")
+    motion_id: int = Field(description="Number of the motion, which stays the same.")
+    change_in_s: float = Field(
+        description="Time at planned speed until the arm leaves its former path; 0 if it already has."
+    )
+    settled_in_s: float = Field(
+        description="Time at planned speed until only the new motion counts. Until then it is added to the "
+        "former one, which slows down."
+    )
+    joints: list[float] = Field(description="Joint positions where the arm leaves its former path, rad.")
+    duration_s: float = Field(description="Time from there to the new goal, at planned speed.")
+    planning_time_s: float = Field(
+        description="Time from the request until the real-time loop had the new motion."
+    )
+    note: str = Field(description="How the motion differs from the request; empty if it does not.")
 
 
 class SpeedOverrideBody(RequestModel):

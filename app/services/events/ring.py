@@ -33,7 +33,7 @@ TYPES = {
     "reset": "a client has reset an e-stop or a fault",
     "intervention": "the safety layer has intervened",
     "lease": "control of the robot was taken or has ended",
-    "motion": "a motion has begun or ended",
+    "motion": "a motion has begun, ended or got another goal",
     "action": "an action on the path of a motion has fired, or has not",
     "session": "a streaming session has begun or ended",
     "sequence": "a sequence or program has started, is moving to its next waypoint, or has ended",

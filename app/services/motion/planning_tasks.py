@@ -14,6 +14,7 @@ from typing import TypeVar
 from cobot.config import Settings
 from cobot.errors import CobotError, InputError
 from cobot.findings import Explanation
+from cobot.motions.change_over import ChangeOver
 from cobot.motions.forecast import Forecast
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
@@ -103,6 +104,15 @@ def extend_stretch(
     from cobot.planners.rated import with_envelope
 
     return extend_stretch(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
+
+
+def change_goal(
+    robot: RobotDescription, request: MotionRequest, under_way: Trajectory, now_s: float, from_s: float
+) -> ChangeOver:
+    """See `cobot.planners.retarget.retarget`."""
+    from cobot.planners.retarget import retarget
+
+    return retarget(robot, request, under_way, now_s, from_s)
 
 
 def join_motions(

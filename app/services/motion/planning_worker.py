@@ -50,6 +50,7 @@ def main() -> int:
     from cobot.config import load_settings
     from cobot.errors import CobotError
     from cobot.logs import start_logging
+    from cobot.planners import retarget  # noqa: F401
     from cobot.planners.blending import prolonged  # noqa: F401
     from cobot.robot.description import load_robot
 

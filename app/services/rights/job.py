@@ -185,6 +185,11 @@ class Job:
         """The number of its newest motion."""
         return self._motion_id
 
+    @property
+    def signals(self) -> SignalResults | None:
+        """The results of its actions and conditions; None if it has none."""
+        return None if self._signals is None else self._signals()
+
     def begin(self, override: SpeedOverride) -> None:
         """Note that the job has its claim, with this speed override."""
         self._override = override

@@ -75,6 +75,10 @@ class Ownership:
             return None
         return claim.motion_id, claim.trajectory
 
+    def claim_of(self, job: Job) -> Claim | None:
+        """The claim of a job; None if the job does not have it now."""
+        return self._claim if self._claim is not None and self._claim.job is job else None
+
     @property
     def in_motion(self) -> bool:
         """Whether a motion or a streaming session runs. False for a sequence between its motions."""
@@ -172,6 +176,23 @@ class Ownership:
         if self._sequence is None or self._sequence.token != client.sequence:
             self.lease.require(client)
 
+    def require_mover(self, what: str) -> None:
+        """Check that no other client moves the arm or has control.
+
+        Args:
+            what: for the error, what only the client that moves the arm can do.
+
+        Raises:
+            ConflictError: another client does.
+        """
+        self.require_control()
+        client, moving = CLIENT.get(), self.moving
+        own = self._sequence is not None and self._sequence.token == client.sequence
+        if moving is not None and not own and not moving.client.same(client):
+            raise ConflictError(
+                f"the robot is in use by {self.owner}, of {moving.client}: only that client can {what}"
+            )
+
     async def set_speed_fraction(self, fraction: float) -> None:
         """Set the speed override, for the present motion and all later ones.
 
@@ -180,17 +201,11 @@ class Ownership:
             LimitError, UnavailableError: see `SpeedOverride.set_fraction`.
         """
         self.require_control()
-        client, moving = CLIENT.get(), self.moving
         if self._link.streamer() is not None and not self.speed_override.follows_stream:
             raise ConflictError(
                 f"{self.owner}: the speed of a streaming session cannot be overridden, because it has no path"
             )
-        own = self._sequence is not None and self._sequence.token == client.sequence
-        if moving is not None and not own and not moving.client.same(client):
-            raise ConflictError(
-                f"the robot is in use by {self.owner}, of {moving.client}: only that client "
-                f"can change the speed"
-            )
+        self.require_mover("change the speed")
         await self.speed_override.set_fraction(fraction)
         if self._sequence is None and self.lease.current is None:
             self._fraction = fraction

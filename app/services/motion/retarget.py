@@ -1,0 +1,203 @@
+"""A new goal for the motion that runs. The arm leaves its present path at a place ahead, without a stop.
+
+Planning takes time in which the arm moves on. The place is therefore as far ahead as planning usually takes.
+If the arm has passed it before the real-time loop has the new trajectory, the loop rejects it and the arm
+goes on as before. Then a place further ahead is tried.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import partial
+
+from app.services.motion.execution import MotionService
+from app.services.motion.goals import Goals
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import change_goal
+from app.services.rights.claims import Claim
+from app.services.rights.job import Job, JobKind, JobState
+from app.services.rights.ownership import Ownership
+from app.services.state.link import RobotLink
+from cobot.errors import ConflictError, ExecutionError, InputError
+from cobot.motions.change_over import ChangeOver
+from cobot.motions.requests import MotionRequest
+from cobot.types import Array
+
+MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
+"""Path time from the arm to the place of the change, s: minimum, initial and maximum value. It follows the
+last planning time.
+"""
+ATTEMPTS = 3
+KINDS = (JobKind.MOVE, JobKind.EXECUTE)
+
+log = logging.getLogger("cobot.motion")
+
+
+@dataclass(frozen=True, slots=True)
+class Retargeted:
+    """The place at which the arm leaves its former path, and the motion from there.
+
+    Attributes:
+        change_in_s, settled_in_s: times at planned speed from the state that the plan began with: the arm
+            leaves its former path, and only the new motion counts.
+        joints: joint positions at the change, shape (dof,), rad.
+        duration_s: time from the change to the new goal, at planned speed.
+        planning_s: from the request until the real-time loop has the new motion.
+        note: see `Trajectory`.
+    """
+
+    motion_id: int
+    change_in_s: float
+    settled_in_s: float
+    joints: Array
+    duration_s: float
+    planning_s: float
+    note: str
+
+
+class RetargetService:
+    """Leads the running motion of one robot to another goal."""
+
+    def __init__(
+        self,
+        link: RobotLink,
+        ownership: Ownership,
+        goals: Goals,
+        motion: MotionService,
+        planning: PlanningService,
+    ) -> None:
+        self._link = link
+        self._ownership = ownership
+        self._goals = goals
+        self._motion = motion
+        self._planning = planning
+        self._busy = False
+        self._lead_s = FIRST_LEAD_S
+
+    async def retarget(self, job: Job, goal: MotionRequest, timeout_s: float) -> Retargeted:
+        """Lead the motion of a job to another goal. On any error the motion goes on unchanged.
+
+        Args:
+            timeout_s: timeout for planning.
+
+        Raises:
+            ConflictError: the job has no motion that can be led elsewhere, another client moves the arm or
+                has control, or the change came too late.
+            InputError: the goal is relative to the TCP, or has actions or conditions.
+            PlanningError: the goal is out of reach from there, or the way is not free.
+            MotionStopped: a stop was requested meanwhile.
+            UnavailableError: see `Commands.replace`.
+        """
+        claim = self._claim_of(job)
+        _require_goal(goal)
+        self._ownership.require_mover("lead the motion to another goal")
+        if self._busy:
+            raise ConflictError(
+                f"job {job.id}: another request is changing its goal; wait for the answer to that one"
+            )
+        self._busy = True
+        try:
+            return await self._change(claim, job, goal, timeout_s)
+        finally:
+            self._busy = False
+
+    def _claim_of(self, job: Job) -> Claim:
+        """The claim of a job whose motion runs.
+
+        Raises:
+            ConflictError: its goal cannot be changed; the error has the reason.
+        """
+        wait = "; cancel it and request the new motion"
+        if job.kind not in KINDS:
+            raise ConflictError(f"job {job.id} ({job.kind}) has no goal that can be changed{wait}")
+        if job.state is JobState.PAUSED:
+            raise ConflictError(f"job {job.id} is paused: resume it first, then change its goal")
+        if job.state is not JobState.RUNNING:
+            raise ConflictError(f"job {job.id} is {job.state}, its motion has not begun{wait}")
+        claim = self._ownership.claim_of(job)
+        if claim is None or claim.trajectory is None or claim.motion_id is None:
+            raise ConflictError(f"job {job.id} belongs to the motion queue, whose goals are fixed{wait}")
+        if job.signals is not None:
+            raise ConflictError(f"job {job.id} has actions or conditions on its path{wait}")
+        claim.proceed()
+        return claim
+
+    async def _change(self, claim: Claim, job: Job, goal: MotionRequest, timeout_s: float) -> Retargeted:
+        begun_s, lead_s = self._link.clock.now_s(), self._lead_s
+        for attempt in range(1, ATTEMPTS + 1):
+            planned_s = self._link.clock.now_s()
+            found = await self._plan(claim, goal, lead_s, timeout_s)
+            took_s = self._link.clock.now_s() - planned_s
+            lead_s = self._lead_s = min(max(2.0 * took_s + MIN_LEAD_S, MIN_LEAD_S), MAX_LEAD_S)
+            try:
+                await self._hand_over(claim, job, found, planned_s)
+            except ConflictError:
+                raise
+            except ExecutionError as exc:
+                claim.proceed()
+                if attempt == ATTEMPTS:
+                    raise ConflictError(
+                        f"job {job.id}: the arm has passed the place of the change {ATTEMPTS} times before "
+                        f"the new motion was ready, and goes on to its former goal: {exc}"
+                    ) from exc
+                continue
+            return self._report(claim, found, self._link.clock.now_s() - begun_s)
+        raise AssertionError
+
+    async def _plan(self, claim: Claim, goal: MotionRequest, lead_s: float, timeout_s: float) -> ChangeOver:
+        trajectory, state = claim.trajectory, self._link.state()
+        assert trajectory is not None
+        now_s = state.path_time_s if state.motion_id == claim.motion_id else 0.0
+        work = partial(
+            change_goal,
+            request=self._goals.request(goal, trajectory.end),
+            under_way=trajectory,
+            now_s=now_s,
+            from_s=now_s + lead_s,
+        )
+        return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
+
+    async def _hand_over(self, claim: Claim, job: Job, found: ChangeOver, planned_s: float) -> None:
+        """Let the real-time loop continue with the new trajectory.
+
+        Raises:
+            ConflictError: the motion has ended meanwhile.
+            ExecutionError: the real-time loop rejects it, for example because the arm is too far.
+        """
+        if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
+            raise ConflictError(f"job {job.id} has ended while the way to the new goal was planned")
+        await self._motion.replace(claim, found.trajectory, found.offset_s, planned_s)
+
+    def _report(self, claim: Claim, found: ChangeOver, planning_s: float) -> Retargeted:
+        motion_id, whole = claim.motion_id, found.trajectory
+        assert motion_id is not None
+        self._link.events.publish(
+            "motion", what="retargeted", motion=motion_id, duration_s=whole.duration_s, by=str(claim.client)
+        )
+        log.info("%smotion %d: leads to another goal now", self._link.label, motion_id)
+        state = self._link.state()
+        now_s = state.path_time_s if state.path_duration_s == whole.duration_s else 0.0
+        return Retargeted(
+            motion_id,
+            max(found.begin_s - now_s, 0.0),
+            max(found.end_s - now_s, 0.0),
+            whole.sample([found.begin_s])[0],
+            whole.duration_s - found.begin_s,
+            planning_s,
+            whole.note,
+        )
+
+
+def _require_goal(goal: MotionRequest) -> None:
+    """Raises InputError: the goal has no meaning for an arm that moves."""
+    if goal.is_relative:
+        raise InputError(
+            "the goal is relative to where the arm is (frame_id tool, or an arc by an angle), but it moves; "
+            "give the goal in the base frame, or as joint angles"
+        )
+    if goal.signals:
+        raise InputError(
+            "actions and conditions cannot be added to a motion that runs; leave them out, or cancel the "
+            "job and request a new motion"
+        )

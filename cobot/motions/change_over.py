@@ -1,0 +1,24 @@
+"""A motion whose goal has changed while it runs. For planning processes and the service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cobot.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeOver:
+    """The rest of a motion that leads to another goal. Picklable.
+
+    Attributes:
+        trajectory: equal to the present one, bit for bit, until the change.
+        offset_s: path time of the present trajectory at which this one begins.
+        begin_s, end_s: path times of this trajectory: the arm leaves the present path at the first, and from
+            the second on only the new motion counts.
+    """
+
+    trajectory: Trajectory
+    offset_s: float
+    begin_s: float
+    end_s: float

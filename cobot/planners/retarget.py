@@ -1,0 +1,224 @@
+"""A new goal for a motion that is under way.
+
+A ptp motion goes on from the moving state: Ruckig's profiles lead from its velocities and accelerations to
+the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. From the
+place of the change on, the arm slows down to rest, all joints in the same time. From the place where it would
+rest, a motion from rest leads to the new goal, by any planner. The second begins before the first has ended,
+as early as the limits permit. Both have continuous accelerations, so their sum has too. It is then checked
+like every motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import ruckig
+
+from cobot.errors import CobotError, CollisionError, LimitError, PlanningError
+from cobot.motions.change_over import ChangeOver
+from cobot.motions.requests import MotionRequest
+from cobot.planners import plan
+from cobot.planners.checks import TOLERANCE, validate
+from cobot.planners.goals import nearest_goal
+from cobot.planners.ptp import from_profiles
+from cobot.planners.timing.profile import fastest_profile
+from cobot.polynomials import greatest_rates
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import ORDER, Trajectory
+from cobot.trajectory_parts import SAME_S, cut, expanded, rest_at
+from cobot.types import Array, JointLimits, PlannerName, Synchronization
+
+MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
+"""Planners whose first answer is the direct motion of all joints."""
+
+GENTLE = 0.7
+"""Share of the acceleration limits with which the arm slows down; the rest is for the new motion."""
+SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
+"""Shares of the time to rest after which the new motion begins; the first that keeps the limits is used."""
+LOOK_S = 0.01
+"""Interval at which the speed of the TCP is looked at while both motions add up, s."""
+
+
+def retarget(
+    robot: RobotDescription, request: MotionRequest, under_way: Trajectory, now_s: float, from_s: float
+) -> ChangeOver:
+    """Lead a motion to another goal, without changing it before `from_s`.
+
+    While both motions add up, neither a joint nor the TCP is faster than in the faster one of the two.
+
+    Args:
+        request: the new goal; its start is not used.
+        now_s: present path time; the result leaves out what is before it.
+        from_s: path time of the change.
+
+    Raises:
+        PlanningError: the new goal is out of reach from there, or the way to it is not free.
+        InputError: as `cobot.planners.plan`.
+    """
+    from_s = min(from_s, under_way.duration_s)
+    state = np.array([under_way.sample([from_s], order)[0] for order in range(3)])
+    if from_s == under_way.duration_s:
+        state[1:] = 0.0
+    whole, until_s = _moving_on(robot, request, state), 0.0
+    if whole is None:
+        whole, until_s = _by_way_of_rest(robot, request, under_way, max(now_s, 0.0), state)
+    before = replace(_until(under_way, from_s), note="", notices=())
+    changed, offset_s = rest_at(before.followed_by(whole), now_s)
+    at_s = from_s - offset_s
+    return ChangeOver(changed, offset_s, at_s, at_s + until_s)
+
+
+def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) -> Trajectory | None:
+    """The fastest motion of all joints from a moving state, shape (3, dof), to the goal; None if the request
+    asks for another path, is slower than the state, or is not free in this way."""
+    limits = request.scaled_limits(robot)
+    direct = request.planner in MOVING_ON and request.synchronization is Synchronization.TIME
+    slow = (np.abs(state[1:]) > (limits.max_velocity, limits.max_acceleration)).any()
+    if not direct or slow or request.constraints is not None:
+        return None
+    problem = _profile(state, limits)
+    try:
+        goal = nearest_goal(robot, replace(request, start=state[0]))
+        problem.target_position = goal.tolist()
+        solution = fastest_profile(problem)
+        motion = from_profiles(solution.profiles[0], solution.duration)
+        validate(robot, motion, limits)
+    except CobotError:
+        return None
+    return motion
+
+
+def _by_way_of_rest(
+    robot: RobotDescription, request: MotionRequest, under_way: Trajectory, now_s: float, state: Array
+) -> tuple[Trajectory, float]:
+    """The sum of both motions, and the time at which the first one ends."""
+    left = cut(under_way, min(now_s, under_way.duration_s - 2.0 * SAME_S), under_way.duration_s)
+    limits = _allowed(robot, request, left)
+    slowing = _slow_down(state, limits)
+    following = plan(robot, replace(request, start=slowing.end))
+    if following is not None:
+        whole = _joined(robot, request, limits, left, slowing, following)
+        return replace(whole, note=following.note, notices=following.notices), slowing.duration_s
+    validate(robot, slowing, limits)
+    return slowing, slowing.duration_s
+
+
+def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) -> JointLimits:
+    """The larger of the request's limits and of what the present motion uses, within the robot's limits."""
+    asked, own = request.scaled_limits(robot), robot.limits
+    used = greatest_rates(left.coefficients, np.diff(left.breakpoints_s)).max(axis=1)
+    rows = zip(
+        (asked.max_velocity, asked.max_acceleration, asked.max_jerk),
+        used * (1.0 + TOLERANCE),
+        (own.max_velocity, own.max_acceleration, own.max_jerk),
+        strict=True,
+    )
+    return own.with_rates(*(np.minimum(np.maximum(mine, other), most) for mine, other, most in rows))
+
+
+def _slow_down(state: Array, limits: JointLimits) -> Trajectory:
+    """From a moving state, shape (3, dof), to rest, all joints in the same time."""
+    if not state[1:].any():
+        return _resting(state[0])
+    acceleration = np.maximum(GENTLE * limits.max_acceleration, np.abs(state[2]) * (1.0 + TOLERANCE))
+    gentle = limits.with_rates(limits.max_velocity, acceleration, limits.max_jerk)
+    problem = _profile(state, gentle)
+    problem.control_interface = ruckig.ControlInterface.Velocity
+    solution = fastest_profile(problem)
+    return from_profiles(solution.profiles[0], solution.duration)
+
+
+def _profile(state: Array, limits: JointLimits) -> ruckig.InputParameter:
+    """Ruckig's problem from a moving state, shape (3, dof), to rest."""
+    problem = ruckig.InputParameter(limits.dof)
+    problem.synchronization = ruckig.Synchronization.Phase
+    problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()
+    problem.max_velocity = limits.max_velocity.tolist()
+    problem.max_acceleration = limits.max_acceleration.tolist()
+    problem.max_jerk = limits.max_jerk.tolist()
+    return problem
+
+
+def _resting(position: Array) -> Trajectory:
+    coefficients = np.zeros((1, len(position), ORDER))
+    coefficients[0, :, 0] = position
+    return Trajectory(np.array([0.0, 1e-6]), coefficients)
+
+
+def _joined(
+    robot: RobotDescription,
+    request: MotionRequest,
+    limits: JointLimits,
+    left: Trajectory,
+    slowing: Trajectory,
+    following: Trajectory,
+) -> Trajectory:
+    """Both motions as one that passes all checks.
+
+    The second begins as early as limits and collisions permit; with constraints it begins at rest.
+
+    Raises:
+        PlanningError: not even both one after the other pass; the error is that of this try.
+    """
+    fastest = max(_tcp_speeds(robot, each, each.duration_s) for each in (left, following))
+    shares = SHARES if request.constraints is None else SHARES[-1:]
+    problem: LimitError | PlanningError | None = None
+    for begun_s in dict.fromkeys(share * slowing.duration_s for share in shares):
+        whole = _sum(slowing, following, begun_s)
+        last = begun_s == slowing.duration_s
+        if not last and not _keeps_rates(whole, limits):
+            continue
+        if not last and _tcp_speeds(robot, whole, slowing.duration_s) > fastest:
+            continue
+        try:
+            validate(robot, whole, limits)
+        except (LimitError, PlanningError) as exc:
+            problem = exc
+        else:
+            return whole
+    assert problem is not None
+    kind = CollisionError if isinstance(problem, CollisionError) else PlanningError
+    raise kind(
+        f"the way from the present motion to the new goal: {problem}", findings=problem.findings
+    ) from problem
+
+
+def _keeps_rates(motion: Trajectory, limits: JointLimits) -> bool:
+    """Whether no joint is too fast; a fraction of the time that `validate` takes to say where one is."""
+    bounds = np.array((limits.max_velocity, limits.max_acceleration, limits.max_jerk))[:, None]
+    return bool((greatest_rates(motion.coefficients, np.diff(motion.breakpoints_s), bounds) <= bounds).all())
+
+
+def _tcp_speeds(robot: RobotDescription, motion: Trajectory, until_s: float) -> float:
+    """The largest speed of the TCP until a time, m/s."""
+    times_s = np.linspace(0.0, until_s, max(int(until_s / LOOK_S), 1) + 1)
+    twists = robot.model.chain.twists(motion.sample(times_s), motion.sample(times_s, 1))
+    return float(np.linalg.norm(twists[:, :3], axis=1).max())
+
+
+def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
+    """A motion to rest, and on top of it from a time on one from this rest."""
+    if begun_s >= slowing.duration_s:
+        return slowing.followed_by(following)
+    times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))
+    times = times[np.append(True, np.diff(times) > SAME_S)]
+    middles = 0.5 * (times[:-1] + times[1:])
+    coefficients = np.zeros((len(middles), slowing.dof, ORDER))
+    for motion, since_s in ((slowing, 0.0), (following, begun_s)):
+        inside = middles - since_s
+        on = (inside > 0.0) & (inside < motion.duration_s)
+        coefficients[on] += expanded(motion, times[:-1][on] - since_s, inside[on])
+        before, after = inside <= 0.0, inside >= motion.duration_s
+        coefficients[before, :, 0] += motion.start
+        coefficients[after, :, 0] += motion.end
+    coefficients[:, :, 0] -= slowing.end
+    return Trajectory(times, coefficients)
+
+
+def _until(motion: Trajectory, end_s: float) -> Trajectory:
+    """A motion up to a time; its polynomials stay the same, bit for bit."""
+    count = int(np.searchsorted(motion.breakpoints_s, end_s - SAME_S, side="right"))
+    count = min(max(count, 1), motion.segments)
+    times = np.append(motion.breakpoints_s[:count], max(end_s, motion.breakpoints_s[count - 1] + SAME_S))
+    return Trajectory(times, motion.coefficients[:count])

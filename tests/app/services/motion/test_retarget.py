@@ -1,0 +1,223 @@
+"""A new goal for a running motion over REST, on virtual time.
+
+Oracles: what the cycle has commanded in each of its milliseconds, and the limits of the robot; where the arm
+is in the end; the motion's own path without the request.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from virtual_service import VirtualService
+
+from cobot.types import LoopMode
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+FAR = {"joints": [1.5, *HOME[1:]], "speed": 0.5}
+BACK = {"joints": [-0.5, 0.3, *HOME[2:]], "speed": 0.5}
+Json = dict[str, Any]
+
+
+@pytest.fixture
+def run(service: VirtualService) -> Iterator[VirtualService]:
+    service.go_home()
+    service.rig.commanded.clear()
+    yield service
+    service.post("/stop").raise_for_status()
+    service.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
+
+
+def moving(run: VirtualService, body: Json = FAR, path: str = "/robot/move/joints") -> str:
+    answer = run.post(f"{path}?wait=false", body)
+    assert answer.status_code == 202, answer.text
+    job = str(answer.json()["id"])
+    run.until(lambda: run.get(f"/jobs/{job}").json()["progress"] > 0.2)
+    return job
+
+
+def new_goal(run: VirtualService, job: str, body: Json = BACK) -> httpx.Response:
+    return run.post(f"/jobs/{job}/retarget", body)
+
+
+def ended(run: VirtualService, job: str) -> Json:
+    found: Json = run.get(f"/jobs/{job}?wait_s=30").json()
+    return found
+
+
+def require_within_limits(run: VirtualService) -> None:
+    for rate in run.rig.rates():
+        assert rate.max() <= 1.01
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("joints", BACK),
+        ("joints", BACK | {"speed": 0.1}),
+        ("named", {"name": "home", "speed": 0.3}),
+        ("pose", {"x": 0.45, "y": 0.3, "z": 0.55, "b": 3.14, "planner": "lin", "speed": 0.3}),
+        ("joints", BACK | {"planner": "ompl"}),
+    ],
+)
+def test_the_arm_goes_to_the_new_goal_without_a_jump(run: VirtualService, path: str, body: Json) -> None:
+    job = moving(run)
+    answer = new_goal(run, job, body)
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
+    assert found["job"] == job
+    assert 0.0 <= found["change_in_s"] <= found["settled_in_s"]
+    assert ended(run, job)["state"] == "finished"
+    there = run.joints()
+    assert run.post(f"/robot/move/{path}", body).json()["success"]
+    np.testing.assert_allclose(run.joints(), there, atol=2e-3)
+    require_within_limits(run)
+
+
+def test_the_job_and_the_motion_are_the_same_and_the_path_is_the_new_one(run: VirtualService) -> None:
+    events = run.listen("/events?types=motion")
+    job = moving(run)
+    before = run.get("/robot/motion?samples=3").json()
+    new_goal(run, job).raise_for_status()
+    after = run.get("/robot/motion?samples=3").json()
+    assert after["motion_id"] == before["motion_id"]
+    np.testing.assert_allclose(after["path"][-1]["joints"], BACK["joints"], atol=1e-6)
+    told = [events.event("motion")["data"]["what"] for _ in range(2)]
+    assert told == ["begun", "retargeted"]
+    assert ended(run, job)["state"] == "finished"
+    events.close()
+
+
+def test_a_motion_gets_one_new_goal_after_the_other(run: VirtualService) -> None:
+    job = moving(run)
+    for by in (0.8, -0.4, 0.2):
+        run.sleep(0.15)
+        goal = {"joints": [by, *HOME[1:]], "speed": 0.5}
+        new_goal(run, job, goal).raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), [0.2, *HOME[1:]], atol=2e-3)
+    require_within_limits(run)
+
+
+def test_a_waiting_client_gets_its_answer_at_the_new_goal(run: VirtualService) -> None:
+    waiting = run.begin(run.asking("POST", "/robot/move/joints", json=FAR))
+    job = run.until(lambda: run.get("/jobs?state=running").json()["jobs"])[0]["id"]
+    run.until(lambda: run.get(f"/jobs/{job}").json()["progress"] > 0.2)
+    new_goal(run, job).raise_for_status()
+    assert run.end(waiting).json()["success"]
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+
+
+def test_a_slowed_down_motion_changes_too(run: VirtualService) -> None:
+    run.post("/robot/speed_override", {"fraction": 0.3}).raise_for_status()
+    job = moving(run)
+    new_goal(run, job).raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+
+
+REFUSED = [
+    ({"joints": [9.0, *HOME[1:]]}, 422, "joint1"),
+    ({"joints": [0.0] * 3}, 422, "7 angles"),
+    ({"name": "nowhere"}, 422, "nowhere"),
+    ({"x": 3.0, "y": 0.0, "z": 0.5}, 422, "reach"),
+    ({"x": 0.0, "y": 0.0, "z": 0.1, "planner": "ptp"}, 422, ""),
+    ({"x": 0.1, "y": 0.0, "z": 0.0, "frame_id": "tool"}, 422, "base frame"),
+    ({"axis": "z", "angle": 0.5}, 422, ""),
+    ({"joints": HOME, "speed": 7.0}, 422, "speed"),
+    ({"joints": HOME, "colour": "red"}, 422, "colour"),
+    ({}, 422, ""),
+    ([], 422, "object"),
+    ({"joints": HOME, "actions": [{"at": {"fraction": 0.5}, "event": "x"}]}, 422, "actions"),
+]
+
+
+@pytest.mark.parametrize(("body", "status", "words"), REFUSED)
+def test_a_goal_that_is_impossible_changes_nothing(
+    run: VirtualService, body: Any, status: int, words: str
+) -> None:
+    job = moving(run)
+    path = run.get("/robot/motion?samples=5").json()["path"]
+    answer = new_goal(run, job, body)
+    assert answer.status_code == status, answer.text
+    assert words in answer.json()["detail"]
+    assert run.get("/robot/motion?samples=5").json()["path"] == path
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), FAR["joints"], atol=2e-3)
+
+
+def test_a_job_that_does_not_run_has_no_goal_to_change(run: VirtualService) -> None:
+    assert new_goal(run, "job_none").status_code == 404
+    job = moving(run)
+    run.post(f"/jobs/{job}/pause").raise_for_status()
+    paused = new_goal(run, job)
+    assert (paused.status_code, "is paused" in paused.json()["detail"]) == (409, True)
+    run.post(f"/jobs/{job}/resume").raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    over = new_goal(run, job)
+    assert (over.status_code, "already ended" in over.json()["detail"]) == (409, True)
+
+
+def test_moves_of_the_queue_keep_their_goals(run: VirtualService) -> None:
+    first, second = (run.post("/robot/move/joints?queue=true", each).json()["id"] for each in (FAR, BACK))
+    run.until(lambda: run.get(f"/jobs/{first}").json()["progress"] > 0.2)
+    assert "queue" in new_goal(run, first).json()["detail"]
+    assert "queued" in new_goal(run, second).json()["detail"]
+    assert ended(run, second)["state"] == "finished"
+
+
+def test_a_motion_with_actions_keeps_its_goal(run: VirtualService) -> None:
+    job = moving(run, FAR | {"actions": [{"at": {"fraction": 0.9}, "event": "near"}]})
+    answer = new_goal(run, job)
+    assert (answer.status_code, "actions" in answer.json()["detail"]) == (409, True)
+    assert ended(run, job)["state"] == "finished"
+
+
+def test_a_client_without_control_changes_nothing(run: VirtualService) -> None:
+    shown = {"X-Control-Token": run.post("/robot/control", {"timeout_s": 60.0}).json()["token"]}
+    job = run.ask("POST", "/robot/move/joints?wait=false", json=FAR, headers=shown).json()["id"]
+    run.until(lambda: run.get(f"/jobs/{job}").json()["progress"] > 0.2)
+    refused = new_goal(run, job)
+    assert (refused.status_code, "control" in refused.json()["detail"]) == (409, True)
+    again = run.ask("POST", f"/jobs/{job}/retarget", json=BACK, headers=shown)
+    assert again.status_code == 200, "the holder of control changes it"
+    assert ended(run, job)["state"] == "finished"
+    run.ask("DELETE", "/robot/control", headers=shown).raise_for_status()
+
+
+def test_two_requests_at_once_are_one_change_or_one_after_the_other(run: VirtualService) -> None:
+    job = moving(run)
+    asked = [run.begin(run.asking("POST", f"/jobs/{job}/retarget", json=BACK)) for _ in range(2)]
+    codes = sorted(run.end(each).status_code for each in asked)
+    assert codes in ([200, 409], [200, 200])
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+
+
+def test_a_stop_wins(run: VirtualService) -> None:
+    job = moving(run)
+    changing = run.begin(run.asking("POST", f"/jobs/{job}/retarget", json=BACK))
+    run.post("/stop").raise_for_status()
+    run.end(changing)
+    assert ended(run, job)["state"] == "cancelled"
+    assert run.rig.mode is LoopMode.HOLD
+    still = run.joints()
+    run.sleep(0.5)
+    np.testing.assert_allclose(run.joints(), still, atol=1e-4)
+    require_within_limits(run)
+
+
+def test_an_obstacle_on_the_new_way_is_an_error_and_the_motion_goes_on(run: VirtualService) -> None:
+    job = moving(run)
+    beside = run.app.state.services.robot.model.forward(np.array([-0.6, *HOME[1:]])).position.tolist()
+    ball = {"shape": "sphere", "radius": 0.05} | dict(zip("xyz", beside, strict=True))
+    assert run.post("/scene", {"objects": {"ball": ball}}).json()["stopped"] == ""
+    answer = new_goal(run, job, {"joints": [-1.2, *HOME[1:]], "speed": 0.5})
+    assert (answer.status_code, answer.json()["code"]) == (422, "collision"), answer.text
+    assert "ball" in answer.json()["detail"]
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), FAR["joints"], atol=2e-3)
+    run.post("/scene", {"clear": True}).raise_for_status()
