@@ -29,14 +29,14 @@ PICTURES = os.environ.get("COBOT_PICTURES")
 # Chromium would draw the arm 60 times a second, by the processor: as it is looked at by nobody, it is drawn
 # less often, and coarsely.
 COARSE = () if PICTURES else ("--webgl-antialiasing-mode=none",)
-SCALE = 1 if PICTURES else 0.25
+SCALE = 1 if PICTURES else 0.5
 DRAW_SELDOM = (
     ""
     if PICTURES
     else """
 {
     const soon = requestAnimationFrame;
-    window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 250);
+    window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 100);
 }
 """
 )
