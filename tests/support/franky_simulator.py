@@ -37,7 +37,7 @@ from franky_sim.franka_robot_protocol import (
 from franky_sim.franka_robot_server import ControlMode
 from franky_sim.mujoco_simulator import MUJOCO_DEFAULT_KP, FrankaMujocoRobot, MujocoSimulator
 
-from rtloop.backends.fri.simulator.times import DurationCounter
+from rtloop.backends.simulators.times import DurationCounter
 
 KV = (300.0, 300.0, 150.0, 150.0, 40.0, 40.0, 40.0)
 PATIENCE_S = 0.5

@@ -13,8 +13,7 @@ from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.lockstep import FanucLockStep
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arm import ControllerArm
 
 BENT = np.radians([10.0, 25.0, -30.0, 5.0, -40.0, 15.0])
 ENOUGH = 2000
@@ -24,7 +23,7 @@ ENOUGH = 2000
 def made_controller(
     settings: Settings, robot: RobotDescription, options: FanucControllerOptions, position: Array = BENT
 ) -> FanucController:
-    return FanucController(CabinetArm(settings, robot.limits, position, ControlMode.POSITION), options)
+    return FanucController(ControllerArm(settings, robot.limits, position), options)
 
 
 class Driven:

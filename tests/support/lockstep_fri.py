@@ -9,11 +9,12 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.lockstep import LockStep
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.network import Network
 
 
 def fri_settings(settings: Settings, period_ms: int = 5, **options: Any) -> Settings:
@@ -33,7 +34,7 @@ def made_cabinet(
     """With the shipped arm where its start position is."""
     options = options or CabinetOptions()
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    return Cabinet(CabinetArm(settings, robot.limits, start, options.control_mode), options)
+    return Cabinet(ControllerArm(settings, robot.limits, start, options.springs), options)
 
 
 def joined(
@@ -45,6 +46,6 @@ def joined(
 ) -> tuple[FriBackend, LockStep]:
     """A backend that is not open yet, and its way to a cabinet."""
     cell = cabinet or CabinetOptions()
-    channel = LockStep(made_cabinet(settings, robot, cell), network or Network())
+    channel = LockStep(made_cabinet(settings, robot, cell), network or FriNetwork())
     own = fri_settings(settings, cell.period_ms, **options)
     return FriBackend(own, robot.limits, channel=channel, clock=channel.clock), channel

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from rtloop.backends.addresses import Address
 from rtloop.backends.fri.messages import CommandMode
 from rtloop.backends.protocols import BackendOptions
 
@@ -16,17 +16,6 @@ COMMAND_MODES = {
     "torque": CommandMode.TORQUE,
     "wrench": CommandMode.WRENCH,
 }
-
-
-def an_ipv4_address(value: str) -> str:
-    try:
-        IPv4Address(value)
-    except ValueError as exc:
-        raise ValueError(f"{value[:80]!r} is not an IPv4 address, such as 172.31.1.147") from exc
-    return value
-
-
-Address = Annotated[str, AfterValidator(an_ipv4_address)]
 
 
 class FriOptions(BackendOptions):

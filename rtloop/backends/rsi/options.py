@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from cobot.types import JointLimits
-from rtloop.backends.fri.options import Address
+from rtloop.backends.addresses import Address
 from rtloop.backends.protocols import BackendOptions
 from rtloop.results import ACCEPTED, Accepted, Rejected
 

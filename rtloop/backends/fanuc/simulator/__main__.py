@@ -20,9 +20,8 @@ from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import MODES, FanucControllerOptions
 from rtloop.backends.fanuc.simulator.server import ControllerServer
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.__main__ import MAX_PORT, add_packet_options, ipv4, within
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, ipv4, within
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.realtime import freeze_garbage, prepare
 
 PERIODS_MS = (1, 2, 4, 8)
@@ -76,7 +75,7 @@ def _server(chosen: argparse.Namespace) -> ControllerServer:
         world_z_m=chosen.world_z,
     )
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    arm = CabinetArm(settings, robot.limits, start, ControlMode.POSITION)
+    arm = ControllerArm(settings, robot.limits, start)
     return ControllerServer(
         FanucController(arm, options),
         FanucNetwork(chosen.seed, chosen.loss, chosen.reorder, chosen.delay),

@@ -3,6 +3,7 @@ TCP."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -11,8 +12,8 @@ from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fanuc.messages import ContactStop
 from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FENCE, FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
-from rtloop.backends.fri.simulator.control import ControlServer, Share
-from rtloop.backends.fri.simulator.network import MAX_DELAY
+from rtloop.backends.simulators.line_server import LineServer, Share
+from rtloop.backends.simulators.network import MAX_DELAY
 
 ALARMS = {"e_stop": E_STOP, "fence": FENCE, "collision": CONTACT}
 
@@ -48,16 +49,22 @@ class FanucControlRequest(StrictModel):
     io: dict[str, Annotated[int, Field(ge=0, le=0xFFFF)]] = Field(default_factory=dict)
 
 
-class FanucControl(ControlServer):
-    """The control interface, as for a KUKA cabinet, but with other requests.
+class FanucControl(LineServer):
+    """The control interface.
 
     Attributes:
         close, deaf: see `FanucControlRequest`; the server evaluates them.
     """
 
-    def __init__(self, port: int, controller: FanucController, network: FanucNetwork, more: Any) -> None:
-        super().__init__(port, controller, network, more)  # type: ignore[arg-type]
-        self._controller = controller
+    def __init__(
+        self,
+        port: int,
+        controller: FanucController,
+        network: FanucNetwork,
+        more: Callable[[], dict[str, Any]],
+    ) -> None:
+        super().__init__(port)
+        self._controller, self._network, self._more = controller, network, more
         self.closes = self.deaf = False
 
     def answer(self, line: bytes) -> dict[str, Any]:

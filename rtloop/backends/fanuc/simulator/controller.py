@@ -42,7 +42,7 @@ from rtloop.backends.fanuc.messages import (
 from rtloop.backends.fanuc.points import PointLayout, layout_of
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.reflexes import Reflexes, table_of
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.results import Rejected
 
 MAX_SPEED = 2000
@@ -71,7 +71,7 @@ class FanucController:
     the speed clamp permits.
     """
 
-    def __init__(self, arm: CabinetArm, options: FanucControllerOptions) -> None:
+    def __init__(self, arm: ControllerArm, options: FanucControllerOptions) -> None:
         self.arm, self.options = arm, options
         self.period_s = options.period_ms * 1e-3
         self.units = JointUnits(arm.limits, options.horizon)

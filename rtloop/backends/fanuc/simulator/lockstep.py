@@ -16,8 +16,7 @@ from rtloop.backends.fanuc.simulator.controller import CONTACT, E_STOP, FanucCon
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.rmi import RmiAnswers
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
@@ -160,7 +159,7 @@ class FanucRig:
             io={name: IO.get(name, 0) for name in points},
             world_z_m=options.world_z_m or 0.0,
         )
-        arm = CabinetArm(settings, limits, np.array(start), ControlMode.POSITION)
+        arm = ControllerArm(settings, limits, np.array(start))
         self._channel = FanucLockStep(FanucController(arm, cell), FanucNetwork())
         self._units = self._channel.controller.units
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rtloop.backends.fanuc.codec import decode_received, encode_status
 from rtloop.backends.fanuc.messages import StatusPacket
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.simulators.network import Network
 
 
 class FanucNetwork(Network):

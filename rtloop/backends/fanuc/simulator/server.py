@@ -15,7 +15,7 @@ from rtloop.backends.fanuc.simulator.control import FanucControl
 from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.rmi import MAX_LINE, RmiAnswers
-from rtloop.backends.fri.simulator.times import DurationCounter
+from rtloop.backends.simulators.times import DurationCounter
 
 MAX_AT_ONCE = 256
 MIN_SHARE = 0.9

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
-from typing import TypeVar
 
 import numpy as np
 
@@ -25,14 +23,14 @@ from rtloop.backends.fri.messages import (
     IoValue,
     OperationMode,
 )
-from rtloop.backends.fri.options import an_ipv4_address
 from rtloop.backends.fri.outputs import point_of
-from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.control import ControlServer
-from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 from rtloop.backends.fri.simulator.server import CabinetServer
+from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, endpoint, ipv4, within
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.realtime import freeze_garbage, prepare
 
 OVERLAYS = {
@@ -45,9 +43,6 @@ CONTROLS = {
     "joint-impedance": ControlMode.JOINT_IMPEDANCE,
     "cartesian-impedance": ControlMode.CARTESIAN_IMPEDANCE,
 }
-MAX_PATIENCE_S = 3600.0
-MAX_PORT = 65_535
-Number = TypeVar("Number", int, float)
 
 
 def main() -> int:
@@ -103,8 +98,8 @@ def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:
         tuple(chosen.io),
     )
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    cabinet = Cabinet(CabinetArm(settings, robot.limits, start, options.control_mode), options)
-    network = Network(chosen.seed, chosen.loss, chosen.reorder, chosen.delay)
+    cabinet = Cabinet(ControllerArm(settings, robot.limits, start, options.springs), options)
+    network = FriNetwork(chosen.seed, chosen.loss, chosen.reorder, chosen.delay)
     return CabinetServer(
         cabinet,
         network,
@@ -180,41 +175,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def add_packet_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for what happens to packets, and for the process that sends them."""
-    add = parser.add_argument
-    share = within(float, 0, 1)
-    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
-    add(
-        "--reorder",
-        type=share,
-        default=0.0,
-        metavar="SHARE",
-        help="share of packets that arrive out of order, 0 to 1",
-    )
-    add(
-        "--delay",
-        type=within(int, 0, MAX_DELAY),
-        default=0,
-        metavar="N",
-        help="number of periods by which answers are late",
-    )
-    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
-    add(
-        "--priority",
-        type=within(int, 1, 99),
-        metavar="P",
-        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
-    )
-    add(
-        "--patience",
-        type=within(float, 0, MAX_PATIENCE_S),
-        default=0.0,
-        metavar="S",
-        help="maximum wait for a late answer",
-    )
-
-
 VERSION_HELP = "version of FRI: 1 for 1.11 to 1.17, 2 for 2.x before 2.7, or 2.7; default 1"
 PORT_HELP = (
     "port from which packets are sent; 0: the client's port number if the client has another address, "
@@ -224,36 +184,6 @@ IO_HELP = (
     "an input or output, as the cabinet sees it, of the type boolean, digital or analog; "
     "such as Tool.Open:boolean:output=1"
 )
-
-
-def endpoint(argument: str) -> tuple[str, int]:
-    host, _, port = argument.rpartition(":")
-    if not (host and port.isdigit() and 0 < int(port) <= MAX_PORT):
-        raise argparse.ArgumentTypeError(f"{argument!r} is not HOST:PORT with an IPv4 host")
-    return host, int(port)
-
-
-def ipv4(argument: str) -> str:
-    try:
-        return an_ipv4_address(argument)
-    except ValueError as exc:
-        raise argparse.ArgumentTypeError(str(exc)) from exc
-
-
-def within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
-    """The type of an argument: a number of this kind in this range."""
-
-    def read(argument: str) -> Number:
-        try:
-            value = kind(argument)
-        except ValueError:
-            value = None
-        if value is None or not least <= value <= most:
-            what = "whole number" if kind is int else "number"
-            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is not a {what} from {least:g} to {most:g}")
-        return value
-
-    return read
 
 
 def _io(argument: str) -> IoValue:

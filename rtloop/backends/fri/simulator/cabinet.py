@@ -34,10 +34,11 @@ from rtloop.backends.fri.messages import (
     SessionState,
 )
 from rtloop.backends.fri.outputs import point_of
-from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.connection import ClientConnection
 from rtloop.backends.fri.simulator.options import CabinetOptions
-from rtloop.backends.fri.simulator.reflexes import check_command, check_echo, check_overlay, usable
+from rtloop.backends.fri.simulator.reflexes import check_echo, check_overlay, usable
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.reflexes import check_command
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 COUNTER = 1 << 32
@@ -67,7 +68,7 @@ class Cabinet:
         io: its inputs and outputs, by name.
     """
 
-    def __init__(self, arm: CabinetArm, options: CabinetOptions) -> None:
+    def __init__(self, arm: ControllerArm, options: CabinetOptions) -> None:
         self.arm, self.options = arm, options
         self.connection = ClientConnection(options.period_ms, options.multiplier)
         self.period_s = options.period_ms * 1e-3
@@ -246,7 +247,9 @@ class Cabinet:
         time_s = elapsed * self.period_s
         with np.errstate(invalid="ignore", over="ignore"):
             velocity = (position - last) / time_s
-            result = check_command(self.arm, position, velocity, self._velocity, time_s, self.mode)
+            result = check_command(
+                self.arm, position, velocity, self._velocity, time_s, in_t1=self.mode == OperationMode.T1
+            )
         if result is ACCEPTED:
             self._velocity = velocity
             self._left = self.options.multiplier

@@ -14,12 +14,8 @@ from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fri.messages import OperationMode
 from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.line_server import LineServer
-from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
-from rtloop.backends.fri.simulator.reflexes import MAX_WRENCH
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
+from rtloop.backends.simulators.line_server import Exerted, LineServer, Share
+from rtloop.backends.simulators.network import MAX_DELAY, Network
 
 
 class ControlRequest(StrictModel):

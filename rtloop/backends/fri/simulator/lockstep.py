@@ -12,11 +12,12 @@ from cobot.types import Array, JointLimits
 from rtloop.backends.fri.backend import FriBackend
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.messages import CommandMessage, IoDirection, IoType, IoValue, OperationMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.backends.fri.simulator.server import AnyCabinet
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.network import Network
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
@@ -93,8 +94,8 @@ class FriRig:
         start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
         io = tuple(IoValue(f"Cell.{each.name}", each, IoDirection.OUTPUT) for each in IoType)
         cell = CabinetOptions(period_ms=round(settings.rt.period_s * 1e3), io=io)
-        arm = CabinetArm(settings, limits, np.array(start), cell.control_mode)
-        self._channel = LockStep(Cabinet(arm, cell), Network())
+        arm = ControllerArm(settings, limits, np.array(start), cell.springs)
+        self._channel = LockStep(Cabinet(arm, cell), FriNetwork())
 
     @property
     def wire(self) -> list[Array]:

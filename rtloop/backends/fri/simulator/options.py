@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rtloop.backends.fri.messages import CommandMode, ControlMode, IoValue, OperationMode
+from rtloop.backends.simulators.arm import Springs
 
 NEEDED_CONTROL = {
     CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
     CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
 }
 """Control mode that KUKA's drives need for these overlays; positions work in any mode."""
+SPRINGS: dict[ControlMode, Springs] = {
+    ControlMode.CARTESIAN_IMPEDANCE: "cartesian",
+    ControlMode.JOINT_IMPEDANCE: "joint",
+}
 MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 
 
@@ -30,6 +35,11 @@ class CabinetOptions:
     command_mode: CommandMode = CommandMode.POSITION
     control_mode: ControlMode = ControlMode.POSITION
     io: tuple[IoValue, ...] = field(default=())
+
+    @property
+    def springs(self) -> Springs | None:
+        """The impedance of the drives; None in position control."""
+        return SPRINGS.get(self.control_mode)
 
     def __post_init__(self) -> None:
         if not MIN_PERIOD_MS <= self.period_ms <= MAX_PERIOD_MS:

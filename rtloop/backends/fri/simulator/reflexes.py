@@ -5,23 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.messages import CommandMessage, CommandMode, OperationMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.fri.messages import CommandMessage, CommandMode
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.reflexes import MAX_WRENCH
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ECHO_RAD = 1e-3
 """Maximum distance of a command from the interpolator while the motion waits, rad."""
-VELOCITY_SHARE = 1.05
-"""Share of its velocity limit above which a joint is stopped."""
-JUMP_RAD_S2 = 60.0
-"""Maximum acceleration of the commands, rad/s²: several times that of a planned motion."""
-SLACK_RAD_S = 1e-3
-LIMIT_RAD = 0.01
-"""Minimum distance of a command from a joint's limits, rad. Closer commands are rejected."""
-MAX_WRENCH = 1000.0
-"""Maximum wrench at the TCP, N or N·m: several times what such an arm holds."""
-T1_M_S = 0.25
-"""Speed of the TCP in T1: the reduced speed of ISO 10218-1."""
 
 
 def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
@@ -49,7 +39,7 @@ def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Reje
     return ACCEPTED
 
 
-def check_echo(arm: CabinetArm, position: Array) -> Accepted | Rejected:
+def check_echo(arm: ControllerArm, position: Array) -> Accepted | Rejected:
     """Check whether a waiting motion may begin."""
     off = np.abs(position - arm.setpoint)
     if not np.isfinite(off).all():
@@ -60,48 +50,4 @@ def check_echo(arm: CabinetArm, position: Array) -> Accepted | Rejected:
             f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad from the interpolator, "
             f"{ECHO_RAD} rad are allowed while the motion waits"
         )
-    return ACCEPTED
-
-
-def check_command(
-    arm: CabinetArm,
-    position: Array,
-    velocity: Array,
-    last_velocity: Array,
-    time_s: float,
-    mode: OperationMode,
-) -> Accepted | Rejected:
-    """Check whether a command is accepted. If not, the running motion ends.
-
-    Args:
-        velocity: velocity since the previous command, rad/s.
-        last_velocity: velocity at the previous command, rad/s.
-        time_s: time between the two commands, s.
-    """
-    if not np.isfinite(position).all():
-        return Rejected("the client commands a position that is not finite")
-    limits = arm.limits
-    outside = np.maximum(limits.min_position - position, position - limits.max_position)
-    joint = int(outside.argmax())
-    if outside[joint] > LIMIT_RAD:
-        return Rejected(
-            f"{limits.names[joint]} is commanded to {position[joint]:.6g} rad, its limits are "
-            f"{limits.min_position[joint]:.3f} and {limits.max_position[joint]:.3f} rad"
-        )
-    speed = np.abs(velocity) / limits.max_velocity
-    joint = int(speed.argmax())
-    if speed[joint] > VELOCITY_SHARE:
-        return Rejected(
-            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.6g} rad/s, its limit is "
-            f"{limits.max_velocity[joint]:.3f} rad/s"
-        )
-    change = np.abs(velocity - last_velocity)
-    joint = int(change.argmax())
-    if change[joint] > JUMP_RAD_S2 * time_s + SLACK_RAD_S:
-        return Rejected(
-            f"the command of {limits.names[joint]} jumps: its velocity changes by {change[joint]:.6g} rad/s "
-            f"in {time_s * 1e3:.0f} ms"
-        )
-    if mode == OperationMode.T1 and (tcp := arm.speed_at(velocity)) > T1_M_S:
-        return Rejected(f"the TCP is commanded to move at {tcp:.3f} m/s, in T1 {T1_M_S} m/s are allowed")
     return ACCEPTED

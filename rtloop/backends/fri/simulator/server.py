@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
 from rtloop.backends.fri.codec import MAX_PACKET
-from rtloop.backends.fri.simulator.line_server import LineServer
-from rtloop.backends.fri.simulator.network import Network
-from rtloop.backends.fri.simulator.times import DurationCounter
+from rtloop.backends.simulators.line_server import LineServer
+from rtloop.backends.simulators.network import Network
+from rtloop.backends.simulators.times import DurationCounter
 
 MAX_WAIT_S = 0.02
 """Interval between checks of the control interface while the server waits for a late answer, s."""

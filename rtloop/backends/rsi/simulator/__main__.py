@@ -13,7 +13,6 @@ import numpy as np
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.robot.description import load_robot
-from rtloop.backends.fri.simulator.__main__ import add_packet_options, endpoint, ipv4, within
 from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.rsi.options import DEFAULT_PORT, RsiOptions
 from rtloop.backends.rsi.simulator.control import RsiControlServer
@@ -22,6 +21,7 @@ from rtloop.backends.rsi.simulator.lockstep import controller_for, with_options
 from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import PERIODS_MS, ControllerOptions
 from rtloop.backends.rsi.telegrams import OPERATION_MODES
+from rtloop.backends.simulators.arguments import add_packet_options, endpoint, ipv4, within
 from rtloop.realtime import freeze_garbage, prepare
 
 

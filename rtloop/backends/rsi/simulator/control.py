@@ -10,10 +10,9 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from cobot.strict import StrictModel, sentence, shown
-from rtloop.backends.fri.simulator.control import Exerted, Share
-from rtloop.backends.fri.simulator.line_server import LineServer
-from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
 from rtloop.backends.rsi.simulator.controller import RsiController
+from rtloop.backends.simulators.line_server import Exerted, LineServer, Share
+from rtloop.backends.simulators.network import MAX_DELAY, Network
 
 
 class RsiControlRequest(StrictModel):

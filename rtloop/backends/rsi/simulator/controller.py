@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.messages import OperationMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
-from rtloop.backends.fri.simulator.reflexes import check_command
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.backends.rsi.telegrams import MICRO, RobState, TelegramLayout, decode_sen, encode_rob
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.reflexes import check_command
 from rtloop.results import Rejected
 
 FIRST_IPOC = 123_456
@@ -81,7 +80,7 @@ class RsiController:
     """
 
     def __init__(
-        self, arm: CabinetArm, layout: TelegramLayout, max_correction: Array, options: ControllerOptions
+        self, arm: ControllerArm, layout: TelegramLayout, max_correction: Array, options: ControllerOptions
     ) -> None:
         """max_correction: limits of AXISCORR and AXISCORRMON, degrees or mm, shape (dof,)."""
         self.arm, self.layout, self.options = arm, layout, options
@@ -228,7 +227,7 @@ class RsiController:
             velocity,
             velocity if session.lenient else session.velocity,
             self.period_s,
-            OperationMode.T1 if self.mode == "T1" else OperationMode.AUT,
+            in_t1=self.mode == "T1",
         )
         if isinstance(result, Rejected):
             self.switch_off(result.reason)

@@ -9,8 +9,6 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.lockstep import RESTART_S, UNLUCKY, LockStep
 from rtloop.backends.rsi.backend import RsiBackend
 from rtloop.backends.rsi.options import RsiOptions
@@ -18,6 +16,7 @@ from rtloop.backends.rsi.simulator.controller import RsiController
 from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.backends.rsi.telegrams import layout_of
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
@@ -32,7 +31,7 @@ def controller_for(
 ) -> RsiController:
     """The controller that fits the options of the backend."""
     own = settings.backend_options(RsiOptions) or RsiOptions()
-    arm = CabinetArm(settings, limits, start, ControlMode.POSITION)
+    arm = ControllerArm(settings, limits, start)
     return RsiController(arm, layout_of(own, limits), np.array(own.limits_of(limits)), options)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.rsi.telegrams import RobState, TelegramLayout, decode_rob, encode_rob
+from rtloop.backends.simulators.network import Network
 
 
 class RsiNetwork(Network):

@@ -13,9 +13,8 @@ import numpy as np
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.robot.description import load_robot
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.__main__ import MAX_PATIENCE_S, MAX_PORT, ipv4, within
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arguments import MAX_PATIENCE_S, MAX_PORT, ipv4, within
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.ur import dashboard, robot_api
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.network import DataNetwork
@@ -60,7 +59,7 @@ def _server(chosen: argparse.Namespace) -> UrServer:
     settings = load_settings(chosen.config).of(chosen.robot)
     robot = load_robot(settings)
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    arm = CabinetArm(settings, robot.limits, start, ControlMode.POSITION)
+    arm = ControllerArm(settings, robot.limits, start)
     options = UrControllerOptions(chosen.series, chosen.on, not chosen.local, chosen.slider / 100.0)
     network = DataNetwork(chosen.seed)
     network.loss = chosen.loss

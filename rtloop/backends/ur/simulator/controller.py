@@ -14,9 +14,8 @@ import numpy as np
 
 from cobot.orientations import Quaternion
 from cobot.types import Array
-from rtloop.backends.fri.messages import OperationMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
-from rtloop.backends.fri.simulator.reflexes import check_command
+from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.reflexes import check_command
 from rtloop.backends.ur.fields import AXES, OUTPUTS, RuntimeState, SafetyMode, UrRobotMode
 from rtloop.backends.ur.simulator.functions import ProgramContext
 from rtloop.backends.ur.simulator.options import UrControllerOptions
@@ -50,7 +49,7 @@ class UrController:
         blocked: why a protective stop cannot be unlocked; "" if it can.
     """
 
-    def __init__(self, arm: CabinetArm, options: UrControllerOptions, transport: UrTransport) -> None:
+    def __init__(self, arm: ControllerArm, options: UrControllerOptions, transport: UrTransport) -> None:
         if arm.limits.dof != AXES:
             raise ValueError(f"an arm of Universal Robots has {AXES} joints, the model has {arm.limits.dof}")
         self.arm, self.options, self.transport = arm, options, transport
@@ -207,7 +206,7 @@ class UrController:
         arm, period_s = self.arm, self.period_s
         if goal is not None:
             velocity = (goal - arm.setpoint) / period_s
-            result = check_command(arm, goal, velocity, self._velocity, period_s, OperationMode.AUT)
+            result = check_command(arm, goal, velocity, self._velocity, period_s)
             if isinstance(result, Rejected):
                 self.set_safety(SafetyMode.PROTECTIVE_STOP, result.reason)
                 goal = None

@@ -9,8 +9,7 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
-from rtloop.backends.fri.messages import ControlMode
-from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
 from rtloop.backends.ur.fields import SafetyMode
@@ -247,7 +246,7 @@ def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions
     """A controller with the arm of the settings, and the way to it."""
     names = settings.robot
     start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
-    arm = CabinetArm(settings, limits, np.array(start), ControlMode.POSITION)
+    arm = ControllerArm(settings, limits, np.array(start))
     made = options or UrControllerOptions(slider=SLIDER)
     return UrLockStep(lambda lock_step: UrController(arm, made, _Later(lock_step)))
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rtloop.backends.fri.simulator.times import DurationCounter
+from rtloop.backends.simulators.times import DurationCounter
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.simulator.control import ControlSession, UrControlRequest
 from rtloop.backends.ur.simulator.controller import UrController

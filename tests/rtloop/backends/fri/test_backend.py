@@ -36,7 +36,7 @@ from rtloop.backends.fri.messages import (
 )
 from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.session import check_entry
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.results import Rejected
 
@@ -103,7 +103,9 @@ Make = Callable[..., Driven]
 
 @pytest.fixture
 def make(settings: Settings, robot: RobotDescription) -> Make:
-    def made(cabinet: CabinetOptions | None = None, network: Network | None = None, **options: Any) -> Driven:
+    def made(
+        cabinet: CabinetOptions | None = None, network: FriNetwork | None = None, **options: Any
+    ) -> Driven:
         backend, channel = joined(settings, robot, cabinet, network, **options)
         backend.open(np.zeros(7))
         return Driven(backend, channel)
@@ -430,9 +432,9 @@ def test_says_in_which_state_it_waited_in_vain(make: Make) -> None:
 
 
 @pytest.mark.parametrize(
-    "network", [Network(1, loss=0.05), Network(2, reorder=0.05)], ids=["loss", "reorder"]
+    "network", [FriNetwork(1, loss=0.05), FriNetwork(2, reorder=0.05)], ids=["loss", "reorder"]
 )
-def test_moves_through_five_percent_of_loss_or_reordering(make: Make, network: Network) -> None:
+def test_moves_through_five_percent_of_loss_or_reordering(make: Make, network: FriNetwork) -> None:
     driven = make(network=network)
     driven.enable()
     driven.swing(2000)

@@ -13,7 +13,7 @@ from rtloop.backends import BackendError, HasIo, Measured
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.messages import CommandMessage, IoDirection, IoType, IoValue, SessionState
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
 OPEN, FORCE, BELT, SENSOR = "Tool.Open", "Tool.Force", "Belt.Speed", "Tool.Sensor"
@@ -22,7 +22,9 @@ OPEN, FORCE, BELT, SENSOR = "Tool.Open", "Tool.Force", "Belt.Speed", "Tool.Senso
 class Cell:
     """A backend that echoes the interpolator, and its cabinet."""
 
-    def __init__(self, settings: Settings, robot: RobotDescription, network: Network | None = None) -> None:
+    def __init__(
+        self, settings: Settings, robot: RobotDescription, network: FriNetwork | None = None
+    ) -> None:
         io = (
             IoValue(OPEN, IoType.BOOLEAN, IoDirection.OUTPUT),
             IoValue(FORCE, IoType.ANALOG, IoDirection.OUTPUT, 2.5),
@@ -84,7 +86,7 @@ def test_an_output_of_each_kind_is_set_and_reported_and_then_left_alone(cell: Ce
 def test_an_output_is_said_until_the_controller_reports_it_whatever_is_lost(
     settings: Settings, robot: RobotDescription
 ) -> None:
-    cell = Cell(settings, robot, Network(seed=5, loss=0.4))
+    cell = Cell(settings, robot, FriNetwork(seed=5, loss=0.4))
     for value in (1.0, 0.0) * 4:
         cell.backend.set_output(OPEN, value)
         cell.run(60)

@@ -13,11 +13,11 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri.messages import IoDirection, IoType, IoValue
 from rtloop.backends.fri.simulator.control import ControlServer
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
 
-def passed(network: Network, count: int) -> list[int]:
+def passed(network: FriNetwork, count: int) -> list[int]:
     found = []
     for number in range(count):
         found += [int(packet) for packet in network.to_client(str(number).encode())]
@@ -25,26 +25,26 @@ def passed(network: Network, count: int) -> list[int]:
 
 
 def test_passes_everything_on_when_nothing_is_asked_for() -> None:
-    assert passed(Network(), 100) == list(range(100))
+    assert passed(FriNetwork(), 100) == list(range(100))
 
 
 def test_loses_the_share_that_it_is_told_and_the_same_each_time() -> None:
-    network = Network(seed=3, loss=0.2)
+    network = FriNetwork(seed=3, loss=0.2)
     arrived = passed(network, 10_000)
     assert len(arrived) + network.lost == 10_000
     assert network.lost / 10_000 == pytest.approx(0.2, abs=0.02)
-    assert arrived == passed(Network(seed=3, loss=0.2), 10_000)
+    assert arrived == passed(FriNetwork(seed=3, loss=0.2), 10_000)
 
 
 def test_reorders_without_losing() -> None:
-    arrived = passed(Network(seed=4, reorder=0.1), 1000)
+    arrived = passed(FriNetwork(seed=4, reorder=0.1), 1000)
     assert arrived != sorted(arrived)
     assert set(range(999)) <= set(arrived)
     assert len(set(arrived)) == len(arrived)
 
 
 def test_delays_answers_by_whole_periods() -> None:
-    network = Network(delay=2)
+    network = FriNetwork(delay=2)
     arrived = []
     for number in range(10):
         assert network.arrived() == []
@@ -54,7 +54,7 @@ def test_delays_answers_by_whole_periods() -> None:
 
 
 def test_drops_the_next_ones_only() -> None:
-    network = Network()
+    network = FriNetwork()
     network.drop = 3
     assert passed(network, 10) == [3, 4, 5, 6, 7, 8, 9]
 
@@ -62,7 +62,7 @@ def test_drops_the_next_ones_only() -> None:
 @pytest.fixture
 def control(settings: Settings, robot: RobotDescription) -> Iterator[ControlServer]:
     options = CabinetOptions(io=(IoValue("Tool.Open", IoType.BOOLEAN, IoDirection.INPUT),))
-    control = ControlServer(0, made_cabinet(settings, robot, options), Network(), lambda: {"more": 1})
+    control = ControlServer(0, made_cabinet(settings, robot, options), FriNetwork(), lambda: {"more": 1})
     yield control
     control.close()
 

@@ -16,7 +16,7 @@ from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import COMMAND_ID, CommandMessage, FriHeader
 from rtloop.backends.fri.simulator import server as module
 from rtloop.backends.fri.simulator.control import ControlServer
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.server import CabinetServer
 
 
@@ -27,7 +27,7 @@ def test_a_client_is_known_by_name_and_by_address(
     cabinet = made_cabinet(settings, robot)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.bind(("127.0.0.1", 0))
-        server = CabinetServer(cabinet, Network(), (host, client.getsockname()[1]), ControlServer)
+        server = CabinetServer(cabinet, FriNetwork(), (host, client.getsockname()[1]), ControlServer)
         try:
             server._begin_period()
             server._begin_period()  # the first one opens the session
@@ -51,7 +51,7 @@ def test_it_sends_from_the_port_that_a_connected_client_elsewhere_hears(
         client.settimeout(20.0)
         cabinet = made_cabinet(settings, robot)
         server = CabinetServer(
-            cabinet, Network(), ("127.0.0.1", port), ControlServer, address=("127.0.0.2", 0)
+            cabinet, FriNetwork(), ("127.0.0.1", port), ControlServer, address=("127.0.0.2", 0)
         )
         try:
             assert server.port == port
@@ -73,7 +73,7 @@ def test_it_leaves_the_port_to_a_client_on_its_own_address(
 ) -> None:
     port = free_udp_port()
     server = CabinetServer(
-        made_cabinet(settings, robot), Network(), ("127.0.0.1", port), ControlServer, address=(address, 0)
+        made_cabinet(settings, robot), FriNetwork(), ("127.0.0.1", port), ControlServer, address=(address, 0)
     )
     try:
         assert server.port != port
@@ -88,7 +88,7 @@ def test_a_second_program_that_sends_is_named_once(
     now_s = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now_s[0], time_ns=lambda: 0)
     monkeypatch.setattr(module, "time", clock)
-    server = CabinetServer(made_cabinet(settings, robot), Network(), ("127.0.0.1", 30200), ControlServer)
+    server = CabinetServer(made_cabinet(settings, robot), FriNetwork(), ("127.0.0.1", 30200), ControlServer)
     try:
         server._begin_period()
         events = server._cabinet.events
@@ -143,7 +143,7 @@ def test_a_cabinet_that_is_held_up_while_it_sends_gives_its_client_the_time_all_
     cabinet = made_cabinet(settings, robot)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.bind(("127.0.0.1", 0))
-        server = CabinetServer(cabinet, Network(), ("127.0.0.1", client.getsockname()[1]), ControlServer)
+        server = CabinetServer(cabinet, FriNetwork(), ("127.0.0.1", client.getsockname()[1]), ControlServer)
         held = HeldUp(server, client)
         clock = SimpleNamespace(monotonic=lambda: held.now_s, time_ns=lambda: 0)
         monkeypatch.setattr(server, "_socket", held)

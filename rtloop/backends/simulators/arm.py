@@ -1,8 +1,9 @@
-"""The arm behind the simulated cabinet: cobot's own dynamics, stepped each millisecond."""
+"""The arm behind a simulated controller: cobot's own dynamics, stepped each millisecond."""
 
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -12,16 +13,16 @@ from cobot.orientations import kuka_angles
 from cobot.robot import quaternion
 from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance, Measured
-from rtloop.backends.fri.messages import ControlMode
 from rtloop.backends.mujoco import MujocoBackend
 
 STEP_S = 0.001
 STIFFNESS_SHARE = 0.2
-"""Stiffness if the cabinet's program has chosen an impedance, as a fraction of the maximum stiffness."""
+"""Stiffness if the controller's program has chosen an impedance, as a fraction of the maximum stiffness."""
 DAMPING_RATIO = 0.7
+Springs = Literal["joint", "cartesian"]
 
 
-class CabinetArm:
+class ControllerArm:
     """The simulated arm.
 
     Attributes:
@@ -32,8 +33,9 @@ class CabinetArm:
     """
 
     def __init__(
-        self, settings: Settings, limits: JointLimits, position: Array, control: ControlMode
+        self, settings: Settings, limits: JointLimits, position: Array, springs: Springs | None = None
     ) -> None:
+        """springs: the drives have an impedance at the joints or at the TCP; None: position control."""
         rt = settings.rt.model_copy(update={"period_s": STEP_S})
         self._drives = MujocoBackend(settings.model_copy(update={"rt": rt}), limits)
         self._model, self._data = self._drives._model, self._drives._data
@@ -49,12 +51,12 @@ class CabinetArm:
         self._rows = np.zeros((3, limits.dof))
         self.measured = Measured(limits.dof)
         self._drives.open(self.setpoint)
-        if control != ControlMode.POSITION:
-            self._drives.set_impedance(self._soft(control))
+        if springs is not None:
+            self._drives.set_impedance(self._soft(springs))
         self._drives.read(self.measured)
 
-    def _soft(self, control: ControlMode) -> Impedance:
-        cartesian = control == ControlMode.CARTESIAN_IMPEDANCE
+    def _soft(self, springs: Springs) -> Impedance:
+        cartesian = springs == "cartesian"
         nominal = self._drives.nominal_cartesian_stiffness if cartesian else self._drives.nominal_stiffness
         return Impedance(cartesian, STIFFNESS_SHARE * nominal, np.full(len(nominal), DAMPING_RATIO))
 

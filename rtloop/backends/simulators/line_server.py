@@ -5,7 +5,15 @@ from __future__ import annotations
 import json
 import socket
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from rtloop.backends.simulators.reflexes import MAX_WRENCH
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
+"""Component of a wrench in a request, N or N·m."""
 
 MAX_LINE = 65_536
 MAX_CLIENTS = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rtloop.backends.fri.simulator.times import MAX_TIME_S, DurationCounter
+from rtloop.backends.simulators.times import MAX_TIME_S, DurationCounter
 
 
 def test_percentiles_are_as_exact_as_they_say() -> None:

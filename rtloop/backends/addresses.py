@@ -1,0 +1,19 @@
+"""Addresses of controllers in the options of backends."""
+
+from __future__ import annotations
+
+from ipaddress import IPv4Address
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+
+def an_ipv4_address(value: str) -> str:
+    try:
+        IPv4Address(value)
+    except ValueError as exc:
+        raise ValueError(f"{value[:80]!r} is not an IPv4 address, such as 172.31.1.147") from exc
+    return value
+
+
+Address = Annotated[str, AfterValidator(an_ipv4_address)]

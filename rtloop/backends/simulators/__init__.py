@@ -1,0 +1,1 @@
+"""Parts that the simulated controllers of several makers share."""

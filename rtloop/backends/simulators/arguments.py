@@ -1,0 +1,79 @@
+"""Arguments of the command line that the simulated controllers share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import TypeVar
+
+from rtloop.backends.addresses import an_ipv4_address
+from rtloop.backends.simulators.network import MAX_DELAY
+
+MAX_PATIENCE_S = 3600.0
+MAX_PORT = 65_535
+Number = TypeVar("Number", int, float)
+
+
+def add_packet_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for what happens to packets, and for the process that sends them."""
+    add = parser.add_argument
+    share = within(float, 0, 1)
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
+    add(
+        "--reorder",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="share of packets that arrive out of order, 0 to 1",
+    )
+    add(
+        "--delay",
+        type=within(int, 0, MAX_DELAY),
+        default=0,
+        metavar="N",
+        help="number of periods by which answers are late",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="seed of the random losses and order")
+    add(
+        "--priority",
+        type=within(int, 1, 99),
+        metavar="P",
+        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
+    )
+    add(
+        "--patience",
+        type=within(float, 0, MAX_PATIENCE_S),
+        default=0.0,
+        metavar="S",
+        help="maximum wait for a late answer",
+    )
+
+
+def endpoint(argument: str) -> tuple[str, int]:
+    host, _, port = argument.rpartition(":")
+    if not (host and port.isdigit() and 0 < int(port) <= MAX_PORT):
+        raise argparse.ArgumentTypeError(f"{argument!r} is not HOST:PORT with an IPv4 host")
+    return host, int(port)
+
+
+def ipv4(argument: str) -> str:
+    try:
+        return an_ipv4_address(argument)
+    except ValueError as exc:
+        raise argparse.ArgumentTypeError(str(exc)) from exc
+
+
+def within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
+    """The type of an argument: a number of this kind in this range."""
+
+    def read(argument: str) -> Number:
+        try:
+            value = kind(argument)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= most:
+            what = "whole number" if kind is int else "number"
+            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is not a {what} from {least:g} to {most:g}")
+        return value
+
+    return read
