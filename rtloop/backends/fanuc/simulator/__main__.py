@@ -4,15 +4,12 @@ Interface."""
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError
 from cobot.robot.description import load_robot
 from rtloop.backends.fanuc.messages import FORCE_VERSION, MIN_VERSION, PORT
 from rtloop.backends.fanuc.options import RMI_PORT, an_io_point
@@ -22,7 +19,7 @@ from rtloop.backends.fanuc.simulator.options import MODES, FanucControllerOption
 from rtloop.backends.fanuc.simulator.server import ControllerServer
 from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, ipv4, within
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.realtime import freeze_garbage, prepare
+from rtloop.backends.simulators.process import serve
 
 PERIODS_MS = (1, 2, 4, 8)
 MAX_LAG_MS = 1000
@@ -31,33 +28,15 @@ MAX_LAG_MS = 1000
 def main() -> int:
     """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     chosen = _parser().parse_args()
-    ending: list[str] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ending.append("asked to")
-
-    signal.signal(signal.SIGTERM, end)
-    signal.signal(signal.SIGINT, end)
-    try:
-        server = _server(chosen)
-    except (CobotError, ValueError, OSError) as exc:
-        print(f"cobot simulate fanuc: {exc}", file=sys.stderr)
-        return 2
-    print(
-        f"cobot simulate fanuc: UDP {chosen.address}:{server.port}, every {chosen.period} ms, "
-        f"TCP {chosen.address}:{server.rmi.port}, control on 127.0.0.1:{server.control_port}",
-        flush=True,
+    return serve(
+        "fanuc",
+        chosen,
+        _server,
+        lambda server: (
+            f"UDP {chosen.address}:{server.port}, every {chosen.period} ms, "
+            f"TCP {chosen.address}:{server.rmi.port}, control on 127.0.0.1:{server.control_port}"
+        ),
     )
-    if chosen.priority is not None:
-        refused = prepare(chosen.priority, None, None).refused
-        freeze_garbage()
-        if refused:
-            print(f"cobot simulate fanuc: {refused}", file=sys.stderr, flush=True)
-    try:
-        server.run(ending)
-    finally:
-        server.close()
-    return 0
 
 
 def _server(chosen: argparse.Namespace) -> ControllerServer:

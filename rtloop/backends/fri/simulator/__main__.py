@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError, LimitError
+from cobot.errors import LimitError
 from cobot.robot.description import load_robot
 from cobot.robot.io_points import require_number
 from rtloop.backends.fri.messages import (
@@ -31,7 +29,7 @@ from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, endpoint, ipv4, within
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.realtime import freeze_garbage, prepare
+from rtloop.backends.simulators.process import serve
 
 OVERLAYS = {
     "position": CommandMode.POSITION,
@@ -53,33 +51,15 @@ def main() -> int:
     if chosen.control_mode and needed not in (None, CONTROLS[chosen.control_mode]):
         needs = next(name for name, control in CONTROLS.items() if control == needed)
         parser.error(f"--overlay {chosen.overlay} needs --control-mode {needs}, got {chosen.control_mode}")
-    ending: list[str] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ending.append("asked to")
-
-    signal.signal(signal.SIGTERM, end)
-    signal.signal(signal.SIGINT, end)
-    try:
-        server = _server(chosen)
-    except (CobotError, ValueError, OSError) as exc:
-        print(f"cobot simulate fri: {exc}", file=sys.stderr)
-        return 2
-    print(
-        f"cobot simulate fri: from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
-        f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}",
-        flush=True,
+    return serve(
+        "fri",
+        chosen,
+        _server,
+        lambda server: (
+            f"from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
+            f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}"
+        ),
     )
-    if chosen.priority is not None:
-        refused = prepare(chosen.priority, None, None).refused
-        freeze_garbage()
-        if refused:
-            print(f"cobot simulate fri: {refused}", file=sys.stderr, flush=True)
-    try:
-        server.run(ending)
-    finally:
-        server.close()
-    return 0
 
 
 def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:

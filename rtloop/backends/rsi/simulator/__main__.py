@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError
 from cobot.robot.description import load_robot
 from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.rsi.options import DEFAULT_PORT, RsiOptions
@@ -22,39 +19,21 @@ from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import PERIODS_MS, ControllerOptions
 from rtloop.backends.rsi.telegrams import OPERATION_MODES
 from rtloop.backends.simulators.arguments import add_packet_options, endpoint, ipv4, within
-from rtloop.realtime import freeze_garbage, prepare
+from rtloop.backends.simulators.process import serve
 
 
 def main() -> int:
     """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     chosen = _parser().parse_args()
-    ending: list[str] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ending.append("asked to")
-
-    signal.signal(signal.SIGTERM, end)
-    signal.signal(signal.SIGINT, end)
-    try:
-        server = _server(chosen)
-    except (CobotError, ValueError, OSError) as exc:
-        print(f"cobot simulate rsi: {exc}", file=sys.stderr)
-        return 2
-    print(
-        f"cobot simulate rsi: from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
-        f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}",
-        flush=True,
+    return serve(
+        "rsi",
+        chosen,
+        _server,
+        lambda server: (
+            f"from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
+            f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}"
+        ),
     )
-    if chosen.priority is not None:
-        refused = prepare(chosen.priority, None, None).refused
-        freeze_garbage()
-        if refused:
-            print(f"cobot simulate rsi: {refused}", file=sys.stderr, flush=True)
-    try:
-        server.run(ending)
-    finally:
-        server.close()
-    return 0
 
 
 def _server(chosen: argparse.Namespace) -> CabinetServer[RsiController]:

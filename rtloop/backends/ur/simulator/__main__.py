@@ -3,56 +3,35 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError
 from cobot.robot.description import load_robot
 from rtloop.backends.simulators.arguments import MAX_PATIENCE_S, MAX_PORT, ipv4, within
 from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.process import serve
 from rtloop.backends.ur import dashboard, robot_api
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.network import DataNetwork
 from rtloop.backends.ur.simulator.options import SERIES, UrControllerOptions
 from rtloop.backends.ur.simulator.server import UrServer
-from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> int:
     """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
     chosen = _parser().parse_args()
-    ending: list[str] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ending.append("asked to")
-
-    signal.signal(signal.SIGTERM, end)
-    signal.signal(signal.SIGINT, end)
-    try:
-        server = _server(chosen)
-    except (CobotError, ValueError, OSError) as exc:
-        print(f"cobot simulate ur: {exc}", file=sys.stderr)
-        return 2
-    print(
-        f"cobot simulate ur: ports {_operator_port(chosen)}, 30001, 30002 and 30004 of {chosen.address}, "
-        f"control on 127.0.0.1:{server.control_port}",
-        flush=True,
+    return serve(
+        "ur",
+        chosen,
+        _server,
+        lambda server: (
+            f"ports {_operator_port(chosen)}, 30001, 30002 and 30004 of {chosen.address}, "
+            f"control on 127.0.0.1:{server.control_port}"
+        ),
     )
-    if chosen.priority is not None:
-        refused = prepare(chosen.priority, None, None).refused
-        freeze_garbage()
-        if refused:
-            print(f"cobot simulate ur: {refused}", file=sys.stderr, flush=True)
-    try:
-        server.run(ending)
-    finally:
-        server.close()
-    return 0
 
 
 def _server(chosen: argparse.Namespace) -> UrServer:
