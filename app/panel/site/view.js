@@ -14,6 +14,7 @@ const UP = new THREE.Vector3(0, 0, 1);
 // Where the camera is, from the middle of an arm whose box has this diagonal, m.
 const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
 const SIZE = 1.3;
+const HANDLES = 0.25; // their height, as a share of the size of the arm
 const GIZMO_PX = 84;
 
 export class View {
@@ -99,7 +100,7 @@ export class View {
     this.draw();
   }
 
-  // A sentence that names links or joints; "" for none.
+  // Names of links or joints, between commas; "" for none.
   blame(names) {
     if (names === this.blamed) return;
     this.blamed = names;
@@ -148,6 +149,8 @@ export class View {
     const box = new THREE.Box3().setFromObject(this.arm.groups[this.geometry.base]);
     if (this.map) box.expandByObject(this.map);
     if (box.isEmpty()) return;
+    const [, , top] = this.arm.tcpPosition(); // the handles at the TCP are seen too
+    box.max.z = Math.max(box.max.z, top + HANDLES * box.getSize(new THREE.Vector3()).length());
     this.framed = true;
     const from = VIEWS[view] ? new THREE.Vector3(...VIEWS[view]) : this.camera.position.clone().sub(this.controls.target);
     from.setLength(new THREE.Vector3(...VIEWS.iso).length() * box.getSize(new THREE.Vector3()).length() / SIZE);

@@ -50,5 +50,6 @@ function choose(wanted) {
     each.setAttribute("aria-label", word(each.dataset.wordLabel));
     if (each.matches("button")) each.title = word(each.dataset.wordLabel);
   }
+  for (const each of document.querySelectorAll("[data-word-placeholder]")) each.placeholder = word(each.dataset.wordPlaceholder);
   for (const write of listeners) write();
 }
