@@ -10,7 +10,7 @@ const LATCHED = ["ESTOP", "FAULT"];
 const TERMINATED = [143, -15]; // return codes of a program that a stop or a cancel has ended
 const LOST_CONTROL = ["taken over", "disconnected", "revoked"];
 const QUIET = ["alive", "hello", "state"];
-const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job" } };
+const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job", kind: "kind" } };
 // Steps on the way to something that has a line of its own.
 const DETAILS = ["mode", "motion", "session", "plan", "action", "planning"];
 const OVER = ["finished", "failed", "cancelled", "interrupted"];

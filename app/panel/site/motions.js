@@ -45,6 +45,7 @@ export class Motions {
     element("position-teach").addEventListener("click", () => this.teach());
     element("position-forget").addEventListener("click", () => this.forget());
     element("position-name").addEventListener("input", () => this.mark());
+    element("position-name").addEventListener("focus", ({ target }) => target.select());
     element("position-name").addEventListener("keydown", ({ key, repeat }) => key === "Enter" && !repeat && this.teach());
     inEachLanguage(() => {
       this.say(this.words);
@@ -93,7 +94,7 @@ export class Motions {
         button.title = description;
         button.dataset.position = name;
         button.setAttribute("aria-pressed", "false");
-        button.addEventListener("click", () => this.choose(name, label));
+        button.addEventListener("click", () => this.press(name, label));
         return button;
       }),
     );
@@ -112,6 +113,7 @@ export class Motions {
     try {
       await this.api.post("/positions", { name, joints, ...(name === label ? {} : { label }) });
       await this.load();
+      if (document.activeElement === element("position-name")) element("position-name").select(); // for the next name
       this.say(() => word("position_taught", { name: label }));
     } catch (error) {
       this.say(() => reasonOf(error), error.message);
@@ -140,6 +142,12 @@ export class Motions {
 
   get speed() {
     return this.speeds.share;
+  }
+
+  // Its name is in the field too, to teach it again or to delete it.
+  press(name, label) {
+    element("position-name").value = label;
+    this.choose(name, label);
   }
 
   choose(name, label = name) {

@@ -54,7 +54,7 @@ export class RunNow {
 
   end(now, { returncode }) {
     const cycles = returncode === 0 ? this.cyclesUntil(now) : this.newest.cycles;
-    this.newest = { ...this.newest, cycles, step: "", runs: false };
+    this.newest = { ...this.newest, cycles, step: returncode === 0 ? "" : this.newest.step, runs: false }; // where a stop has ended it
     this.words = () => "";
   }
 

@@ -13,8 +13,7 @@ const SAME_RAD = 0.01; // rad or m: a ghost that is where the arm is hides it
 const UP = new THREE.Vector3(0, 0, 1);
 // Where the camera is, from the middle of an arm whose box has this diagonal, m.
 const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
-const SIZE = 1.3;
-const HANDLES = 0.25; // their height, as a share of the size of the arm
+const [SIZE, HANDLES] = [1.3, 0.35]; // of the arm that VIEWS are for, and the height of the handles at the TCP, m
 const GIZMO_PX = 84;
 
 export class View {
@@ -103,8 +102,7 @@ export class View {
   // Names of links or joints, between commas; "" for none.
   blame(names) {
     if (names === this.blamed) return;
-    this.blamed = names;
-    this.arm?.blame(names);
+    this.arm?.blame((this.blamed = names));
     this.draw();
   }
 
@@ -149,8 +147,7 @@ export class View {
     const box = new THREE.Box3().setFromObject(this.arm.groups[this.geometry.base]);
     if (this.map) box.expandByObject(this.map);
     if (box.isEmpty()) return;
-    const [, , top] = this.arm.tcpPosition(); // the handles at the TCP are seen too
-    box.max.z = Math.max(box.max.z, top + HANDLES * box.getSize(new THREE.Vector3()).length());
+    box.max.z = Math.max(box.max.z, this.arm.tcpPosition()[2] + HANDLES); // they are seen too
     this.framed = true;
     const from = VIEWS[view] ? new THREE.Vector3(...VIEWS[view]) : this.camera.position.clone().sub(this.controls.target);
     from.setLength(new THREE.Vector3(...VIEWS.iso).length() * box.getSize(new THREE.Vector3()).length() / SIZE);

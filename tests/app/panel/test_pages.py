@@ -17,6 +17,7 @@ from app.api.errors import OF_HTTP
 from app.main import create_app
 from app.panel import pages
 from app.services.events.ring import TYPES
+from app.services.rights.job import JobKind
 from app.services.rights.stop_reason import StopCause
 from cobot.access.roles import RoleName
 from cobot.access.tokens import MAX_DAYS, NAME
@@ -34,7 +35,7 @@ SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
 MADE += ("change_", "check_", "conflict_", "error_", "notice_", "reason_")
-MADE += ("part_", "role_", "say_", "step_", "study_", "test_")
+MADE += ("kind_", "part_", "role_", "say_", "step_", "study_", "test_")
 """So begin names of words that are put together."""
 
 
@@ -222,6 +223,7 @@ def test_each_word_for_an_error_a_check_or_a_notice_belongs_to_one() -> None:
     checks = {*get_args(Check)}
     assert checks <= words_of("check_")
     assert {name.partition("_")[0] for name in words_of("check_")} - {"at"} == checks
+    assert words_of("kind_") == {*JobKind}
     notices = {*get_args(NoticeKind)} - {"auto"}
     assert notices <= words_of("notice_")
     assert words_of("notice_") - notices - {"other"} <= {*PLANNERS}, "the planner that auto has used"

@@ -273,6 +273,12 @@ def taught_in_any_language(panel: Panel, http: httpx.Client) -> None:
     found = {each["label"]: each["name"] for each in http.get("/robot/positions").json()}
     assert re.fullmatch(r"uber-kiste-1-\w+", found["Über Kiste 1"])
     panel.run.go_home()
+    for name in ("Kiste 2", "Kiste 3"):  # after Enter, and after a press on the field: not appended
+        panel.until("document.querySelector('#plan').innerText.includes('Über Kiste 1')")
+        panel.page.ask("Input.insertText", text=name)
+        assert panel.page.run("document.querySelector('#position-name').value") == name
+        panel.page.run("document.activeElement.blur()")
+        panel.page.click("#position-name")
     planned(panel, found["Über Kiste 1"])
     assert "Über Kiste 1" in panel.text("#plan")
     panel.page.click("#position-forget")
