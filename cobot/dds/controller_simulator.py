@@ -1,6 +1,6 @@
 """`cobot simulate ros2_control`: the controllers of an arm without the arm, as ros2_control has with mock
 hardware: a joint trajectory controller with its action and topic, a forward position controller, a controller
-manager that lists and switches them, joint states, and the robot's description."""
+manager that lists and switches them, a GPIO controller, joint states, and the robot's description."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import numpy as np
 from cobot.clock import SYSTEM
 from cobot.config import Settings, load_settings
 from cobot.dds.action_server import DdsActionServer
+from cobot.dds.gpio_values import GPIO, message_of, values_of
 from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message
 from cobot.dds.rtps import NetworkError, Participant
@@ -35,6 +36,7 @@ FEEDBACK_S, SCALING_S = 0.05, 0.1
 TOPIC = "topic"
 """Name of the motion that came on the topic instead of the action."""
 INTERFACES = ("position", "velocity")
+GPIO_CONTROLLER = "gpio_command_controller"
 
 
 class SimulatedControllers:
@@ -43,6 +45,7 @@ class SimulatedControllers:
     Args:
         joints: names, with their prefix.
         position: where the arm begins, shape (dof,), rad.
+        gpio: interfaces of the GPIO controller, GPIO/INTERFACE. Each can be set, and begins with 0.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class SimulatedControllers:
         controller: str,
         forward: str,
         description: Message,
+        gpio: list[str],
     ) -> None:
         rows = np.zeros((3, len(joints)))
         rows[0] = position
@@ -76,6 +80,9 @@ class SimulatedControllers:
         node.publisher(f"{namespace}/robot_description", STRING, latched=True).publish(description)
         node.subscription(f"{namespace}/{controller}/joint_trajectory", TRAJECTORY, self._follow)
         node.subscription(f"{namespace}/{forward}/commands", COMMANDS, self._command, reliable=False)
+        self._gpio = dict.fromkeys(gpio, 0.0)
+        self._gpio_states = node.publisher(f"{namespace}/{GPIO_CONTROLLER}/gpio_states", GPIO)
+        node.subscription(f"{namespace}/{GPIO_CONTROLLER}/commands", GPIO, self._take_gpio)
         manager = f"{namespace}/controller_manager"
         node.service(f"{manager}/list_controllers", "controller_manager_msgs/srv/ListControllers", self._list)
         node.service(
@@ -98,6 +105,7 @@ class SimulatedControllers:
             if now_s >= scaling_s:
                 scaling_s = now_s + SCALING_S
                 self._scaling.publish({"data": 100.0 * self.controller.rate})
+                self._gpio_states.publish(message_of(self._gpio))
 
     def _advance(self) -> float:
         """Have the time since the last call pass; the time now."""
@@ -162,6 +170,9 @@ class SimulatedControllers:
         values = np.array(message["data"], float)
         if self.forwarding and values.shape == self.controller.rows[0].shape and np.isfinite(values).all():
             self.controller.rows[0] = values
+
+    def _take_gpio(self, message: Message) -> None:
+        self._gpio |= {name: value for name, value in values_of(message).items() if name in self._gpio}
 
     # Controller manager
 
@@ -268,6 +279,7 @@ async def _serve(chosen: argparse.Namespace, settings: Settings) -> None:
             chosen.controller,
             chosen.forward,
             _description(robot, settings, chosen.prefix),
+            chosen.gpio,
         )
         controllers.controller.rate = chosen.speed
         if chosen.stream:
@@ -310,8 +322,26 @@ def _parser() -> argparse.ArgumentParser:
     add("--prefix", default="", metavar="TEXT", help="before the name of each joint")
     add("--rate", type=_within(float, 1, 1000), default=250.0, metavar="HZ", help="of joint states; 250")
     add("--speed", type=_within(float, 0, 1), default=1.0, metavar="SHARE", help="of the speed slider; 1")
+    add(
+        "--gpio",
+        action="append",
+        type=_interface,
+        default=[],
+        metavar="GPIO/INTERFACE",
+        help="an input or output; several times",
+    )
     add("--stream", action="store_true", help="activate the forward controller instead of the other one")
     return parser
+
+
+def _interface(argument: str) -> str:
+    """The name of an input or output."""
+    gpio, _, name = argument.rpartition("/")
+    if not gpio or not name:
+        raise argparse.ArgumentTypeError(
+            f"{argument[:80]!r} is not GPIO/INTERFACE, such as tool/digital_out_0"
+        )
+    return argument
 
 
 def _within(kind: type[float], least: float, most: float) -> Callable[[str], float]:

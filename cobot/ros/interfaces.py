@@ -59,6 +59,10 @@ STANDARD = {
         "trajectory_msgs/JointTrajectoryPoint error\n"
         "string[] multi_dof_joint_names\n" + _MULTI_DOF
     ),
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+    "control_msgs/msg/DynamicInterfaceGroupValues": (
+        "std_msgs/Header header\nstring[] interface_groups\ncontrol_msgs/InterfaceValue[] interface_values\n"
+    ),
     "control_msgs/msg/GripperCommand": "float64 position\nfloat64 max_effort\n",
     "control_msgs/action/GripperCommand": f"GripperCommand command\n---\n{_GRIP}---\n{_GRIP}",
     "control_msgs/action/ParallelGripperCommand": (

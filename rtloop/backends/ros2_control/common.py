@@ -8,9 +8,11 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.robot.io_points import IoPoint
 from cobot.types import JointLimits
 from rtloop.backends.protocols import BackendError
 from rtloop.backends.ros2_control import words
+from rtloop.backends.ros2_control.gpio import GpioPoints
 from rtloop.backends.ros2_control.link import ControllerLink, Facts
 from rtloop.backends.ros2_control.options import Ros2ControlOptions, ros_names
 
@@ -25,6 +27,7 @@ class ControllerClient:
 
     def __init__(self, options: Ros2ControlOptions, limits: JointLimits, link: ControllerLink) -> None:
         self._options, self._names, self._link = options, ros_names(options, limits), link
+        self._gpio = GpioPoints(options)
         self._expected = words.Expectation(
             options.below(options.joint_states),
             self._names,
@@ -35,7 +38,7 @@ class ControllerClient:
             options.min_rate_hz,
         )
         self.capabilities = replace(
-            type(self).capabilities, measured=frozenset({"position", *options.measured})
+            type(self).capabilities, measured=frozenset({"position", *options.measured}), io=self._gpio.exist
         )
         self._facts = Facts()
         self._percent = False
@@ -52,6 +55,12 @@ class ControllerClient:
             drives=f"{facts.controller} {state}".strip() if facts.controller else "",
             speed_scaling=min(max(share, 0.0), 1.0) if np.isfinite(share) else 0.0,
         )
+
+    def io(self) -> list[IoPoint]:
+        return self._gpio.points(self._facts)
+
+    def set_output(self, name: str, value: float) -> None:
+        self._link.set_output(self._gpio.place_of(name), value)
 
     def _full_speed(self, scaling: float) -> float:
         """The speed slider's value at full speed."""

@@ -74,6 +74,8 @@ class Facts:
         goal: the newest goal; None before the first one and after `forget`.
         others: number of goals of other clients that are being executed.
         scaling: value of the speed slider; None without one.
+        gpio: values of the inputs and outputs by GPIO/INTERFACE.
+        gpio_age_s: age of these values, s; None before the first ones.
     """
 
     problem: str = ""
@@ -92,6 +94,8 @@ class Facts:
     goal: GoalFacts | None = None
     others: int = 0
     scaling: float | None = None
+    gpio: dict[str, float] = field(default_factory=dict)
+    gpio_age_s: float | None = None
 
 
 def facts_of(content: dict[str, Any]) -> Facts:
@@ -129,6 +133,10 @@ class ControllerLink(Protocol):
 
     def forget(self) -> None:
         """Forget the last goal."""
+        ...
+
+    def set_output(self, interface: str, value: float) -> None:
+        """Send the value of an interface GPIO/INTERFACE to the GPIO controller."""
         ...
 
     def pause(self, duration_s: float) -> None:
@@ -202,6 +210,9 @@ class ClientProcess:
 
     def forget(self) -> None:
         self._ask({"ask": "forget"})
+
+    def set_output(self, interface: str, value: float) -> None:
+        self._ask({"ask": "output", "interface": interface, "value": value})
 
     def pause(self, duration_s: float) -> None:
         time.sleep(duration_s)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cobot.config import RosSection, Settings
 from cobot.errors import ConfigError
@@ -16,6 +16,10 @@ Namespace = Annotated[str, Field(pattern=rf"^(/{NAME})*$", max_length=200)]
 Absolute = Annotated[str, Field(pattern=rf"^(/{NAME})+$", max_length=200)]
 Relative = Annotated[str, Field(pattern=rf"^/?{NAME}(/{NAME})*$", max_length=200)]
 JointName = Annotated[str, Field(min_length=1, max_length=200)]
+IoName = Annotated[str, Field(pattern=r"^[^/\x00-\x1f]{1,60}$")]
+Interface = Annotated[str, Field(pattern=r"^[^\s/]+(/[^\s/]+)+$", max_length=200)]
+"""Name of a GPIO and of its interface: GPIO/INTERFACE."""
+MAX_IO = 64
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -44,6 +48,9 @@ class Ros2ControlOptions(BackendOptions):
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
         speed_scaling_full: value of the speed slider at full speed; None: 100 after a value above 1 was seen,
             else 1, because drivers differ.
+        gpio_controller: name of the GPIO controller with the inputs and outputs.
+        inputs, outputs: interfaces of that controller by the names that cobot gives them: GPIO/INTERFACE.
+        analog: names of inputs and outputs whose values are numbers; the others are true or false.
     """
 
     namespace: Namespace = ""
@@ -66,6 +73,18 @@ class Ros2ControlOptions(BackendOptions):
     connect_s: Seconds = 5.0
     speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
     speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    gpio_controller: Relative = "gpio_command_controller"
+    inputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
+    outputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
+    analog: list[IoName] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _check_io(self) -> Self:
+        if both := sorted(set(self.inputs) & set(self.outputs)):
+            raise ValueError(f"{both[0]!r} is an input and an output, names must differ")
+        if unknown := sorted(set(self.analog) - set(self.inputs) - set(self.outputs)):
+            raise ValueError(f"analog: {unknown[0]!r} is neither in inputs nor in outputs")
+        return self
 
     def below(self, name: str) -> str:
         """Put a name below the namespace, unless it begins with a slash."""
@@ -113,6 +132,10 @@ def client_settings(options: Ros2ControlOptions, settings: Settings, names: list
         "controller_manager": options.below(options.controller_manager),
         "joint_states": options.below(options.joint_states),
         "speed_scaling": options.below(options.speed_scaling),
+        "gpio": {
+            "controller": options.below(options.gpio_controller),
+            "interfaces": sorted({*options.inputs.values(), *options.outputs.values()}),
+        },
         "answer_timeout_s": options.answer_timeout_s,
         "tolerances": {
             "path": options.path_tolerance_rad,

@@ -38,6 +38,7 @@ class Ros2ControlRig:
         rows[0] = np.where(np.isfinite(start), start, 0.0)
         self.controller = TrajectoryController(limits.names, rows, self._end)
         self.active: set[str] = set()
+        self.gpio: dict[str, float] = {}
         self.link = RigLink(self)
 
     def backend(self) -> TrajectoryDevice:
@@ -75,6 +76,9 @@ class RigLink:
 
     def pause(self, duration_s: float) -> None: ...
 
+    def set_output(self, interface: str, value: float) -> None:
+        self._rig.gpio[interface] = value
+
     def facts(self) -> Facts:
         rig, controller = self._rig, self._rig.controller
         controller.step(STEP_S)
@@ -100,6 +104,8 @@ class RigLink:
             rate_hz=250.0,
             position=position,
             velocity=velocity,
+            gpio=dict(rig.gpio),
+            gpio_age_s=0.0,
             effort=[0.0] * len(position),
             goal=None if goal is None else GoalFacts(**goal),
         )

@@ -9,7 +9,9 @@ process several times a second for all other facts.
 
 from __future__ import annotations
 
+import logging
 import threading
+from collections import deque
 from types import MappingProxyType
 from typing import Any, Protocol, cast
 
@@ -28,6 +30,7 @@ from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_sett
 from rtloop.backends.ros2_control.stream_link import StreamProcess
 from rtloop.backends.ros2_control.stream_rig import StreamRig
 
+log = logging.getLogger("cobot.rtloop")
 CLOSE_S = 2.0
 ROWS = ("position", "velocity", "effort")
 MIN_STATES = 2.0
@@ -84,6 +87,7 @@ class Ros2ControlStream(ControllerClient):
         self._rows = np.full((3, limits.dof), np.nan)
         self._problem = ""
         self._enabled = False
+        self._wanted: deque[tuple[str, float]] = deque()
         self._turn = threading.Lock()
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
@@ -135,6 +139,10 @@ class Ros2ControlStream(ControllerClient):
         if self._enabled and not self._problem:  # after a fault the arm may have moved: `enable` comes first
             self._stream.command(command[0])
 
+    def set_output(self, name: str, value: float) -> None:
+        """The next poll sends it, because a request to the process takes longer than a cycle may."""
+        self._wanted.append((self._gpio.place_of(name), value))
+
     def disable(self) -> None:
         """Send no more commands. The driver controls the drives, so they stay on."""
         self._enabled = False
@@ -152,9 +160,17 @@ class Ros2ControlStream(ControllerClient):
             with self._turn:
                 self._look()
 
-    def _look(self) -> None:
-        """Store the reason why the arm cannot be moved."""
+    def _set(self, interface: str, value: float) -> None:
         try:
+            self._stream.set_output(interface, value)
+        except BackendError as exc:
+            log.warning("outputs of the device: %s", exc)
+
+    def _look(self) -> None:
+        """Set outputs, and store the reason why the arm cannot be moved."""
+        try:
+            while self._wanted:
+                self._set(*self._wanted.popleft())
             self._facts = self._stream.facts()
             self._problem = self._problem or self._of_driver(self._facts)
         except BackendError as exc:

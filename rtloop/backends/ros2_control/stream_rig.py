@@ -32,6 +32,7 @@ class StreamRig:
         self.names = list(limits.names)
         self.period_s = settings.rt.period_s
         self.active: set[str] = set()
+        self.gpio: dict[str, float] = {}
         self.wire: list[Array] = []
 
     def backend(self) -> Backend:
@@ -61,6 +62,9 @@ class RigStream:
 
     def pause(self, duration_s: float) -> None: ...
 
+    def set_output(self, interface: str, value: float) -> None:
+        self._rig.gpio[interface] = value
+
     def forget(self) -> None: ...
 
     def load(self, times_s: Array, rows: Array) -> None: ...
@@ -84,6 +88,8 @@ class RigStream:
             rate_hz=1.0 / rig.period_s,
             position=rows[0].tolist(),
             velocity=rows[1].tolist(),
+            gpio=dict(rig.gpio),
+            gpio_age_s=0.0,
             effort=rows[2].tolist(),
         )
 

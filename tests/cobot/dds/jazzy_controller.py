@@ -1,6 +1,6 @@
 """The controllers of an arm with real ROS 2 (rclpy), as ros2_control's documentation describes them: an
 action server of FollowJointTrajectory, joint states with 250 Hz, list_controllers, a forward command
-controller, a speed slider. It does as standard input says.
+controller, a GPIO controller, a speed slider. It does as standard input says.
 
 Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
 
@@ -10,7 +10,9 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
     replace         another goal replaces the present one
     speed SHARE     of the speed slider
     forward         the forward command controller is active instead
-    seen            tells the number of points, the first and last time, the rows of the newest goal, as JSON
+    gpio            tells the values of the GPIO controller, as JSON
+    seen            tells the number of points, the first and last time and the tolerances of the newest goal,
+                    and where the arm is, as JSON
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import Any
 
 import rclpy
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -36,6 +39,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
+GPIO = "gpio_command_controller"
 
 
 def at(point: Any, order: list[int], rows: int) -> list[list[float]]:
@@ -88,6 +92,8 @@ class Controllers(Node):
         self.active, self.goal, self.newest = JTC, None, None
         self.begun: Any = None
         self.accepted_s = 0.0
+        self.tolerances: dict[str, Any] = {}
+        self.gpio = {"tool": {"vacuum": 0.0, "valve": 0.0, "pressure": 0.75}, "cabinet": {"door": 1.0}}
         self.told_s, self.frozen, self.commands = 0.0, list(self.position), 0
         group, alone = ReentrantCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self.states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
@@ -96,6 +102,8 @@ class Controllers(Node):
         self.description = self.create_publisher(String, "robot_description", latched)
         self.description.publish(String(data=urdf(joints)))
         self.create_subscription(Float64MultiArray, f"{FORWARD}/commands", self.command, 10)
+        self.gpio_states = self.create_publisher(DynamicInterfaceGroupValues, f"{GPIO}/gpio_states", 10)
+        self.create_subscription(DynamicInterfaceGroupValues, f"{GPIO}/commands", self.command_gpio, 10)
         self.create_service(
             ListControllers, "controller_manager/list_controllers", self.list, callback_group=group
         )
@@ -117,6 +125,11 @@ class Controllers(Node):
 
     def judge(self, request: Any) -> GoalResponse:
         self.newest = request.trajectory
+        self.tolerances = {
+            "path": {each.name: each.position for each in request.path_tolerance},
+            "goal": {each.name: each.position for each in request.goal_tolerance},
+            "time_s": request.goal_time_tolerance.sec + 1e-9 * request.goal_time_tolerance.nanosec,
+        }
         return GoalResponse.ACCEPT if self.reason(request.trajectory) == "" else GoalResponse.REJECT
 
     def reason(self, trajectory: Any) -> str:
@@ -233,6 +246,17 @@ class Controllers(Node):
 
     def slide(self) -> None:
         self.slider.publish(Float64(data=100.0 * self.speed))
+        values = [
+            InterfaceValue(interface_names=list(each), values=list(each.values()))
+            for each in self.gpio.values()
+        ]
+        self.gpio_states.publish(
+            DynamicInterfaceGroupValues(interface_groups=list(self.gpio), interface_values=values)
+        )
+
+    def command_gpio(self, message: Any) -> None:
+        for group, each in zip(message.interface_groups, message.interface_values):  # noqa: B905
+            self.gpio[group] |= dict(zip(each.interface_names, each.values))  # noqa: B905
 
     def command(self, message: Any) -> None:
         self.commands += 1
@@ -264,6 +288,8 @@ class Controllers(Node):
             answer = "done"
             if word == "speed":
                 self.speed = float(rest[0])
+            elif word == "gpio":
+                answer = json.dumps(self.gpio)
             elif word == "seen":
                 answer = json.dumps(self.seen())
             elif word in ("inactive", "forward"):
@@ -287,6 +313,7 @@ class Controllers(Node):
             "position": self.position,
             "accepted_s": self.accepted_s,
             "commands": self.commands,
+            "tolerances": self.tolerances,
         }
 
 

@@ -169,15 +169,23 @@ def test_the_speed_slider_slows_the_progress_down(arm: Ros2ControlArm, double: D
 
 
 def test_long_motions_are_resampled_or_refused(double: Double) -> None:
+    """And the tolerances of the options are in each goal."""
     double.be("good")
-    made = double.arm(max_points=20, connect_s=20.0)
+    tolerances = {"path_tolerance_rad": 0.3, "goal_tolerance_rad": 0.02, "goal_time_s": 1.5}
+    made = double.arm(max_points=20, connect_s=20.0, **tolerances)
     made.open(np.zeros(7))
     try:
         made.enable()
         measured(made)
         path = begin(made, 0.1, 1.5)
         follow(made, path)
-        assert double.seen()["points"] == 20
+        seen = double.seen()
+        assert seen["points"] == 20
+        assert seen["tolerances"] == {
+            "path": dict.fromkeys(JOINTS, 0.3),
+            "goal": dict.fromkeys(JOINTS, 0.02),
+            "time_s": pytest.approx(1.5),
+        }
         w, times_s = 12.0, np.linspace(0.0, 10.0, 501)
         start = measured(made)
         waves = [np.cos(w * times_s) - 1.0, -w * np.sin(w * times_s), -w * w * np.cos(w * times_s)]
@@ -251,6 +259,48 @@ def test_swapped_joints_are_found_when_the_arm_begins_to_move(arm: Ros2ControlAr
         raise BackendError(fails(arm))
     arm.stop()
     recover(arm, double)
+
+
+def test_inputs_and_outputs_of_a_gpio_controller(double: Double) -> None:
+    """Oracle: the values that rclpy's node has. An output that is not set keeps the value of others."""
+    double.be("good")
+    made = double.arm(
+        connect_s=20.0,
+        inputs={"door": "cabinet/door", "vacuum_bar": "tool/pressure", "lamp": "cabinet/lamp"},
+        outputs={"suction": "tool/vacuum", "blow": "tool/valve"},
+        analog=["vacuum_bar"],
+    )
+    assert made.capabilities.io
+    made.open(np.zeros(7))
+
+    def points() -> dict[str, Any]:
+        measured(made)
+        return {each.name: each.shown for each in made.io()}
+
+    try:
+        expected = {"door": True, "vacuum_bar": 0.75, "lamp": None, "suction": False, "blow": False}
+        until(lambda: points() == expected)
+        made.set_output("suction", 1.0)
+        made.set_output("blow", 1.0)
+        until(lambda: points() == expected | {"suction": True, "blow": True})
+        assert json.loads(double.be("gpio"))["tool"] == {"vacuum": 1.0, "valve": 1.0, "pressure": 0.75}
+        made.set_output("suction", 0.0)
+        until(lambda: points() == expected | {"blow": True})
+        with pytest.raises(BackendError, match=r"door is not an output .*: it has suction, blow"):
+            made.set_output("door", 1.0)
+    finally:
+        made.close()
+
+
+def test_outputs_of_a_controller_that_is_not_there_are_named(double: Double) -> None:
+    double.be("good")
+    made = double.arm(connect_s=20.0, gpio_controller="other", outputs={"suction": "tool/vacuum"})
+    made.open(np.zeros(7))
+    try:
+        with pytest.raises(BackendError, match="/left/other/commands has no subscriber; activate the GPIO"):
+            made.set_output("suction", 1.0)
+    finally:
+        made.close()
 
 
 def test_a_rejected_goal_is_refused(arm: Ros2ControlArm, double: Double) -> None:
@@ -414,7 +464,9 @@ class SimulatedDouble(Double):
     def start(self) -> None:
         command = [sys.executable, "-m", "cobot", "simulate", "ros2_control", "--domain", str(self.domain)]
         self.process = subprocess.Popen(
-            [*command, "--namespace", NAMESPACE, "--prefix", "ur_"], stdout=subprocess.PIPE, text=True
+            [*command, "--namespace", NAMESPACE, "--prefix", "ur_", "--gpio", "tool/vacuum"],
+            stdout=subprocess.PIPE,
+            text=True,
         )
         assert f"domain {self.domain}" in self._line()
 
@@ -439,6 +491,22 @@ def test_rclpy_s_client_at_our_simulated_controllers(simulator: Double) -> None:
     assert cancelled["status"] == 5
     assert cancelled["took_s"] < 2.0
     assert [each["accepted"] for each in rejected] == [False] * 4
+
+
+def test_outputs_of_our_simulated_gpio_controller(simulator: Double) -> None:
+    made = simulator.arm(connect_s=20.0, outputs={"suction": "tool/vacuum", "missing": "tool/nothing"})
+    made.open(np.zeros(7))
+
+    def shown() -> list[Any]:
+        measured(made)
+        return [each.shown for each in made.io()]
+
+    try:
+        until(lambda: shown() == [False, None])
+        made.set_output("suction", 1.0)
+        until(lambda: shown() == [True, None])
+    finally:
+        made.close()
 
 
 def move_slowly(run: Run, joints: list[float]) -> None:

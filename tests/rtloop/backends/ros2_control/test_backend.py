@@ -131,6 +131,27 @@ def test_a_stop_that_is_not_answered_says_that_the_arm_may_move(limits: JointLim
         arm.stop()
 
 
+def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) -> None:
+    io = {"inputs": {"door": "cabinet/door"}, "outputs": {"suction": "tool/vacuum"}, "analog": ["suction"]}
+    arm, link = arm_told(limits, io)
+    assert arm.capabilities.io
+    arm.set_output("suction", 0.5)
+    arm.state(Measured(7))
+    points = {each.name: each for each in arm.io()}
+    assert (points["suction"].value, points["suction"].is_output) == (0.5, True)
+    assert points["door"].shown is None  # not reported
+    link.change = {"gpio_age_s": 2.0}
+    arm.state(Measured(7))
+    assert [each.shown for each in arm.io()] == [None, None]
+    with pytest.raises(
+        BackendError, match=r"door is not an output in robot\.backend\.outputs: it has suction"
+    ):
+        arm.set_output("door", 1.0)
+    without, _ = arm_told(limits, {})
+    assert not without.capabilities.io
+    assert without.io() == []
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -140,6 +161,9 @@ def test_a_stop_that_is_not_answered_says_that_the_arm_may_move(limits: JointLim
         ({"action": "/iiwa/follow_joint_trajectory"}, "the robot would follow itself"),
         ({"namespace": "left"}, "robot.backend.namespace"),
         ({"max_points": 3}, "robot.backend.max_points"),
+        ({"outputs": {"a": "tool"}}, "robot.backend.outputs"),
+        ({"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}}, "'a' is an input and an output"),
+        ({"analog": ["a"]}, "'a' is neither in inputs nor in outputs"),
     ],
 )
 def test_options_that_cannot_be_right(limits: JointLimits, options: dict[str, Any], words: str) -> None:

@@ -72,6 +72,21 @@ def test_nothing_is_sent_between_a_fault_and_the_reset(rig: StreamRig) -> None:
     assert len(rig.wire) == 2
 
 
+def test_a_stream_sets_outputs_with_its_next_poll() -> None:
+    settings = settings_with(connect_s=0.1, outputs={"suction": "tool/vacuum"})
+    rig = StreamRig(Ros2ControlStream, settings, load_robot(load_settings()).limits)
+    backend = rig.backend()
+    assert isinstance(backend, Ros2ControlStream)
+    assert backend.capabilities.io
+    backend.open(np.zeros(7))
+    backend.set_output("suction", 1.0)
+    assert rig.gpio == {}
+    backend.read(Measured(7))
+    assert rig.gpio == {"tool/vacuum": 1.0}
+    with pytest.raises(BackendError, match="blow is not an output"):
+        backend.set_output("blow", 1.0)
+
+
 def test_joint_states_that_are_too_slow_for_a_stream_are_refused(rig: StreamRig) -> None:
     rig.period_s = 0.0099
     settings = settings_with(connect_s=0.1)
