@@ -13,9 +13,11 @@ from lockstep_ur import LateCommands, hold
 from ur_arm import with_options
 
 from cobot.config import Settings
+from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
+from cobot.types import PlannerName, Scaling
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ur import UrBackend
 from rtloop.backends.ur.fields import RuntimeState, SafetyMode, UrRobotMode
@@ -183,6 +185,33 @@ def test_late_commands_make_no_jump_at_full_speed(connect: Joined, period_ms: in
             command[0] = begin + 0.5 * (1.0 - math.cos(5.0 * time_s))
             backend.wait(0.1)
             backend.write(command)
+    assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
+
+
+@pytest.mark.parametrize("period_ms", [2, 8])
+def test_a_delay_in_an_acceleration_to_full_speed_is_no_overspeed(
+    connect: Joined, arm: RobotDescription, period_ms: int
+) -> None:
+    """Commands are 20 ms late while the arm accelerates to its maximum speed, and on time at that speed.
+
+    Oracle: the reflex of the controller, at 1.05 times the joint's velocity.
+    """
+    backend, way = connect(ON, period_ms=period_ms)
+    late = LateCommands(way)
+    backend.open(np.zeros(6))
+    backend.enable()
+    hold(backend, way, 1200 // period_ms)
+    goal = np.radians([110.0, -80.0, 90.0, -100.0, -80.0, 20.0])
+    request = MotionRequest(way.controller.arm.setpoint.copy(), goal, PlannerName.PTP, Scaling(1.0))
+    motion = plan(arm, request)
+    assert motion is not None
+    command = np.zeros((3, 6))
+    for time_s in np.arange(0.0, motion.duration_s + 0.3, 1e-3 * period_ms):
+        late.periods = 10 if 0.04 <= time_s < 0.39 else 0
+        command[0] = motion.sample([min(time_s, motion.duration_s)])[0]
+        backend.wait(0.1)
+        backend.write(command)
+    assert np.abs(motion.sample(np.linspace(0.0, motion.duration_s, 200), 1)).max() > 3.1
     assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
 
 
