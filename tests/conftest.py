@@ -38,10 +38,16 @@ gc.disable()
 
 LONG = (
     "test_panel.py",
+    "test_ros2_control.py",
+    "test_how_to.py",
+    "test_crashes.py",
     "test_sanitizers.py",
     "test_schema.py",
+    "test_panel_cell.py",
+    "test_pick_and_place.py",
+    "test_studies.py",
+    "test_force_step.py",
     "test_supervisor.py",
-    "test_ros2.py",
     "test_lua_program.py",
 )
 """What takes longest begins first, or one process would be busy with it when all others have ended."""
