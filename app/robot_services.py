@@ -199,7 +199,8 @@ def _services(
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)
     max_payload_kg = settings.robot.max_payload_kg
-    scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
+    retargeting = RetargetService(link, ownership, goals, motion, planning)
+    scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, retargeting, settings)
     held = HeldService(robot, link, ownership, scene, cell)
     gripper = GripperService(settings, link, ownership, stopping, held)
     path_gripper = PathCommands(gripper, ownership)
@@ -249,7 +250,7 @@ def _services(
         settings=tool_and_limits,
         queue=queue,
         jobs=JobService(jobs, ownership, stopping, sequences, queue, gripper, studies),
-        retargeting=RetargetService(link, ownership, goals, motion, planning),
+        retargeting=retargeting,
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

@@ -83,6 +83,7 @@ class PlanningSection(Section):
     kept_plans: Annotated[int, Field(ge=1, le=1000)]
     plan_lifetime_s: Annotated[float, Field(ge=1.0, le=86_400.0)]
     explain_s: Annotated[float, Field(ge=0.0, le=60.0)]
+    replan_within_s: Annotated[float, Field(ge=0.0, le=0.5)]
     max_linear_velocity: Rate
     max_linear_acceleration: Rate
     max_linear_jerk: Rate

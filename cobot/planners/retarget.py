@@ -165,12 +165,12 @@ def _joined(
     shares = SHARES if request.constraints is None else SHARES[-1:]
     problem: LimitError | PlanningError | None = None
     for begun_s in dict.fromkeys(share * slowing.duration_s for share in shares):
+        both_s = min(slowing.duration_s - begun_s, following.duration_s)
+        if both_s > SAME_S:  # if not, one begins where the other ends
+            opening = _sum(slowing, cut(following, 0.0, both_s), begun_s)
+            if not _keeps_rates(opening, limits) or _tcp_speeds(robot, opening, opening.duration_s) > fastest:
+                continue
         whole = _sum(slowing, following, begun_s)
-        last = begun_s == slowing.duration_s
-        if not last and not _keeps_rates(whole, limits):
-            continue
-        if not last and _tcp_speeds(robot, whole, slowing.duration_s) > fastest:
-            continue
         try:
             validate(robot, whole, limits)
         except (LimitError, PlanningError) as exc:

@@ -93,6 +93,7 @@ class MoveService:
         async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
             request = self._goals.request(goal, start)
             motion = await self._motion.plan(claim, request, caller.timeout_s)
+            claim.goal = goal
             return JoinedMoves(motion, (goal.signals,), (0.0 if motion is None else motion.duration_s,))
 
         return await self._move(plan_motion, caller)

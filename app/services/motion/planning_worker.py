@@ -58,6 +58,8 @@ def main() -> int:
         settings = load_settings(arguments.config).of(arguments.robot)
         start_logging("planning", settings.logging)
         robot = load_robot(settings)
+        if settings.planning.replan_within_s > 0.0:  # importing takes longer than a search
+            import cobot.planners.search.ompl  # noqa: F401
     except CobotError as exc:
         with contextlib.suppress(OSError):
             print(exc, flush=True)

@@ -7,8 +7,9 @@ goes on as before. Then a place further ahead is tried.
 
 from __future__ import annotations
 
+import asyncio
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from app.services.motion.execution import MotionService
@@ -19,16 +20,18 @@ from app.services.rights.claims import Claim
 from app.services.rights.job import Job, JobKind, JobState
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
-from cobot.errors import ConflictError, ExecutionError, InputError
+from cobot.errors import CobotError, ConflictError, ExecutionError, InputError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.requests import MotionRequest
-from cobot.types import Array
+from cobot.types import Array, PlannerName
 
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
 """Path time from the arm to the place of the change, s: minimum, initial and maximum value. It follows the
 last planning time.
 """
 ATTEMPTS = 3
+FREE_WAYS = (PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO)
+"""Planners whose path between the ends is not part of the request."""
 KINDS = (JobKind.MOVE, JobKind.EXECUTE)
 
 log = logging.getLogger("cobot.motion")
@@ -102,6 +105,41 @@ class RetargetService:
         finally:
             self._busy = False
 
+    async def lead_around(self, within_s: float) -> bool:
+        """Lead the running motion to its goal on another way, because an object is in its path.
+
+        Only a motion whose path is free to choose is led around: a single one without constraints, actions or
+        conditions, by a planner that moves the joints.
+
+        Args:
+            within_s: time to find the way and hand it over.
+
+        Returns:
+            Whether the motion leads around now. If not, it goes on as before.
+        """
+        claim = self._ownership.moving
+        if not isinstance(claim, Claim) or self._busy:
+            return False
+        goal, job, trajectory = claim.goal, claim.job, claim.trajectory
+        if goal is None or job is None or trajectory is None:
+            return False
+        if goal.planner not in FREE_WAYS or goal.constraints is not None:
+            return False
+        self._busy, begun_s = True, self._link.clock.now_s()
+        try:
+            self._claim_of(job)
+            async with asyncio.timeout(within_s):
+                way = replace(goal, goal=trajectory.end, planner=PlannerName.OMPL, in_tool=False)
+                found = await self._plan(claim, way, within_s + MIN_LEAD_S, within_s)
+                await self._hand_over(claim, job, found, begun_s)
+        except (TimeoutError, CobotError) as exc:
+            log.info("%smotion %s: no way around: %s", self._link.label, claim.motion_id, exc or "too late")
+            return False
+        finally:
+            self._busy = False
+        self._report(claim, found, self._link.clock.now_s() - begun_s)
+        return True
+
     def _claim_of(self, job: Job) -> Claim:
         """The claim of a job whose motion runs.
 
@@ -142,6 +180,7 @@ class RetargetService:
                         f"the new motion was ready, and goes on to its former goal: {exc}"
                     ) from exc
                 continue
+            claim.goal = goal
             return self._report(claim, found, self._link.clock.now_s() - begun_s)
         raise AssertionError
 
@@ -175,7 +214,8 @@ class RetargetService:
         self._link.events.publish(
             "motion", what="retargeted", motion=motion_id, duration_s=whole.duration_s, by=str(claim.client)
         )
-        log.info("%smotion %d: leads to another goal now", self._link.label, motion_id)
+        label, took_ms = self._link.label, 1e3 * planning_s
+        log.info("%smotion %d: its new way was ready after %.0f ms", label, motion_id, took_ms)
         state = self._link.state()
         now_s = state.path_time_s if state.path_duration_s == whole.duration_s else 0.0
         return Retargeted(

@@ -12,6 +12,7 @@ from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
+from app.services.motion.retarget import RetargetService
 from app.services.motion.scene_edits import Edit, clear, named, require_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
@@ -37,12 +38,15 @@ from cobot.robot.load import carrying, check_load
 from cobot.robot.scene import Scene, SceneObject, symmetric
 from cobot.robot.tool import Tool, check_inertia
 from cobot.strict import shown
+from cobot.trajectory import Trajectory
 from cobot.trajectory_parts import cut
 from cobot.types import RESTING, STREAMING, Numbers7, Pose
 
 MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
+STOPS_WITHIN_S = 0.5
+"""Path time within which every motion can stop; rtloop looks as far ahead for a motion's fence."""
 
 log = logging.getLogger("cobot.scene")
 
@@ -81,6 +85,7 @@ class SceneService:
         planning: PlanningService,
         stopping: StopService,
         ownership: Ownership,
+        retargeting: RetargetService,
         settings: Settings,
     ) -> None:
         self._robot = robot
@@ -90,6 +95,8 @@ class SceneService:
         self._planning = planning
         self._stopping = stopping
         self._ownership = ownership
+        self._retargeting = retargeting
+        self._replan_within_s = settings.planning.replan_within_s
         self._max_payload_kg = settings.robot.max_payload_kg
         self._parts = () if (cell := cell_of(settings)) is None else tuple(cell.parts)
         self._file = scene_file(settings)
@@ -286,6 +293,8 @@ class SceneService:
         try:
             await asyncio.to_thread(checker.check_trajectory, left)
         except CollisionError as exc:
+            if await self._lead_around(checker, left):
+                return ""
             why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {exc}"
             log.warning("motion %d is stopped: %s", motion_id, why)
             try:
@@ -294,6 +303,19 @@ class SceneService:
                 return f"{why}; {problem}"
             return why
         return ""
+
+    async def _lead_around(self, checker: CollisionChecker, left: Trajectory) -> bool:
+        """Lead the present motion around what is in its way, if the settings permit this and the arm could
+        still stop afterwards. Returns whether it did."""
+        within_s = self._replan_within_s
+        if within_s == 0.0:
+            return False
+        near = cut(left, 0.0, min(within_s + STOPS_WITHIN_S, left.duration_s))
+        try:
+            await asyncio.to_thread(checker.check_trajectory, near)
+        except CollisionError:
+            return False
+        return await self._retargeting.lead_around(within_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """The pose in the base frame. `frame` may have been made by the same change."""

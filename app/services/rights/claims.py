@@ -19,6 +19,7 @@ from app.services.rights.speed_override import SpeedOverride
 from app.services.rights.stop_reason import StopReason
 from cobot.clock import Clock
 from cobot.errors import ExecutionError, MotionTimeout
+from cobot.motions.requests import MotionRequest
 from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -65,6 +66,7 @@ class Claim:
         timeout_s, left_s: timeout of the motion, and the remaining part of it, s.
         motion_id: number of the motion, once it runs.
         trajectory: trajectory of the motion, once it runs.
+        goal: the goal of a single motion; None for all others.
         interruption: the reason to end early; `interrupted` is set with it.
         ended: set when the claim has ended.
     """
@@ -80,6 +82,7 @@ class Claim:
     left_s: Callable[[], float] = field(default=lambda: math.inf)
     motion_id: int | None = None
     trajectory: Trajectory | None = None
+    goal: MotionRequest | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)

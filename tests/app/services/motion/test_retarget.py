@@ -221,3 +221,71 @@ def test_an_obstacle_on_the_new_way_is_an_error_and_the_motion_goes_on(run: Virt
     assert ended(run, job)["state"] == "finished"
     np.testing.assert_allclose(run.joints(), FAR["joints"], atol=2e-3)
     run.post("/scene", {"clear": True}).raise_for_status()
+
+
+@pytest.fixture(scope="module")
+def around(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """A service that leads motions around what appears."""
+    folder = tmp_path_factory.mktemp("around")
+    with VirtualService(folder, more="planning: {replan_within_s: 0.1}\n").serving() as made:
+        yield made
+
+
+def ball_at(run: VirtualService, angle: float, radius: float = 0.05) -> Json:
+    """A ball where the hand is when joint 1 has an angle."""
+    joints = [angle, *HOME[1:]]
+    x, y, z = run.app.state.services.robot.model.forward(np.array(joints)).position.tolist()
+    return {"objects": {"ball": {"shape": "sphere", "radius": radius, "x": x, "y": y, "z": z}}}
+
+
+@pytest.mark.parametrize("planner", ["ptp", "ompl", "auto"])
+def test_a_motion_goes_around_an_object_that_appears(around: VirtualService, planner: str) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    around.rig.commanded.clear()
+    nearest_m: list[float] = []
+    services = around.app.state.services
+    job = moving(around, FAR | {"speed": 0.3, "planner": planner})
+    put = around.post("/scene", ball_at(around, 1.1))
+    assert put.json()["stopped"] == "", put.text
+    contacts = services.robot.collision.contacts
+    while around.get(f"/jobs/{job}").json()["state"] == "running":
+        around.sleep(0.05)
+        nearest_m.append(len(contacts(np.array(around.joints()))))
+    assert ended(around, job)["state"] == "finished"
+    assert not any(nearest_m), "the arm touches nothing"
+    np.testing.assert_allclose(around.joints(), FAR["joints"], atol=2e-3)
+    require_within_limits(around)
+
+
+def test_without_the_setting_a_motion_stops(run: VirtualService) -> None:
+    job = moving(run, FAR | {"speed": 0.3})
+    assert "ball" in run.post("/scene", ball_at(run, 1.1)).json()["stopped"]
+    assert ended(run, job)["state"] == "cancelled"
+    run.post("/scene", {"clear": True}).raise_for_status()
+
+
+@pytest.mark.parametrize(
+    ("why", "angle", "body"),
+    [
+        ("a line has to stay one", 1.1, None),
+        ("the goal itself is blocked", 1.5, FAR | {"speed": 0.3}),
+        ("the object is too near", 0.45, FAR | {"speed": 1.0}),
+    ],
+)
+def test_where_there_is_no_new_way_the_motion_stops(
+    around: VirtualService, why: str, angle: float, body: Json | None
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    if body is None:
+        here = around.get("/robot/pose").json()["position"]
+        body = {"x": here["x"], "y": 0.35, "z": here["z"], "b": 3.14159265, "planner": "lin", "speed": 0.2}
+        job = moving(around, body, "/robot/move/pose")
+        ball = {"shape": "sphere", "radius": 0.05, "x": here["x"], "y": 0.35, "z": here["z"]}
+        stopped = around.post("/scene", {"objects": {"ball": ball}}).json()["stopped"]
+    else:
+        job = moving(around, body)
+        stopped = around.post("/scene", ball_at(around, angle)).json()["stopped"]
+    assert "ball" in stopped, why
+    assert ended(around, job)["state"] == "cancelled"
