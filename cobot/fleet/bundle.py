@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
@@ -72,6 +72,13 @@ def read_bundle(content: bytes) -> Bundle:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"the bundle has the {what} {twice[0]!r} twice")
+    paths = {each.path for each in bundle.settings}
+    for path in sorted(paths):
+        above = next((str(each) for each in PurePosixPath(path).parents if str(each) in paths), None)
+        if above is not None:
+            raise InputError(
+                f"the bundle has a file {above!r} and the file {path!r} below it; rename one of them"
+            )
     return bundle
 
 
