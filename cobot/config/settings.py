@@ -95,6 +95,11 @@ class Settings(Section):
         return (self.kept or self.logs) / f"{self.robot.name}.bundle.json"
 
     @property
+    def restart_file(self) -> Path:
+        """File with the changes of a rolled-back bundle that need a restart, from the cell's process."""
+        return (self.kept or self.logs) / f"{self.robot.name}.restart.json"
+
+    @property
     def rolled_out(self) -> Path:
         """Link to the folder of the settings that a fleet has rolled out, which the cell's process makes."""
         return (self.kept or self.logs) / f"{self.robot.name}.rolled-out" / "current"

@@ -67,6 +67,19 @@ class Installed(StrictModel):
     complete: bool
 
 
+class PendingRestart(StrictModel):
+    """Changes of settings by the rollback of a bundle that need a restart of the cell.
+
+    Attributes:
+        title: name and version of that bundle.
+        supervisor: process of the supervisor that has not been restarted yet.
+    """
+
+    title: Text
+    changes: list[Text]
+    supervisor: int
+
+
 class BundlesCell(Protocol):
     """Interface of a cell for its bundles.
 
@@ -95,6 +108,7 @@ class RobotBundles:
         self._file = settings.bundle_file
         self._staged: dict[str, Bundle] = {}
         self.installed = self._read()
+        self._pending = self._read_pending()
 
     @property
     def title(self) -> str:
@@ -103,10 +117,16 @@ class RobotBundles:
         return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
 
     @property
-    def restart_for(self) -> list[str]:
-        """The rolled-out settings that need a restart of this cell."""
-        found = self.installed
-        return [] if found is None or found.supervisor != os.getppid() else found.restart_for
+    def restart(self) -> str:
+        """The rolled-out or rolled-back settings that need a restart of this cell, as text; "" for none."""
+        found, pending = self.installed, self._pending  # another thread may replace them
+        texts = []
+        if found is not None and found.restart_for and found.supervisor == os.getppid():
+            texts.append(f"{found.title} needs a restart of this cell: {'; '.join(found.restart_for)}")
+        if pending is not None and pending.supervisor == os.getppid():
+            changes = "; ".join(pending.changes)
+            texts.append(f"the rollback of {pending.title} needs a restart of this cell: {changes}")
+        return "; ".join(texts)
 
     def drift(self, versions: dict[str, int]) -> list[str]:
         """The parts of the latest bundle that have changed since its activation: ids of programs, and
@@ -185,6 +205,7 @@ class RobotBundles:
         try:
             if bundle.settings:
                 restart_for = self._own.activate(name, bundle.settings)
+                self._keep_pending("", [])  # these are all that differ from the running cell
         except (ConflictError, InputError) as exc:
             self._keep(previous)
             raise type(exc)(f"{exc}; nothing has changed") from exc
@@ -349,7 +370,10 @@ class RobotBundles:
         """Restore everything. Returns the changes of settings that need a restart."""
         assert self.installed is not None
         before = self.installed.settings_before
-        restart_for = [] if before is None else self._own.switch(before)
+        restart_for: list[str] = []
+        if before is not None:
+            restart_for = self._own.switch(before)
+            self._keep_pending(self.installed.title, restart_for)
         for name, program in self.installed.programs_before.items():
             if program is not None:
                 self._restore(program, f"before {self.installed.title}")
@@ -371,6 +395,20 @@ class RobotBundles:
         else:
             keep(self._file, installed.model_dump_json().encode(), "the bundle")
         self.installed = installed
+
+    def _keep_pending(self, title: str, changes: list[str]) -> None:
+        file = self._settings.restart_file
+        if changes:
+            self._pending = PendingRestart(title=title, changes=changes, supervisor=os.getppid())
+            keep(file, self._pending.model_dump_json().encode(), "the list of changes")
+        else:
+            self._pending = None
+            file.unlink(missing_ok=True)
+
+    def _read_pending(self) -> PendingRestart | None:
+        with contextlib.suppress(OSError, ValidationError):  # it is a hint for people
+            return PendingRestart.model_validate_json(read_kept(self._settings.restart_file))
+        return None
 
     def _read(self) -> Installed | None:
         try:

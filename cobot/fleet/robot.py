@@ -67,9 +67,8 @@ class FleetRobot:
             bundles = self._commands.bundles
             versions = {each["id"]: each["version"] for each in self.programs}
             found |= {"bundle": bundles.title, "drift": bundles.drift(versions) if versions else []}
-            if bundles.restart_for:
-                restart = f"{bundles.title} needs a restart of this cell: {'; '.join(bundles.restart_for)}"
-                service = service | {"problems": [*service["problems"], restart[:2000]]}
+            if bundles.restart:
+                service = service | {"problems": [*service["problems"], bundles.restart[:2000]]}
         return FleetState(robot=self.name, **self._facts, **service, **found)
 
     @property

@@ -13,7 +13,7 @@ import pytest
 from cobot.access.roles import Role
 from cobot.client import Client
 from cobot.config import load_settings, load_with_rolled_out
-from cobot.errors import ConflictError, PermissionDenied, UnavailableError
+from cobot.errors import ConflictError, InputError, PermissionDenied, UnavailableError
 from cobot.fleet import bundles, cell_settings
 from cobot.fleet.bundle import hash_of
 from cobot.fleet.bundles import Installed, RobotBundles
@@ -27,6 +27,7 @@ class Service:
     def __init__(self, config: Path) -> None:
         self.config, self.source = config, config
         self.refuses: BaseException | None = None
+        self.needs_restart: list[str] = []
         self.taught: dict[str, list[float]] = {}
         self.sent: dict[str, bytes] = {}
         self.workers = load_with_rolled_out(config).planning.workers
@@ -43,7 +44,7 @@ class Service:
         if self.refuses is not None:
             raise self.refuses
         self.workers = load_with_rolled_out(self.config).planning.workers
-        return {"taken_over": [], "needs_restart": []}
+        return {"taken_over": [], "needs_restart": self.needs_restart}
 
     def jobs(self, *_: Any) -> list[Any]:
         return []
@@ -133,6 +134,27 @@ def test_settings_are_rolled_back_only_with_the_role_that_may_change_them(
     assert service.workers == 2
 
 
+def test_a_rollback_that_needs_a_restart_is_shown_until_that_restart(
+    service: Service, own: RobotBundles, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the answer of the service to the reload, and the number of the supervisor's process."""
+    name = service.send("1", settings=workers(3))
+    roll_out(own, name)
+    assert own.restart == ""
+    service.needs_restart = ["planning.workers: 3 → 2"]
+    assert "restart the cell for: planning.workers" in own.roll_back(name, Role.ADMIN)
+    told = "the rollback of seams 1 needs a restart of this cell: planning.workers: 3 → 2"
+    assert own.restart == told
+    assert bundles_of(service).restart == told, "also after a kill of the cell's process alone"
+    roll_out(own, service.send("2", positions=position(0.1)))
+    assert own.restart == told, "a bundle without settings changes nothing about it"
+    monkeypatch.setattr("os.getppid", lambda: -1)
+    assert bundles_of(service).restart == ""
+    service.needs_restart = []
+    roll_out(own, service.send("3", settings=workers(4)))
+    assert not load_settings(service.config).restart_file.exists()
+
+
 def test_a_service_that_refuses_a_reload_leaves_all_as_it_was(service: Service, own: RobotBundles) -> None:
     first = service.send("1", settings=workers(3), positions=position(0.1))
     roll_out(own, first)
@@ -183,6 +205,17 @@ def test_the_same_settings_again_never_leave_their_folder_empty(
     monkeypatch.setattr(cell_settings, "_write", watched)
     own._own.activate(name, bundles.read_bundle(service.sent[name]).settings)
     assert found == [3]
+
+
+def test_a_file_and_a_folder_of_one_name_are_named_without_a_path_of_this_computer(
+    service: Service, own: RobotBundles
+) -> None:
+    files = [*workers(3), *({"path": path, "base64": ""} for path in ("meshes/arm/base.stl", "meshes/arm"))]
+    with pytest.raises(InputError) as caught:
+        own.stage(service.send("1", settings=files), Role.ADMIN)
+    assert str(caught.value) == (
+        "the bundle has a file 'meshes/arm' and the file 'meshes/arm/base.stl' below it; rename one of them"
+    )
 
 
 @pytest.mark.parametrize("parts", [{"settings": workers(3)}, {"positions": position(0.1)}])
