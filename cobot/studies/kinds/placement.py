@@ -6,7 +6,7 @@ A task is one placement: objects and targets stay where they are, and the arm mo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import mujoco
 import numpy as np
@@ -69,6 +69,20 @@ class PlacementStudy(RobotStudy):
         if self.metric == "duration_s" and "goal" not in self.model_fields_set:
             raise ValueError("goal: is missing; give min for the shortest program")
         return self
+
+    def answer(self, columns: Columns) -> dict[str, Any]:
+        answer = super().answer(columns)
+        if "cause" in columns and not (columns["cause"] == "").any():
+            answer["no placement can do the program"] = f"the first because {columns['cause'][0]}"
+        elif "gap_m" in columns and not np.asarray(columns["share"], dtype=float).any():
+            gaps = np.asarray(columns["gap_m"], dtype=float)
+            nearest = int(np.argmin(gaps))
+            at = ", ".join(f"{name} {columns[name][nearest].item():.6g}" for name in self.axes)
+            why = f"its targets are {gaps[nearest]:.3f} m beyond the reach on average"
+            if not gaps[nearest] > 0.0:
+                why = "joint limits or collisions prevent it"
+            answer["no target is reached"] = f"the nearest placement is {at}: {why}"
+        return answer
 
     def best_placement(self, columns: Columns) -> dict[str, list[float]] | None:
         """The best placement, as poses x, y, z, w, x, y, z: base in the present base frame, and TCP in
@@ -179,14 +193,14 @@ class _PlacementKernel:
         results = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         return {**self.study.parameters(first, last), **results}
 
-    def _evaluate(self, values: dict[str, Value]) -> dict[str, float]:
+    def _evaluate(self, values: dict[str, Value]) -> dict[str, float | str]:
         base = _base_of(values)
         self._place(base, _tip_of(values))
-        found: dict[str, float] = {}
+        found: dict[str, float | str] = {}
         if self.reach is not None:
             found |= self._reach(self.reach, base)
         if self.study.program is not None:
-            found["duration_s"] = self._duration_s(self.study.program, base)
+            found["duration_s"], found["cause"] = self._duration(self.study.program, base)
         return found
 
     def _place(self, base: Pose, tip: Pose) -> None:
@@ -215,10 +229,11 @@ class _PlacementKernel:
         return {
             "share": float(np.mean([each.share for each in found])),
             "manipulability": float(manipulability.mean()),
+            "gap_m": float(np.mean([each.gap for each in found])),
         }
 
-    def _duration_s(self, program: list[StudyMove], base: Pose) -> float:
-        """The duration of the program, s; NaN if a motion cannot be planned."""
+    def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, str]:
+        """The duration of the program, s; NaN with the reason if a motion cannot be planned."""
         back = base.inverse()
         moved = [
             move
@@ -228,9 +243,9 @@ class _PlacementKernel:
         ]
         try:
             planned = plan_program(self.robot, moved, 1.0, self.study.seed)
-        except (PlanningError, LimitError):
-            return float("nan")
-        return float(sum(0.0 if move.trajectory is None else move.trajectory.duration_s for move in planned))
+        except (PlanningError, LimitError) as exc:
+            return float("nan"), str(exc)[:200]
+        return sum(0.0 if move.trajectory is None else move.trajectory.duration_s for move in planned), ""
 
 
 def _base_of(values: dict[str, Value]) -> Pose:

@@ -92,6 +92,21 @@ def test_the_duration_is_that_of_the_planned_program() -> None:
     assert np.isnan(found[2])  # out of reach
 
 
+def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> None:
+    """Oracle: the distances between the bases; each metre further is a metre more beyond the reach."""
+    far = placement({"base_x_m": {"values": [-6.0, -5.0, -7.0]}}, method="ik")
+    columns = far.kernel()(0, 3)
+    gaps = np.asarray(columns["gap_m"], float)
+    assert gaps[[0, 2]] - gaps[1] == pytest.approx([1.0, 2.0], abs=0.05)
+    said = far.answer({"task": np.arange(3), **columns})["no target is reached"]
+    assert said.startswith("the nearest placement is base_x_m -5: its targets are ")
+    program = [{"to": "home"}, {"pose": [0.5, 0, 0.3, 0, 1, 0, 0]}]
+    space = {"base_x_m": {"values": [5.0, 6.0]}}
+    study = placement(space, metric="duration_s", goal="min", program=program, targets=None)
+    answer = study.answer({"task": np.arange(2), **study.kernel()(0, 2)})
+    assert answer["no placement can do the program"].startswith("the first because program[1]: ")
+
+
 def test_a_search_finds_a_placement_as_good_as_a_grid(tmp_path: Path) -> None:
     need("cmaes", "study")
     need("optuna", "study")
