@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from joblib.externals.loky import get_reusable_executor
 from study_functions import function_study, reach_study
 
 import cobot.studies.results.tables
@@ -83,6 +84,15 @@ def test_any_number_and_kind_of_workers_gives_the_same_bytes(tmp_path: Path) -> 
     with ProcessPoolExecutor(1) as processes:
         run_study(study, tmp_path / "processes", executor=processes)
     assert files_of(tmp_path / "threads") == files_of(tmp_path / "local") == files_of(tmp_path / "processes")
+
+
+def test_the_adapter_of_joblib_computes_the_same(tmp_path: Path) -> None:
+    """The executor that docs/studies.md names, in processes of joblib's own."""
+    study = reach_study()
+    run_study(study, tmp_path / "threads", executor=ThreadPoolExecutor(1))
+    with get_reusable_executor(max_workers=2) as executor:
+        run_study(study, tmp_path / "joblib", executor=executor, workers=2)
+    assert files_of(tmp_path / "joblib") == files_of(tmp_path / "threads")
 
 
 def test_a_cancelled_run_answers_in_part_and_the_next_one_computes_the_rest(tmp_path: Path) -> None:
