@@ -42,7 +42,7 @@ from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import (
     Authenticator,
     authentication_required,
-    rights_of_fleet,
+    fleet_tokens,
     rights_of_ros,
 )
 from cobot.access.roles import FLEET, ROS, Role
@@ -127,7 +127,8 @@ def _authenticator(
     if ros_token:
         tokens.grant(ROS, rights_of_ros(settings.ros, settings.web), ros_token)
     if fleet_token:
-        tokens.grant(FLEET, rights_of_fleet(settings.fleet), fleet_token)
+        for token, role in fleet_tokens(settings.fleet, fleet_token).items():
+            tokens.grant(FLEET, role, token)
     return tokens
 
 

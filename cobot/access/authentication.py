@@ -64,6 +64,21 @@ def rights_of_fleet(fleet: FleetSection) -> Role:
     return Role.PROGRAMMER if fleet.accept.settings == "none" else Role.ADMIN
 
 
+def fleet_tokens(fleet: FleetSection, token: str) -> dict[str, Role]:
+    """The tokens of the process that connects this cell to a fleet: its own one, and one for each role with
+    which people use the panel through the hub."""
+    found = {token: rights_of_fleet(fleet)}
+    if fleet.certificates is not None and fleet.accept.panel != "none":
+        most = Role.OBSERVER if fleet.accept.panel_commands == "none" else Role.PROGRAMMER
+        found |= {panel_token(token, role): role for role in Role if Role.OBSERVER <= role <= most}
+    return found
+
+
+def panel_token(fleet_token: str, role: Role) -> str:
+    """The token with which the fleet's process sends requests of people with this role."""
+    return hmac.digest(fleet_token.encode(), f"panel {role.name}".encode(), "sha256").hex()
+
+
 def ros_access(ros: RosSection, web: WebSection) -> str:
     """A sentence for people about what DDS participants may do."""
     if not ros.enabled:

@@ -181,6 +181,8 @@ class AcceptedCommands(Section):
     control: LeastRole
     roll_out: LeastRole
     settings: LeastRole
+    panel: LeastRole
+    panel_commands: LeastRole
 
 
 class FleetSection(Section):

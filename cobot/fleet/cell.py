@@ -40,6 +40,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, own_cell_name, parts
+from cobot.fleet.panel_cell import CellPanel
 from cobot.fleet.robot import FROM, FleetRobot
 from cobot.fleet.watching import EventWatch
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
@@ -94,6 +95,9 @@ class FleetCell:
         self._workers = ThreadPoolExecutor(1, thread_name_prefix="time")
         self.robots = {each.robot.name: FleetRobot(self, each, url, token) for each in settings.each.values()}
         self._default = settings.robot.name
+        self._panel = CellPanel(
+            section.name, self.name, section.accept, self._verifier, self.ask_time, url, token, self._record
+        )
         self._token: Any = None
         self._problem = ""
         self._look_again_s = 0.0
@@ -123,6 +127,7 @@ class FleetCell:
         """Leave the fleet. Without this, Zenoh may wait at the exit for a hub that does not answer."""
         if self._session is not None:
             self._session.close()
+        self._panel.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
         for robot in self.robots.values():
             robot.close()
@@ -184,6 +189,7 @@ class FleetCell:
             return
         if self._lost_s is None:
             self._lost_s = now_s
+            self._panel.close_streams()
             if self._token is not None:
                 log.warning("the hub is lost; this cell continues (fleet.on_loss: %s)", self._fleet.on_loss)
         stops = self._fleet.on_loss == "stop" and self._token is not None and not self._stopped_for_loss
@@ -227,6 +233,9 @@ class FleetCell:
         self._tell_problem("")
         for robot in self.robots.values():
             self._declare(robot)
+        panel = self._keys.panel(self.name)
+        receive = partial(self._panel.receive, key=panel)
+        self._declared.append(self._session.declare_queryable(panel, receive))
         self._synchronize()
         self._synchronize_s = now_s + SYNCHRONIZE_S
         self._token = token
@@ -336,7 +345,11 @@ class FleetCell:
                 f"role {command.role}"
             )
 
+    def _record(self, who: str, what: str, outcome: str, request: str) -> None:
+        record_beside(self._settings, who, FROM, what, outcome, command=request)
+
     def _synchronize(self) -> None:
+        self._panel.synchronize()
         for robot in self.robots.values():
             robot.book.synchronize()
             robot.recover()

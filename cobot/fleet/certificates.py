@@ -27,7 +27,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pydantic import Field
 
 from cobot.errors import ConfigError, ConflictError, PermissionDenied
-from cobot.fleet.messages import FleetCommand, read
+from cobot.fleet.messages import FleetCommand, Model, read
 from cobot.fleet.names import HUB
 from cobot.strict import StrictModel
 
@@ -43,12 +43,12 @@ class SignedCommand(StrictModel):
     """A command with the signature of a hub.
 
     Attributes:
-        command: `FleetCommand` as JSON, the text that is signed.
+        command: `FleetCommand` or `PanelRequest` as JSON, the text that is signed.
         certificate: certificate of the hub, PEM.
         signature: ECDSA with SHA-256 of `command` in UTF-8, base64.
     """
 
-    command: Annotated[str, Field(max_length=16_384)]
+    command: Annotated[str, Field(max_length=32_768)]
     certificate: Annotated[str, Field(max_length=8192)]
     signature: Annotated[str, Field(max_length=512)]
 
@@ -150,8 +150,8 @@ class Signer:
         names = self._certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         self.hosts = [str(each.value) for each in names]
 
-    def signed(self, command: FleetCommand) -> SignedCommand:
-        """Sign a command."""
+    def signed(self, command: StrictModel) -> SignedCommand:
+        """Sign a command, or another message."""
         text = command.model_dump_json()
         signature = self._key.sign(text.encode(), ec.ECDSA(hashes.SHA256()))
         return SignedCommand(
@@ -175,7 +175,11 @@ class Verifier:
         self._authority = _read_certificate(folder / f"{AUTHORITY}.pem")
 
     def command_of(self, content: bytes) -> FleetCommand:
-        """The command in a message.
+        """The command in a message. See `read`."""
+        return self.read(FleetCommand, content)
+
+    def read(self, kind: type[Model], content: bytes) -> Model:
+        """The signed part of a message.
 
         Raises:
             InputError: the content is not a signed command.
@@ -206,7 +210,7 @@ class Verifier:
                 f"the hub's certificate is valid until {certificate.not_valid_after_utc:%Y-%m-%d}; "
                 "issue a new one, or check the clock of this computer"
             )
-        return read(FleetCommand, signed.command.encode())
+        return read(kind, signed.command.encode())
 
 
 def _issue(

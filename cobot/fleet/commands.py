@@ -12,6 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
+from typing import Protocol
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, UnavailableError
@@ -21,6 +22,8 @@ FRESH_S = 30.0
 """Maximum age of a known time of the hub, s. After it the cell asks again."""
 MAX_COMMANDS = 1000
 """Maximum number of commands that are remembered until their deadline."""
+MAX_MESSAGES = 20_000
+"""Maximum number of other messages that are remembered until their deadline."""
 ANSWER_S = 20.0
 """Longest wait of a retry for the answer to the first try."""
 AHEAD_S = 1.0
@@ -44,9 +47,143 @@ class KnownTime:
         return self.hub.time_s + (now_s - self.answered_s)
 
 
+class Timed(Protocol):
+    """A message with an id, and with a deadline on the clock of the hub with this epoch."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def epoch(self) -> str: ...
+    @property
+    def issued_s(self) -> float: ...
+    @property
+    def expires_s(self) -> float: ...
+
+
+class Deadlines:
+    """Decides whether a message of the hub is in time. Thread safe.
+
+    Args:
+        ask_time: asks the hub for its time; returns None if it does not answer.
+    """
+
+    def __init__(self, ask_time: Callable[[], HubTime | None], clock: Clock = SYSTEM) -> None:
+        self._ask_time = ask_time
+        self._clock = clock
+        self._known: KnownTime | None = None
+        self._started: KnownTime | None = None
+
+    def synchronize(self) -> None:
+        """Ask the hub for its time. Call this at the start, because messages from before the first answer are
+        rejected."""
+        asked_s = self._clock.now_s()
+        found = self._ask_time()
+        if found is not None:
+            self._known = KnownTime(found, asked_s, self._clock.now_s())
+            self._started = self._started or self._known
+
+    def time_for(self, message: Timed) -> KnownTime:
+        """The hub's time. The hub is asked again if the known time is old or from another epoch.
+
+        Raises:
+            UnavailableError: the hub's time is unknown.
+        """
+        known = self._known
+        if (
+            known is None
+            or known.hub.epoch != message.epoch
+            or self._clock.now_s() - known.answered_s > FRESH_S
+        ):
+            self.synchronize()
+            known = self._known
+        if known is None:
+            raise UnavailableError(
+                "the hub does not send its time, so the deadline cannot be checked; send the command again"
+            )
+        return known
+
+    def check(self, message: Timed, known: KnownTime, *, harmless_twice: bool = False) -> None:
+        """
+        Args:
+            harmless_twice: whether a message from before the start of this process may be executed.
+
+        Raises:
+            InputError: the times of the message are invalid.
+            ConflictError: the message is late, or was issued before this process started.
+        """
+        now_s = self._clock.now_s()
+        lifetime_s = message.expires_s - message.issued_s
+        if not 0.0 < lifetime_s <= MAX_LIFETIME_S:
+            raise InputError(
+                f"expires_s: is {lifetime_s:g} s after issued_s, allowed is more than 0 and up to "
+                f"{MAX_LIFETIME_S:g} s"
+            )
+        if message.epoch != known.hub.epoch:
+            raise ConflictError(
+                f"epoch: {message.epoch} is not the epoch of the present hub; ask the hub for its time and "
+                "send a new command"
+            )
+        latest_s = known.latest(now_s)
+        if latest_s > message.expires_s:
+            raise ConflictError(
+                f"the command is {latest_s - message.expires_s:.1f} s late and was not executed; send a new "
+                "one"
+            )
+        if message.issued_s > latest_s + AHEAD_S:
+            raise ConflictError(
+                f"issued_s: is {message.issued_s - latest_s:.1f} s ahead of the hub's time, allowed is "
+                f"{AHEAD_S:g} s; ask the hub for its time"
+            )
+        started = self._started
+        if (
+            not harmless_twice
+            and started is not None
+            and started.hub.epoch == message.epoch
+            and message.issued_s < started.hub.time_s
+        ):
+            raise ConflictError(
+                "the command was issued before this cell joined the fleet, so this cell may have executed it "
+                "before a restart; send a new one"
+            )
+
+    def is_over(self, message: Timed, known: KnownTime) -> bool:
+        """Whether the deadline of a message has certainly passed, so that a copy of it would be rejected."""
+        earliest_s = known.earliest(self._clock.now_s())
+        return message.epoch != known.hub.epoch or message.expires_s + 1.0 < earliest_s
+
+
 def _same(one: FleetCommand, other: FleetCommand) -> bool:
     """Whether one command is a retry of the other. A retry may have another deadline, or fewer robots."""
     return (one.action, one.who, one.role, one.epoch) == (other.action, other.who, other.role, other.epoch)
+
+
+class SeenMessages:
+    """The messages of the hub that a cell has executed, each once. Thread safe."""
+
+    def __init__(self, deadlines: Deadlines) -> None:
+        self._deadlines = deadlines
+        self._seen: dict[str, Timed] = {}
+        self._lock = threading.Lock()
+
+    def require_new(self, message: Timed) -> None:
+        """
+        Raises:
+            CobotError: the message is late, invalid, or was executed before.
+        """
+        known = self._deadlines.time_for(message)
+        with self._lock:
+            self._deadlines.check(message, known)
+            if message.id in self._seen:
+                raise ConflictError(f"id {message.id}: this message was executed before; send a new one")
+            if len(self._seen) >= MAX_MESSAGES:
+                self._seen = {
+                    name: each
+                    for name, each in self._seen.items()
+                    if not self._deadlines.is_over(each, known)
+                }
+            if len(self._seen) >= MAX_MESSAGES:
+                raise BusyError(f"{MAX_MESSAGES} messages came within their deadlines; try again in a minute")
+            self._seen[message.id] = message
 
 
 class CommandBook:
@@ -60,10 +197,8 @@ class CommandBook:
         self, cell: str, robot: str, ask_time: Callable[[], HubTime | None], clock: Clock = SYSTEM
     ) -> None:
         self._cell, self._robot = cell, robot
-        self._ask_time = ask_time
-        self._clock = clock
-        self._known: KnownTime | None = None
-        self._started: KnownTime | None = None
+        self._deadlines = Deadlines(ask_time, clock)
+        self.synchronize = self._deadlines.synchronize
         self._answers: dict[str, tuple[Future[CommandAnswer], FleetCommand]] = {}
         self._lock = threading.Lock()
 
@@ -92,16 +227,6 @@ class CommandBook:
         self._answers[command.id][0].set_result(answer)
         return answer
 
-    def synchronize(self) -> None:
-        """Ask the hub for its time. Call this at the start, because commands from before the first answer are
-        rejected."""
-        asked_s = self._clock.now_s()
-        found = self._ask_time()
-        with self._lock:
-            if found is not None:
-                self._known = KnownTime(found, asked_s, self._clock.now_s())
-                self._started = self._started or self._known
-
     def _begin(self, command: FleetCommand) -> Future[CommandAnswer] | None:
         """None if the command must be executed now; otherwise the future of its first try.
 
@@ -110,16 +235,16 @@ class CommandBook:
             ConflictError: the command is late, or was issued before this process started.
             UnavailableError: the hub's time is unknown.
         """
-        known = self._time_for(command)
+        known = self._deadlines.time_for(command)
         with self._lock:
-            now_s = self._clock.now_s()
             entry = self._answers.get(command.id)
             if entry is not None and _same(entry[1], command):
                 return entry[0]
             if entry is not None:
                 raise ConflictError(f"id {command.id}: another command had this id already; use a new id")
-            self._check(command, known, now_s)
-            self._forget(known, now_s)
+            # A second stop does no harm, a stop that is rejected may.
+            self._deadlines.check(command, known, harmless_twice=isinstance(command.action, StopArm))
+            self._forget(known)
             if len(self._answers) >= MAX_COMMANDS:
                 raise BusyError(
                     f"{len(self._answers)} commands wait for their deadlines, allowed are {MAX_COMMANDS}; "
@@ -128,70 +253,15 @@ class CommandBook:
             self._answers[command.id] = Future(), command
             return None
 
-    def _time_for(self, command: FleetCommand) -> KnownTime:
-        """The hub's time. The hub is asked again if the known time is old or from another epoch."""
-        known = self._known
-        if (
-            known is None
-            or known.hub.epoch != command.epoch
-            or self._clock.now_s() - known.answered_s > FRESH_S
-        ):
-            self.synchronize()
-            known = self._known
-        if known is None:
-            raise UnavailableError(
-                "the hub does not send its time, so the deadline cannot be checked; send the command again"
-            )
-        return known
-
-    def _check(self, command: FleetCommand, known: KnownTime, now_s: float) -> None:
-        lifetime_s = command.expires_s - command.issued_s
-        if not 0.0 < lifetime_s <= MAX_LIFETIME_S:
-            raise InputError(
-                f"expires_s: is {lifetime_s:g} s after issued_s, allowed is more than 0 and up to "
-                f"{MAX_LIFETIME_S:g} s"
-            )
-        if command.epoch != known.hub.epoch:
-            raise ConflictError(
-                f"epoch: {command.epoch} is not the epoch of the present hub; ask the hub for its time and "
-                "send a new command"
-            )
-        latest_s = known.latest(now_s)
-        if latest_s > command.expires_s:
-            raise ConflictError(
-                f"the command is {latest_s - command.expires_s:.1f} s late and was not executed; send a new "
-                "one"
-            )
-        if command.issued_s > latest_s + AHEAD_S:
-            raise ConflictError(
-                f"issued_s: is {command.issued_s - latest_s:.1f} s ahead of the hub's time, allowed is "
-                f"{AHEAD_S:g} s; ask the hub for its time"
-            )
-        started = self._started
-        if (
-            not isinstance(command.action, StopArm)  # a second stop does no harm, a stop that is refused may
-            and started is not None
-            and started.hub.epoch == command.epoch
-            and command.issued_s < started.hub.time_s
-        ):
-            raise ConflictError(
-                "the command was issued before this cell joined the fleet, so this cell may have executed it "
-                "before a restart; send a new one"
-            )
-
-    def _forget(self, known: KnownTime, now_s: float) -> None:
+    def _forget(self, known: KnownTime) -> None:
         """Drop the commands whose deadline has passed. A retry of one is rejected as late."""
-        earliest_s = known.earliest(now_s)
-        for name in [
-            name for name, entry in self._answers.items() if self._is_over(entry, earliest_s, known)
-        ]:
+        over = [
+            name
+            for name, (future, command) in self._answers.items()
+            if future.done() and self._deadlines.is_over(command, known)
+        ]
+        for name in over:
             del self._answers[name]
-
-    def _is_over(
-        self, entry: tuple[Future[CommandAnswer], FleetCommand], earliest_s: float, known: KnownTime
-    ) -> bool:
-        future, command = entry
-        return future.done() and (command.epoch != known.hub.epoch or command.expires_s + 1.0 < earliest_s)
 
     def _answer(self, command: FleetCommand, code: str, text: str) -> CommandAnswer:
         return CommandAnswer(id=command.id, cell=self._cell, robot=self._robot, code=code, text=text[:2000])

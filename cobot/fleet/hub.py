@@ -36,6 +36,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, parts
+from cobot.fleet.panel_link import PanelLink
 from cobot.fleet.recordings import FleetRecordingStore, RecordingPuller
 from cobot.fleet.roll_outs import RollOuts
 
@@ -119,6 +120,7 @@ class Hub:
 
     Attributes:
         hosts: names and addresses of this computer in the hub's certificate.
+        panels: panels of cells that people have open; None without certificates.
         counts: number of answers to commands, by action and code.
 
     Args:
@@ -152,6 +154,9 @@ class Hub:
         self._session: zenoh.Session = open_hub(fleet, listen, list(connect), certificates)
         self.hosts = [] if self._signer is None else self._signer.hosts
         self.roll_outs = RollOuts()
+        self.panels = self._signer and PanelLink(
+            fleet, self.instance, self._keys, self._session, self._signer
+        )
         self.counts: Counter[tuple[str, str]] = Counter()
         try:
             self._declare()

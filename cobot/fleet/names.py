@@ -7,6 +7,7 @@
     cobot/FLEET/CELL/ROBOT/programs   the stored programs: the answer to a query
     cobot/FLEET/CELL/ROBOT/recordings   the complete recordings: the answer to a query
     cobot/FLEET/CELL/ROBOT/recording    a piece of a recording, or its hash: the answer to a query
+    cobot/FLEET/CELL/panel/request    a query with a request to the cell's panel
     cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process
     cobot/FLEET/@hub/time             the time of the fleet: the answer to a query
     cobot/FLEET/@hub/bundles/HASH     the content of a bundle: the answer to a query
@@ -38,6 +39,10 @@ class FleetKeys:
     def alive(self, cell: str, instance: str) -> str:
         """The liveliness token of a cell's process."""
         return f"{PREFIX}/{self.fleet}/{cell}/{instance}"
+
+    def panel(self, cell: str) -> str:
+        """Requests to the panel of a cell. A robot may be called `panel`, too: it has no such key."""
+        return self.of(cell, "panel", "request")
 
     @property
     def time(self) -> str:

@@ -19,6 +19,7 @@ from cobot.launch.fleet_extra import require_zenoh
 from cobot.logs import start_logging
 
 MAX_DAYS = 3650
+PANEL_PORT = 8071
 LISTEN = "tcp/127.0.0.1:7447"
 
 
@@ -51,6 +52,13 @@ def add_serve(actions: Any) -> None:
         default=8070,
         metavar="P",
         help="port of the page and the REST API; 0 picks a free one",
+    )
+    serve.add_argument(
+        "--panel-port",
+        type=int,
+        default=PANEL_PORT,
+        metavar="P",
+        help=f"port of the panels of cells, with certificates; 0 picks a free one; default: {PANEL_PORT}",
     )
     serve.add_argument(
         "--certificates",
@@ -130,6 +138,7 @@ def _serve(chosen: argparse.Namespace) -> int:
     import uvicorn
 
     from cobot.fleet.hub import Hub
+    from cobot.fleet.panel_web import PanelServer
     from cobot.fleet.recordings import FleetRecordingStore
     from cobot.fleet.web import make_app
 
@@ -149,12 +158,17 @@ def _serve(chosen: argparse.Namespace) -> int:
         if not 0.001 <= chosen.recordings_gb <= 1e6:
             raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed is 0.001 to 1000000")
         store = FleetRecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
-    listener = _listener(chosen.host, chosen.port)
+    listeners = [_listener(chosen.host, chosen.port, "--port")]
     try:
+        if folder is not None:
+            listeners.append(_listener(chosen.host, chosen.panel_port, "--panel-port"))
         hub = Hub(chosen.name, listen, chosen.connect, folder, store)
     except BaseException:
-        listener.close()
+        for each in listeners:
+            each.close()
         raise
+    listener, *others = listeners
+    panels = None
     try:
         port = listener.getsockname()[1]
         host = f"[{chosen.host}]" if ":" in chosen.host else chosen.host
@@ -167,7 +181,10 @@ def _serve(chosen: argparse.Namespace) -> int:
             signal.signal(number, lambda *_: None)
         start_logging("fleet")  # errors of the start are for the terminal, as they are
         logging.getLogger("uvicorn").setLevel(logging.WARNING)
-        app = make_app(hub, [chosen.host, host, "localhost", "127.0.0.1", *hub.hosts], tokens)
+        hosts = [chosen.host, host, "localhost", "127.0.0.1", *hub.hosts]
+        if folder is not None:
+            panels = PanelServer(hub, others[0], hosts, folder)
+        app = make_app(hub, hosts, tokens, others[0].getsockname()[1] if others else 0)
         config = uvicorn.Config(
             app,
             log_config=None,
@@ -178,8 +195,11 @@ def _serve(chosen: argparse.Namespace) -> int:
         )
         uvicorn.Server(config).run(sockets=[listener])
     finally:
+        if panels is not None:
+            panels.close()
         hub.close()
-        listener.close()
+        for each in listeners:
+            each.close()
     return 0
 
 
@@ -209,12 +229,14 @@ def _host_of(endpoint: str, scheme: str) -> str:
     return found[1].strip("[]")
 
 
-def _listener(host: str, port: int) -> socket.socket:
+def _listener(host: str, port: int, option: str) -> socket.socket:
     if not 0 <= port <= 65535:
-        raise InputError(f"--port: is {port}, allowed is 0 to 65535; choose another port")
+        raise InputError(f"{option}: is {port}, allowed is 0 to 65535; choose another port")
     try:
         return socket.create_server(
             (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, backlog=100
         )
     except OSError as exc:
-        raise UnavailableError(f"--port: {host}:{port}: {exc.strerror or exc}; choose another port") from exc
+        raise UnavailableError(
+            f"{option}: {host}:{port}: {exc.strerror or exc}; choose another port"
+        ) from exc

@@ -26,7 +26,6 @@ from cobot.errors import (
     AuthenticationError,
     BusyError,
     CobotError,
-    ConflictError,
     InputError,
     NotFoundError,
     PermissionDenied,
@@ -35,19 +34,14 @@ from cobot.fleet.bundle import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
 from cobot.fleet.metrics import CONTENT_TYPE, metrics_of
+from cobot.fleet.panel_link import PanelPerson
 from cobot.fleet.recordings import FleetRecordingStore
+from cobot.fleet.same_site import SameSite
+from cobot.fleet.status import status_of
 from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
 FILES = ("fleet.js", "fleet.css", "words.json")
-STATUS = {
-    NotFoundError: 404,
-    InputError: 422,
-    AuthenticationError: 401,
-    PermissionDenied: 403,
-    ConflictError: 409,
-    BusyError: 409,
-}
 CSP = (
     "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'"
@@ -136,36 +130,19 @@ class People:
         """
         if self._tokens is None:
             return Person(claimed(unquote(name)), "admin")
-        kind, _, token = authorization.partition(" ")
-        holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
-        if holder is None:
+        found = self.holder(authorization)
+        if found is None:
             raise AuthenticationError(
                 "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` makes one"
             )
-        return Person(holder.name, cast(RoleName, holder.role.name.lower()))
+        return found
 
-
-class SameSite:
-    """Rejects requests from pages of other sites, which otherwise could stop the fleet from a visitor's
-    browser."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http":
-            headers = dict(scope["headers"])
-            host = headers.get(b"host", b"")
-            own = (None, b"http://" + host, b"https://" + host)
-            foreign = (
-                headers.get(b"sec-fetch-site") not in (None, b"same-origin", b"none")
-                or headers.get(b"origin") not in own
-            )
-            if foreign and scope["method"] not in ("GET", "HEAD"):
-                answer = _error(403, "permission", "pages of other sites must not use the hub")
-                await answer(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+    def holder(self, authorization: str) -> Person | None:
+        """The person with the token in a header; None if it is not valid."""
+        assert self._tokens is not None
+        kind, _, token = authorization.partition(" ")
+        holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
+        return holder and Person(holder.name, cast(RoleName, holder.role.name.lower()))
 
 
 class LimitedBody:
@@ -188,12 +165,13 @@ class LimitedBody:
         await self._app(scope, receive_part if scope["type"] == "http" else receive, send)
 
 
-def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) -> FastAPI:
+def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None, panel_port: int = 0) -> FastAPI:
     """Create the web application.
 
     Args:
         hosts: names and addresses that requests may use for the hub, without ports.
         tokens: None if everybody who reaches the hub may use it.
+        panel_port: port of the panels of cells; 0 if there are none.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
     app.add_middleware(LimitedBody)
@@ -201,8 +179,10 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
     app.add_exception_handler(CobotError, _answer_to)
     app.add_exception_handler(RequestValidationError, _answer_to_invalid)
-    person = Depends(People(tokens).find)
-    _add_reading(app, hub, person)
+    people = People(tokens)
+    person = Depends(people.find)
+    _add_reading(app, hub, person, has_panels=bool(panel_port))
+    _add_panels(app, hub, people, panel_port)
     stops = CapacityLimiter(MAX_STOPS)
     for target in TARGETS:
         _add_commands(app, hub, person, target, stops)
@@ -212,7 +192,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
     return app
 
 
-def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
+def _add_reading(app: FastAPI, hub: Hub, person: Any, *, has_panels: bool) -> None:
     pictures = threading.Semaphore(MAX_PICTURES)
 
     @app.get("/health")
@@ -230,7 +210,7 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
         found = [each for each in hub.cells() if state in (None, each["state"])]
         if gone is not None:
             found = [each for each in found if (each["state"] == GONE) == gone]
-        return {"fleet": hub.fleet, "robots": found}
+        return {"fleet": hub.fleet, "panels": has_panels, "robots": found}
 
     @app.get("/cells/{cell}", dependencies=[person])
     def cell_(cell: str) -> dict[str, Any]:
@@ -257,6 +237,26 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.get("/metrics", dependencies=[person])
     def metrics() -> Response:
         return Response(metrics_of(hub), media_type=CONTENT_TYPE)
+
+
+def _add_panels(app: FastAPI, hub: Hub, people: People, port: int) -> None:
+    @app.post("/cells/{cell}/panel", dependencies=[Depends(people.find)])
+    async def panel(
+        request: Request, cell: str, authorization: Annotated[str, Header()] = ""
+    ) -> dict[str, Any]:
+        if hub.panels is None or not port:
+            raise PermissionDenied(
+                "a hub without certificates shows no panels of cells; start it with --certificates"
+            )
+        hub.robots_of(cell)
+
+        def find() -> PanelPerson | None:
+            found = people.holder(authorization)
+            return found and PanelPerson(found.name, found.role)
+
+        name = hub.panels.open(cell, find)
+        host = request.url.hostname or "localhost"
+        return {"url": f"https://{f'[{host}]' if ':' in host else host}:{port}/{name}/"}
 
 
 def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str, stops: CapacityLimiter) -> None:
@@ -347,8 +347,7 @@ def _error(status: int, code: str, detail: str) -> JSONResponse:
 
 async def _answer_to(request: Request, exc: Exception) -> Response:
     assert isinstance(exc, CobotError)
-    status = next((status for kind, status in STATUS.items() if isinstance(exc, kind)), 503)
-    return _error(status, exc.code, str(exc))
+    return _error(status_of(exc), exc.code, str(exc))
 
 
 async def _answer_to_invalid(request: Request, exc: Exception) -> Response:

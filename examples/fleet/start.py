@@ -54,7 +54,7 @@ def free_port() -> int:
 def prepare(folder: Path) -> list[list[str]]:
     """Make certificates, a token and settings. Returns the commands to run."""
     certificates = folder / "certificates"
-    port, page = free_port(), free_port()
+    port, page, panels = free_port(), free_port(), free_port()
     for kind, names in (("hub", ("localhost", "127.0.0.1")), ("cell", CELLS)):
         command = [*COBOT, "fleet", "certificate", str(certificates), kind, *names]
         subprocess.run(command, check=True, capture_output=True)
@@ -73,6 +73,7 @@ def prepare(folder: Path) -> list[list[str]]:
         [
             *(*COBOT, "fleet", "serve", "--name", "hall", "--certificates", str(certificates)),
             *("--listen", f"tls/127.0.0.1:{port}", "--port", str(page)),
+            *("--panel-port", str(panels)),
         ]
     ]
     for cell in CELLS:

@@ -41,7 +41,7 @@ class Hub:
         host: str = "127.0.0.1",
     ) -> None:
         self.certificates, self.recordings, self.host = certificates, recordings, host
-        self.zenoh_port, self.port = free_port(), free_port()
+        self.zenoh_port, self.port, self.panel_port = free_port(), free_port(), free_port()
         trusted = certificates and ssl.create_default_context(cafile=certificates / "ca.pem")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self.http = httpx.Client(
@@ -55,7 +55,7 @@ class Hub:
     @property
     def command(self) -> list[str]:
         options = ["--name", FLEET, "--listen", self.address, "--port", str(self.port)]
-        options += ["--host", self.host]
+        options += ["--host", self.host, "--panel-port", str(self.panel_port)]
         if self.certificates is not None:
             options += ["--certificates", str(self.certificates)]
         if self.recordings is not None:

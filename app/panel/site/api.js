@@ -5,6 +5,9 @@ import { word } from "./words.js";
 
 const STORED = "cobot.token";
 export const PERSON = "cobot.name";
+// A hub has the panel of each cell below a path of its own, so all addresses are relative to the page. It knows the
+// person, and a token of the cell is of no use there.
+export const THROUGH_HUB = location.pathname !== "/";
 const READ_MS = 10_000;
 const WRITE_MS = 30_000; // planning is given 20 s by the service
 export const LONG_MS = 130_000; // what writes or reads a long file
@@ -23,6 +26,7 @@ export class Api {
     this.control = ""; // the token of a lease, see lease.js
     this.onToken = () => {};
     this.form = document.getElementById("token-form");
+    document.getElementById("through-hub").hidden = !THROUGH_HUB;
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
       sessionStorage.setItem(STORED, document.getElementById("token").value.trim());
@@ -64,13 +68,13 @@ export class Api {
       options.headers["Content-Type"] = "application/json";
       options.body = JSON.stringify(body);
     }
-    const answer = await fetch(address, options).catch((error) => {
+    const answer = await fetch(`.${address}`, options).catch((error) => {
       throw new Refused(0, word("unanswered", { address, why: error.message }));
     });
     if (answer.ok || answer.status === 304) return answer;
     const said = await answer.json().catch(() => ({}));
     const why = typeof said.detail === "string" ? said.detail : `HTTP ${answer.status}`;
-    if (!quiet && (answer.status === 401 || answer.status === 403)) this.askForToken(why);
+    if (!quiet && !THROUGH_HUB && (answer.status === 401 || answer.status === 403)) this.askForToken(why);
     throw new Refused(answer.status, why, said);
   }
 

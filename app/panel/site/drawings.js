@@ -1,5 +1,5 @@
 // Things in the picture that are not the arm: the shadow, a map, the line of a clearance.
-import * as THREE from "/three/three.module.min.js";
+import * as THREE from "../three/three.module.min.js";
 import { hueAt } from "./clearance.js";
 
 const MAP_SHARE = 0.6; // size of a point of a map, as a share of the distance of neighbours

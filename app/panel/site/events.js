@@ -21,7 +21,7 @@ export class Events {
     const before = this.socket;
     this.socket = null;
     before?.close();
-    const address = new URL(this.api.address("/events"), location.href);
+    const address = new URL(`.${this.api.address("/events")}`, location.href);
     address.protocol = address.protocol.replace("http", "ws");
     address.searchParams.set("after", this.last);
     const socket = new WebSocket(address, this.api.protocols);

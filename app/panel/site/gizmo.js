@@ -1,5 +1,5 @@
 // The handles at the TCP: three arrows and three rings, which the mouse or a finger drags. They only give a pose.
-import * as THREE from "/three/three.module.min.js";
+import * as THREE from "../three/three.module.min.js";
 
 const SIZE = 0.16; // of the distance of the camera
 const COLOURS = [0xd6293e, 0x2e9e3f, 0x2f6fd6]; // x, y, z, as those of the axes

@@ -1,5 +1,5 @@
 // Reads a GLB file as /robot/visuals/{mesh} has it: triangles and colours, without textures and animations.
-import * as THREE from "/three/three.module.min.js";
+import * as THREE from "../three/three.module.min.js";
 
 const [MAGIC, JSON_CHUNK, BINARY_CHUNK] = [0x46546c67, 0x4e4f534a, 0x004e4942];
 const NUMBERS = { 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };

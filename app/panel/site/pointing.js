@@ -1,5 +1,5 @@
 // What a pointer touches in the picture: the handles of the TCP, and the links, which it pulls.
-import * as THREE from "/three/three.module.min.js";
+import * as THREE from "../three/three.module.min.js";
 
 const PULLED = 0xf5b400;
 const CHOSEN = 0x0b5cad;

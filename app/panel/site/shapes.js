@@ -1,5 +1,5 @@
 // Bodies, joints and shapes of GET /robot/geometry as objects of three.js, with the looks of GET /robot/visuals.
-import * as THREE from "/three/three.module.min.js";
+import * as THREE from "../three/three.module.min.js";
 import { readGlb } from "./glb.js";
 import { localPose } from "./kinematics.js";
 

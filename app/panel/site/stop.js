@@ -55,7 +55,7 @@ async function send(press) {
   requests.add(id);
   const unsure = setTimeout(() => fail(press, `no answer for ${UNSURE_MS / 1000} s`), UNSURE_MS);
   try {
-    const answer = await fetch("/stop", { method: "POST", headers: { ...headers(), "X-Request-Id": id }, signal: AbortSignal.timeout(GIVE_UP_MS) });
+    const answer = await fetch("stop", { method: "POST", headers: { ...headers(), "X-Request-Id": id }, signal: AbortSignal.timeout(GIVE_UP_MS) });
     const said = await answer.json();
     if (answer.ok && said.success) succeed(press);
     else fail(press, said.message ?? said.detail ?? `HTTP ${answer.status}`);

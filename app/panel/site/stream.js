@@ -38,7 +38,7 @@ export class Stream {
     const before = this.socket;
     this.socket = null;
     before?.close();
-    const address = new URL(this.api.address("/stream"), location.href);
+    const address = new URL(`.${this.api.address("/stream")}`, location.href);
     address.protocol = address.protocol.replace("http", "ws");
     if (this.api.name) address.searchParams.set("client_name", this.api.name);
     const socket = new WebSocket(address, this.api.protocols);

@@ -65,7 +65,7 @@ export class Pages extends Tabs {
     super(list, [...list.children], (tab) => {
       for (const each of this.tabs) element(each.getAttribute("aria-controls")).hidden = each !== tab;
       document.body.dataset.page = tab.dataset.page;
-      element("help").href = `/manual/panel.html#${tab.dataset.page}`;
+      element("help").href = `manual/panel.html#${tab.dataset.page}`;
       keep("localStorage", PAGE, tab.dataset.page);
       changed();
     });

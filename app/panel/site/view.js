@@ -1,6 +1,6 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
-import { OrbitControls } from "/three/OrbitControls.js";
-import * as THREE from "/three/three.module.min.js";
+import { OrbitControls } from "../three/OrbitControls.js";
+import * as THREE from "../three/three.module.min.js";
 import { clearanceLine, points, shadow } from "./drawings.js";
 import { Gizmo } from "./gizmo.js";
 import { Pointing } from "./pointing.js";

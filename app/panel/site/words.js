@@ -27,7 +27,7 @@ export function inEachLanguage(write) {
 // A page without its words works; it gets them later.
 export async function installLanguages() {
   try {
-    catalogue = await (await fetch("/panel/words.json", { signal: AbortSignal.timeout(AGAIN_MS) })).json();
+    catalogue = await (await fetch(new URL("words.json", import.meta.url), { signal: AbortSignal.timeout(AGAIN_MS) })).json();
   } catch {
     setTimeout(installLanguages, AGAIN_MS);
     return;

@@ -14,6 +14,7 @@ const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
 let chosen = new Set();
 let robots = [];
+let panels = false; // whether the hub shows the panels of cells
 let polled = Date.now();
 let language = localStorage.getItem("cobot.language") ?? navigator.language.slice(0, 2);
 if (!(language in words)) language = "en";
@@ -56,14 +57,16 @@ function tileOf(robot) {
   const list = element("dl");
   for (const field of FIELDS) list.append(element("dt", {}, word(field)), element("dd", { "data-field": field }));
   const foot = element("div", { class: "foot" });
-  const link = element("a", { target: "_blank", rel: "noopener noreferrer" }, word("panel"));
+  const panel = element("button", { type: "button", class: "open-panel" }, word("panel"));
+  panel.onclick = () => openPanel(robot.cell);
+  const link = element("a", { target: "_blank", rel: "noopener noreferrer" }, word("panel_there"));
   const stop = element("button", { type: "button", class: "stop" }, word("stop"));
   stop.setAttribute("aria-label", `${word("stop")} ${robot.cell} ${robot.robot}`);
   const path = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/stop`;
   stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`), () => command(path));
   const look = element("button", { type: "button", class: "look" }, word("picture"));
   look.onclick = () => showPicture(robot);
-  foot.append(link, look, stop);
+  foot.append(panel, link, look, stop);
   tile.append(head, list, element("p", { class: "faults" }), commandsOf(robot), foot);
   return tile;
 }
@@ -140,6 +143,7 @@ function fill(tile, robot) {
   const faults = tile.querySelector(".faults");
   faults.textContent = faultsOf(robot);
   faults.hidden = !faults.textContent;
+  tile.querySelector(".open-panel").hidden = !panels;
   const link = tile.querySelector("a");
   link.hidden = !/^https?:\/\//.test(robot.panel);
   if (!link.hidden) link.href = robot.panel;
@@ -205,7 +209,7 @@ async function poll() {
     if (response.status === 401) askToken();
     if (!response.ok) throw new Error(response.statusText);
     const answer = await response.json();
-    robots = answer.robots;
+    ({ robots, panels } = answer);
     byId("fleet").textContent = answer.fleet;
     tellConnection(`${robots.filter((robot) => robot.alive).length} / ${robots.length} ${word("connected")}`, false);
   } catch {
@@ -233,6 +237,22 @@ async function showPicture(robot) {
     byId("picture-of").textContent = `${name} – ${new Date().toLocaleTimeString(language)}`;
   } catch (error) {
     byId("picture-of").textContent = `${name}: ${word("no_picture")} ${error.message}`;
+  }
+}
+
+// In a window of another origin, which knows neither this page nor the token.
+async function openPanel(cell) {
+  const opened = window.open("", "_blank");
+  if (!opened) { tell(word("no_window"), true); return; }
+  opened.opener = null;
+  try {
+    const response = await fetch(`cells/${encodeURIComponent(cell)}/panel`, { method: "POST", headers: identity(), signal: AbortSignal.timeout(TIMEOUT_MS) });
+    const answer = await response.json();
+    if (!response.ok) throw new Error(answer.detail);
+    opened.location = answer.url;
+  } catch (error) {
+    opened.close();
+    tell(`${cell}: ${error.message}`, true);
   }
 }
 

@@ -62,7 +62,9 @@ def used(pattern: str) -> set[str]:
 def test_the_page_and_all_that_it_names_come_from_here_with_a_strict_policy(app: FastAPI) -> None:
     page = ask(app, "/")
     assert page.headers["content-type"].startswith("text/html")
-    addresses = {"/", *re.findall(r'(?:src|href)="([^"]+)"', page.text)} - {"/docs"}
+    named = re.findall(r'(?:src|href)="([^"]+)"', page.text)
+    assert not [each for each in named if each.startswith("/")], "a hub has the panel below another path"
+    addresses = {"/", *(f"/{each}" for each in named)} - {"/docs"}
     addresses |= {f"/panel/{file.name}" for file in pages.SITE.iterdir()}
     for address in addresses:
         if address.startswith("/manual/"):
@@ -89,7 +91,7 @@ def test_three_js_is_served_as_the_package_has_it(app: FastAPI) -> None:
 
 def test_each_module_that_the_panel_or_three_js_imports_is_served(app: FastAPI) -> None:
     """Oracle: the import statements of the panel's scripts and of the modules themselves."""
-    modules = used(r"from \"(/three/[^\"]+)\"")
+    modules = used(r"from \"\.\.(/three/[^\"]+)\"")
     assert modules
     texts = {name: ask(app, f"/three/{name}").text for name in pages.THREE_MODULES}
     for text in texts.values():
@@ -272,7 +274,7 @@ def test_the_stop_needs_no_other_script() -> None:
     script = (pages.SITE / "stop.js").read_text(encoding="utf-8")
     assert "import" not in script
     page = (pages.SITE / "index.html").read_text(encoding="utf-8")
-    assert re.findall(r'<script[^>]*src="([^"]+)"', page) == ["/panel/stop.js", "/panel/main.js"]
+    assert re.findall(r'<script[^>]*src="([^"]+)"', page) == ["panel/stop.js", "panel/main.js"]
 
 
 def test_modules_stay_small() -> None:

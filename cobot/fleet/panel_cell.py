@@ -1,0 +1,280 @@
+"""The cell's part of its panel at the hub: requests to its own service, with the rights that it permits.
+
+Everything runs in one event loop in a thread of its own, so no command of the fleet waits for it. The service
+decides what a request may do, by the role of the token that comes with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Callable
+from functools import partial
+from hashlib import sha256
+from typing import TYPE_CHECKING
+
+import httpx
+from websockets.asyncio.client import connect
+from websockets.exceptions import WebSocketException
+
+from cobot.access.authentication import panel_token
+from cobot.access.roles import Role
+from cobot.client.tls import tls_context
+from cobot.config.sections import AcceptedCommands
+from cobot.errors import CobotError, InputError, NotFoundError, PermissionDenied, UnavailableError
+from cobot.fleet.certificates import Verifier
+from cobot.fleet.commands import Deadlines, SeenMessages
+from cobot.fleet.messages import HubTime, written
+from cobot.fleet.panel_messages import (
+    ANSWER_HEADERS,
+    MAX_BODY_BYTES,
+    MAX_PIECE_BYTES,
+    WAIT_S,
+    CloseStream,
+    OpenHttp,
+    OpenSocket,
+    PanelHead,
+    PanelRequest,
+    ReadStream,
+    SendMessage,
+)
+from cobot.fleet.panel_streams import PanelStream, PanelStreams, require_piece
+
+if TYPE_CHECKING:
+    import zenoh
+
+MAX_WAITING = 200
+"""Maximum number of queries that are answered at the same time."""
+CONNECT_S = 5.0
+LONG_S = 150.0
+"""Timeout for an answer of the service: longer than those of the panel."""
+READING = ("GET", "HEAD")
+NO_ROLE = "none"
+HIGHEST = Role.PROGRAMMER
+"""Highest role of a person at the hub. Tokens, backups and reloads need a higher one."""
+
+log = logging.getLogger("cobot.fleet")
+
+
+class CellPanel:
+    """Answers the requests of the hub to the panel of this cell.
+
+    Args:
+        fleet, cell: the names of this cell.
+        url: URL of its service; "" without one.
+        token: of this process at the service.
+        record: adds a changing request to the audit. Arguments: person, request, outcome, id.
+    """
+
+    def __init__(
+        self,
+        fleet: str,
+        cell: str,
+        accept: AcceptedCommands,
+        verifier: Verifier | None,
+        ask_time: Callable[[], HubTime | None],
+        url: str,
+        token: str,
+        record: Callable[[str, str, str, str], None],
+    ) -> None:
+        self._fleet, self._cell, self._accept, self._verifier = fleet, cell, accept, verifier
+        self._url, self._token, self._record = url, token, record
+        deadlines = Deadlines(ask_time)
+        self.synchronize = deadlines.synchronize
+        self._seen = SeenMessages(deadlines)
+        self._streams = PanelStreams()
+        self._places = threading.Semaphore(MAX_WAITING)
+        self._loop = asyncio.new_event_loop()
+        self._http: httpx.AsyncClient | None = None
+        self._thread = threading.Thread(target=self._serve, name="panel", daemon=True)
+        self._thread.start()
+
+    def receive(self, query: zenoh.Query, key: str) -> None:
+        """Answer a query of the hub, in the event loop."""
+        if not self._places.acquire(blocking=False):
+            busy = PanelHead(code="busy", text=f"{MAX_WAITING} requests to the panel of this cell wait")
+            query.reply(key, b"", attachment=written(busy))
+            return
+        asyncio.run_coroutine_threadsafe(self._answer(query, key), self._loop)
+
+    def close_streams(self) -> None:
+        """Close all streams, because the hub is lost."""
+        self._loop.call_soon_threadsafe(self._streams.close_idle, -1.0)
+
+    def close(self) -> None:
+        self.close_streams()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(CONNECT_S)
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.create_task(self._close_idle())
+        self._loop.run_forever()
+
+    async def _close_idle(self) -> None:
+        while True:
+            await asyncio.sleep(1.0)
+            self._streams.close_idle()
+
+    async def _answer(self, query: zenoh.Query, key: str) -> None:
+        try:
+            with query:
+                attachment = query.attachment
+                body = b"" if attachment is None else bytes(attachment)
+                try:
+                    head, content = await self._execute(bytes(query.payload or b""), body)
+                except CobotError as exc:
+                    head, content = PanelHead(code=exc.code, text=str(exc)[:2000]), b""
+                query.reply(key, content, attachment=written(head))
+        except Exception:
+            log.exception("a request to the panel was not answered")
+        finally:
+            self._places.release()
+
+    async def _execute(self, content: bytes, body: bytes) -> tuple[PanelHead, bytes]:
+        """
+        Raises:
+            CobotError: the request is not accepted, or cannot be executed.
+        """
+        if self._verifier is None:
+            raise PermissionDenied(
+                "a cell without fleet.certificates shows no panel through a hub; create certificates with "
+                "`cobot fleet certificate`"
+            )
+        request = self._verifier.read(PanelRequest, content)
+        if len(body) > MAX_BODY_BYTES or sha256(body).hexdigest() != request.body:
+            raise InputError("the body of the request is not the one that the hub has signed")
+        if (request.fleet, request.cell) != (self._fleet, self._cell):
+            raise InputError(
+                f"the request is for {request.fleet}/{request.cell}, but {self._fleet}/{self._cell} "
+                "received it"
+            )
+        await asyncio.to_thread(self._seen.require_new, request)  # it may ask the hub for its time
+        match request.wish:
+            case OpenHttp():
+                role = self._role(request, changes=request.wish.method not in READING)
+                stream = self._streams.open(partial(self._ask, request, request.wish, body, role))
+                return await self._piece(stream)
+            case OpenSocket():
+                role = self._role(request, changes=False)
+                return await self._open_socket(request.wish, role)
+            case ReadStream():
+                return await self._piece(self._streams.get(request.wish.stream))
+            case SendMessage():
+                send = self._streams.get(request.wish.stream).send
+                if send is None:
+                    raise InputError("this stream takes no messages")
+                with contextlib.suppress(WebSocketException):  # its end is read from the stream
+                    await send(body.decode("utf-8", "replace") if request.wish.is_text else body)
+                return PanelHead(), b""
+            case CloseStream():
+                self._streams.close(request.wish.stream)
+                return PanelHead(ended=True), b""
+
+    def _role(self, request: PanelRequest, *, changes: bool) -> Role:
+        """The role of a request at the service.
+
+        Raises:
+            PermissionDenied: this cell does not permit it.
+            NotFoundError: this cell has no service.
+        """
+        if not self._url:
+            raise NotFoundError("this cell runs without its web service, so it has no panel")
+        given = Role[request.role.upper()]
+        self._require("panel", request, given)
+        commands = self._accept.panel_commands
+        if commands != NO_ROLE and given >= Role[commands.upper()]:
+            return min(given, HIGHEST)
+        if changes:
+            self._require("panel_commands", request, given)
+        return Role.OBSERVER
+
+    def _require(self, setting: str, request: PanelRequest, given: Role) -> None:
+        needed = str(getattr(self._accept, setting))
+        if needed == NO_ROLE or given < Role[needed.upper()]:
+            raise PermissionDenied(
+                f"through the hub, this cell accepts this from {needed} (fleet.accept.{setting}), and "
+                f"{request.who} has the role {request.role}"
+            )
+
+    async def _piece(self, stream: PanelStream) -> tuple[PanelHead, bytes]:
+        frames, ended = await stream.read(WAIT_S)
+        status, headers = stream.status, stream.headers
+        stream.status, stream.headers = 0, {}  # they are sent once
+        if ended:
+            self._streams.close(stream.name)
+        told = [] if stream.send is None else [(is_text, len(content)) for is_text, content in frames]
+        head = PanelHead(stream=stream.name, status=status, headers=headers, frames=told, ended=ended)
+        return head, b"".join(content for _, content in frames)
+
+    async def _ask(
+        self, request: PanelRequest, wish: OpenHttp, body: bytes, role: Role, stream: PanelStream
+    ) -> None:
+        """Fill a stream with the answer of the service."""
+        if self._http is None:
+            timeout = httpx.Timeout(LONG_S, connect=CONNECT_S)
+            self._http = httpx.AsyncClient(timeout=timeout, verify=tls_context(True), trust_env=False)
+        target = wish.path + (f"?{wish.query}" if wish.query else "")
+        own = {
+            "accept-encoding": "identity",
+            "authorization": f"Bearer {panel_token(self._token, role)}",
+        }
+        made = self._http.build_request(
+            wish.method,
+            httpx.URL(self._url).copy_with(raw_path=target.encode("ascii")),
+            headers=wish.headers | own,
+            content=body or None,
+        )
+        outcome = "error"
+        try:
+            answer = await self._http.send(made, stream=True)
+            try:
+                outcome = "ok" if answer.status_code < 400 else str(answer.status_code)
+                headers = {name: value for name, value in answer.headers.items() if name in ANSWER_HEADERS}
+                await stream.begin(answer.status_code, headers)
+                async for content in answer.aiter_raw():
+                    await stream.put(content)
+            finally:
+                await answer.aclose()
+        except httpx.HTTPError as exc:
+            raise UnavailableError(
+                f"the service of the cell does not answer: {str(exc) or type(exc).__name__}"
+            ) from exc
+        finally:
+            if wish.method not in READING:
+                what = f"panel {wish.method} {wish.path}"
+                await asyncio.shield(asyncio.to_thread(self._record, request.who, what, outcome, request.id))
+
+    async def _open_socket(self, wish: OpenSocket, role: Role) -> tuple[PanelHead, bytes]:
+        address = self._url.replace("http", "ws", 1) + wish.path + (f"?{wish.query}" if wish.query else "")
+        try:
+            socket = await connect(
+                address,
+                additional_headers={"Authorization": f"Bearer {panel_token(self._token, role)}"},
+                ssl=tls_context(True) if address.startswith("wss") else None,
+                max_size=MAX_PIECE_BYTES,
+                compression=None,
+                open_timeout=CONNECT_S,
+                proxy=None,
+            )
+        except (WebSocketException, OSError, TimeoutError) as exc:
+            raise UnavailableError(f"the service of the cell does not open {wish.path}: {exc}") from exc
+
+        async def read(stream: PanelStream) -> None:
+            try:
+                async for message in socket:
+                    is_text = isinstance(message, str)
+                    content = message.encode() if isinstance(message, str) else bytes(message)
+                    await stream.put(require_piece(content), is_text=is_text)
+            finally:
+                await socket.close()
+
+        try:
+            stream = self._streams.open(read)
+        except CobotError:
+            await socket.close()
+            raise
+        stream.send = socket.send
+        return PanelHead(stream=stream.name), b""

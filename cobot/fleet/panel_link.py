@@ -1,0 +1,205 @@
+"""The hub's part of the panels of cells: people who have one open, and signed requests to the cells."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from hashlib import sha256
+from typing import TYPE_CHECKING, NamedTuple
+
+from cobot.access.roles import RoleName
+from cobot.codes import ERROR_OF, Code
+from cobot.errors import (
+    AuthenticationError,
+    BusyError,
+    CobotError,
+    InputError,
+    NotFoundError,
+    UnavailableError,
+)
+from cobot.fleet.certificates import Signer
+from cobot.fleet.messages import read, written
+from cobot.fleet.names import FleetKeys
+from cobot.fleet.panel_messages import (
+    MAX_PIECE_BYTES,
+    MAX_PIECES,
+    OPEN_S,
+    PanelHead,
+    PanelRequest,
+    PanelWish,
+)
+
+if TYPE_CHECKING:
+    import zenoh
+
+MAX_PANELS = 200
+"""Maximum number of panels that are open at the same time. Beyond it, the one is closed that was not used for
+longest."""
+UNUSED_S = 900.0
+"""Time without a request after which a panel is closed."""
+LONGEST_S = 12 * 3600.0
+"""Time after which a panel is closed, and must be opened again from the page of the fleet."""
+ANSWER_S = 10.0
+"""Timeout for an answer of a cell. A cell answers after 1 s, also without content."""
+
+
+class PanelPerson(NamedTuple):
+    """The person who has opened a panel, and the role of the token."""
+
+    name: str
+    role: RoleName
+
+
+@dataclass(slots=True)
+class OpenPanel:
+    """A panel that a person has open. Its address has a secret, so that the panel needs no token: scripts of
+    a cell never see the token of the person.
+
+    Attributes:
+        find: finds the person; None once the token is not valid any more.
+        requests, sockets: numbers of those in progress.
+        turns: limits the pieces of answers that are on their way.
+    """
+
+    cell: str
+    find: Callable[[], PanelPerson | None]
+    opened_s: float = field(default_factory=time.monotonic)
+    used_s: float = field(default_factory=time.monotonic)
+    requests: int = 0
+    sockets: int = 0
+    turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(MAX_PIECES))
+
+    def person(self) -> PanelPerson:
+        """
+        Raises:
+            AuthenticationError: the token with which the panel was opened is not valid any more.
+        """
+        found = self.find()
+        if found is None:
+            raise AuthenticationError("your token is not valid any more; log in on the page of the fleet")
+        return found
+
+
+class PanelLink:
+    """The open panels, and the connection to their cells.
+
+    Args:
+        epoch: of the hub's time.
+    """
+
+    def __init__(
+        self, fleet: str, epoch: str, keys: FleetKeys, session: zenoh.Session, signer: Signer
+    ) -> None:
+        self._fleet, self._epoch, self._keys = fleet, epoch, keys
+        self._session, self._signer = session, signer
+        self._open: dict[str, OpenPanel] = {}
+        self._lock = threading.Lock()
+
+    def open(self, cell: str, find: Callable[[], PanelPerson | None]) -> str:
+        """Open the panel of a cell. Returns the secret part of its address."""
+        with self._lock:
+            self._forget()
+            while len(self._open) >= MAX_PANELS:
+                del self._open[min(self._open, key=lambda each: self._open[each].used_s)]
+            name = secrets.token_urlsafe(24)
+            self._open[name] = OpenPanel(cell, find)
+            return name
+
+    def get(self, name: str) -> OpenPanel:
+        """
+        Raises:
+            NotFoundError: no panel is open under this name.
+        """
+        with self._lock:
+            self._forget()
+            found = self._open.get(name)
+            if found is None:
+                raise NotFoundError(
+                    "this panel is not open any more; open it again from the page of the fleet"
+                )
+            found.used_s = time.monotonic()
+            return found
+
+    def _forget(self) -> None:
+        now_s = time.monotonic()
+        self._open = {
+            name: each
+            for name, each in self._open.items()
+            if each.sockets or (now_s - each.used_s < UNUSED_S and now_s - each.opened_s < LONGEST_S)
+        }
+
+    async def ask(self, panel: OpenPanel, wish: PanelWish, body: bytes = b"") -> tuple[PanelHead, bytes]:
+        """Send a request to a cell. Returns a piece of the answer.
+
+        Raises:
+            AuthenticationError: see `OpenPanel.person`.
+            UnavailableError: the cell does not answer.
+            CobotError: the error of the cell.
+        """
+        import zenoh
+
+        person = panel.person()
+        now_s = time.monotonic()
+        request = PanelRequest(
+            id=secrets.token_hex(12),
+            fleet=self._fleet,
+            cell=panel.cell,
+            who=person.name,
+            role=person.role,
+            epoch=self._epoch,
+            issued_s=now_s,
+            expires_s=now_s + OPEN_S,
+            wish=wish,
+            body=sha256(body).hexdigest(),
+        )
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[zenoh.Sample | None] = loop.create_future()
+
+        def take(sample: zenoh.Sample | None) -> None:
+            if not answer.done():
+                answer.set_result(sample)
+
+        def hear(reply: zenoh.Reply) -> None:
+            loop.call_soon_threadsafe(take, reply.ok)
+
+        try:
+            self._session.get(
+                self._keys.panel(panel.cell),
+                zenoh.handlers.Callback(hear, lambda: loop.call_soon_threadsafe(take, None)),
+                payload=written(self._signer.signed(request)),
+                attachment=body,
+                timeout=ANSWER_S,
+                # Below states and commands, and dropped rather than waited for.
+                priority=zenoh.Priority.DATA_LOW,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+        except zenoh.ZError as exc:
+            raise UnavailableError(f"the cell {panel.cell} cannot be asked: {exc}") from exc
+        sample = await answer
+        if sample is None or sample.attachment is None:
+            raise UnavailableError(f"the cell {panel.cell} does not answer")
+        head, content = read(PanelHead, bytes(sample.attachment)), bytes(sample.payload)
+        if head.code != "ok":
+            raise _error_of(head)
+        if len(content) > MAX_PIECE_BYTES + 65536:
+            raise InputError(f"the cell {panel.cell} has sent a piece of {len(content)} bytes")
+        return head, content
+
+
+def _error_of(head: PanelHead) -> CobotError:
+    code = head.code.upper()
+    kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
+    return kind(head.text)
+
+
+def require_room(now: int, most: int, what: str) -> None:
+    """
+    Raises:
+        BusyError: as many as possible are in progress.
+    """
+    if now >= most:
+        raise BusyError(f"{now} {what} are in progress, allowed are {most}; try again in a moment")
