@@ -14,8 +14,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from folders import ROOT
 from matplotlib.image import imread
 from mcap.reader import make_reader
 from network_namespaces import connect, hosts
+from slow_relay import Faults, SlowRelay
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
@@ -667,6 +670,86 @@ def test_a_broken_cable_stops_nothing_and_delays_no_stop_to_later(
             process.wait()
             with plant.inside():
                 far.close()
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(delay_s=0.15),
+        Faults(rate=100_000),
+        Faults(loss=0.05, stall_s=0.3),
+        Faults(delay_s=0.05, rate=200_000, loss=0.02, stall_s=0.3),
+    ],
+    ids=["delay", "narrow line", "loss", "all of them"],
+)
+def test_a_bad_network_delays_states_repeats_no_command_and_keeps_the_deadline_of_a_stop(
+    hub: Hub,
+    cell: Run,
+    folder: Path,
+    tokens: dict[str, str],
+    client: Client,
+    tmp_path: Path,
+    faults: Faults,
+) -> None:
+    """Oracle: a relay in front of the hub, and the audit of the cell. This kernel has no netem."""
+    relay = SlowRelay(hub.zenoh_port, faults)
+    fleet = (
+        f"fleet: {{name: {FLEET}, cell: two, connect: ['tls/127.0.0.1:{relay.port}'], "
+        f"certificates: {folder}/cells/two}}\n"
+    )
+    config = tmp_path / "two.yaml"
+    config.write_text(cell.config.read_text().split("fleet:")[0] + fleet)
+    command = [sys.executable, "-P", "-m", "cobot.fleet.cell", "--config", str(config), "--url", cell.url]
+    process = subprocess.Popen(command)
+    ended = threading.Event()
+    try:
+        hub.until_state("two", "ready")
+        instance = hub.robot("two")["instance"]
+        ages, ids = [], []
+        with ThreadPoolExecutor(9) as pool:
+            for number in range(8):
+                ids.append(f"speed-{number}-{os.urandom(4).hex()}")
+                action = {"kind": "speed", "fraction": 0.9 + 0.01 * number}
+                body = {"id": ids[-1], "action": action, "deadline_s": 10.0}
+                # A client that repeats its request because no answer has come.
+                asked = [pool.submit(hub.http.post, "/cells/two/commands", json=body) for _ in range(3)]
+                codes = [each.result().json()["robots"][0]["code"] for each in asked]
+                assert codes == ["ok"] * 3
+                ages.append(hub.robot("two")["age_s"])
+            audit = load_settings(config).audit_file.read_text(encoding="utf-8")
+            assert [audit.count(each) for each in ids] == [1] * len(ids), "each one is executed once"
+            assert max(ages) < 2.0, "states keep coming"
+            url = hub.http.post("/cells/two/panel").json()["url"]
+            loads = [pool.submit(_load, hub, f"{url}panel/words.json", ended) for _ in range(6)]
+            time.sleep(0.5)  # until pieces are on their way
+            client.run_program("slow")
+            until(lambda: client.jobs(5, "running"))
+            begun_s = time.monotonic()
+            stopped = hub.stop("/cells/two/stop")
+            took_s = time.monotonic() - begun_s
+            ended.set()
+            print(f"stop {took_s:.2f} s, states {max(ages):.2f} s old, {relay.stalls} stalls")
+            assert stopped["at_rest"]
+            assert not client.jobs(5, "running")
+            assert took_s < 2.0, "the deadline, although a panel is being loaded"
+            for each in loads:
+                each.result()
+        assert hub.robot("two")["instance"] == instance, "the connection has held"
+    finally:
+        ended.set()
+        process.kill()
+        process.wait()
+        relay.close()
+        client.set_speed_override(1.0)
+    until(lambda: not hub.robot("two")["alive"])
+
+
+def _load(hub: Hub, url: str, ended: threading.Event) -> int:
+    """Load a large file again and again. Returns how often."""
+    count = 0
+    while not ended.is_set():
+        count += hub.http.get(url).status_code == 200
+    return count
 
 
 def test_the_example_of_three_cells(
