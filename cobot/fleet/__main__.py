@@ -194,6 +194,8 @@ def _show(chosen: argparse.Namespace) -> int:
         return EXIT_OK
     for robot in answer["robots"]:
         for name, value in robot.items():
+            if isinstance(value, dict):
+                value = [f"{each} {count}" for each, count in value.items()]
             if value not in ("", [], None):
                 print(f"{name:16} {', '.join(value) if isinstance(value, list) else value}")
         print()

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.1
 """Interval at which robots are read, in seconds. States are published at most at 10 Hz."""
-TIME_TIMEOUT_S = 1.0
+TIME_TIMEOUT_S, TIME_TRIES = 1.0, 5
 FETCH_S = 10.0
 SYNCHRONIZE_S = 10.0
 MAX_WAITING = 100
@@ -231,6 +231,7 @@ class FleetCell:
             )
             return
         self._tell_problem("")
+        self._wait_for_time()
         for robot in self.robots.values():
             self._declare(robot)
         panel = self._keys.panel(self.name)
@@ -243,6 +244,14 @@ class FleetCell:
             for event in list(robot.events):
                 self._publish(robot, "event", event)
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
+
+    def _wait_for_time(self) -> None:
+        """Wait until the hub answers. On a slow line, this session does not know at once whom to ask, and the
+        first commands would be rejected because they are older than the first known time."""
+        for _ in range(TIME_TRIES):
+            if self.ask_time() is not None:
+                return
+            time.sleep(PERIOD_S)
 
     def _declare(self, robot: FleetRobot) -> None:
         """Declare the queries that a robot answers. An answer must not wait, because that would block the

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 LEASE_MS = 2000
 """Time without a sign of life after which a hung peer counts as gone. The end of a peer is noticed at
 once."""
-CONNECT_MS = 500
-"""Timeout for a cell's first connection. After it the cell tries again."""
+CONNECT_MS = 3000
+"""Timeout for a cell's first connection: TLS takes several round trips. After it the cell tries again."""
 TLS = "transport/link/tls"
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 

@@ -55,6 +55,8 @@ class FleetState(StrictModel):
         recordings: whether the hub may fetch recordings.
         drift: programs of that bundle that have changed since its activation, and "settings" if other
             settings are in force.
+        counters: numbers of missed cycles, interventions of the safety layer, stops and e-stops since the
+            real-time process started.
     """
 
     cell: Name
@@ -76,6 +78,9 @@ class FleetState(StrictModel):
     bundle: Text = ""
     recordings: bool = False
     drift: list[Text] = Field(default_factory=list)
+    counters: Annotated[dict[Text, Annotated[int, Field(ge=0)]], Field(max_length=20)] = Field(
+        default_factory=dict
+    )
 
 
 class RobotEvent(StrictModel):

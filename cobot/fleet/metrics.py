@@ -50,12 +50,20 @@ class HubMetrics(Collector):
         problems = GaugeMetricFamily(
             "cobot_fleet_problems", "Number of problems that a robot reports.", labels=["cell", "robot"]
         )
+        counters = GaugeMetricFamily(  # they begin at 0 with each start of a real-time process
+            "cobot_fleet_robot_counter",
+            "Number of events since the start of the real-time process of a robot.",
+            labels=["cell", "robot", "counter"],
+        )
         for each in robots:
             names = [each["cell"], each["robot"]]
+            for counter, count in each["counters"].items():
+                counters.add_metric([*names, counter], count)
             age.add_metric(names, each["age_s"])
             problems.add_metric(names, len(each["problems"]))
         yield age
         yield problems
+        yield counters
         commands = CounterMetricFamily(
             "cobot_fleet_commands", "Answers to commands, by action and code.", labels=["action", "code"]
         )

@@ -109,9 +109,23 @@ class CellPanel:
         self._thread.join(CONNECT_S)
 
     def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.create_task(self._close_idle())
-        self._loop.run_forever()
+        loop = self._loop
+        asyncio.set_event_loop(loop)
+        waiting = loop.create_task(self._close_idle())
+        loop.run_forever()
+        waiting.cancel()
+        loop.run_until_complete(self._end())
+        loop.run_until_complete(loop.shutdown_default_executor())
+        loop.close()
+
+    async def _end(self) -> None:
+        """Cancel all tasks, and close the connections to the service."""
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._http is not None:
+            await self._http.aclose()
 
     async def _close_idle(self) -> None:
         while True:

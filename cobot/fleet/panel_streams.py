@@ -74,7 +74,7 @@ class PanelStream:
                         await self._changed.wait_for(lambda: self._frames or self._ended)
             except TimeoutError:
                 pass
-            found = []
+            found: list[tuple[bool, bytes]] = []
             size = 0
             while self._frames and (not found or size + len(self._frames[0][1]) <= PIECE_BYTES):
                 found.append(self._frames.popleft())

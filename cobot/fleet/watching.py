@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import httpx
+import numpy as np
 
 from cobot.addresses import address
 from cobot.client.rest import Client
@@ -41,6 +42,13 @@ EVENT_TYPES = (
     "speed",
 )
 """Types of events that a fleet shows. Events of single motions stay in the cell."""
+COUNTERS = {
+    "missed_cycles": "overruns",
+    "interventions": "interventions",
+    "stops": "stops_seen",
+    "estops": "estops_seen",
+}
+"""Fields of the state block, by the names of the counters. Kinds of interventions are added up."""
 WORDS = {
     LoopMode.HOLD: "ready",
     LoopMode.STOPPING: "stopping",
@@ -58,8 +66,8 @@ class ArmWatch:
         self._memory: RobotMemory | None = None
         self._retry_s = 0.0
 
-    def read(self) -> dict[str, str]:
-        """`state`, `mode` and `reason`."""
+    def read(self) -> dict[str, Any]:
+        """`state`, `mode`, `reason` and `counters`."""
         try:
             if self._memory is None:
                 if time.monotonic() < self._retry_s:
@@ -71,13 +79,15 @@ class ArmWatch:
             state = self._memory.state.read()
             age_s = (time.monotonic_ns() - int(state["monotonic_ns"])) * 1e-9
             mode, reason = LoopMode(int(state["mode"])), text(state["reason"])
+            counters = {name: int(np.sum(state[field])) for name, field in COUNTERS.items()}
         except CobotError as exc:
             self.close()
             return {"state": "silent", "reason": str(exc)}
         if age_s > self._stale_s:
             self.close()  # a restarted rtloop may have another memory
             return {"state": "silent", "reason": "rtloop publishes nothing"}
-        return {"state": WORDS.get(mode, "moving"), "mode": mode.name, "reason": reason}
+        word = WORDS.get(mode, "moving")
+        return {"state": word, "mode": mode.name, "reason": reason, "counters": counters}
 
     def close(self) -> None:
         if self._memory is not None:

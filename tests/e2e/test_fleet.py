@@ -162,11 +162,14 @@ def test_the_hub_and_a_foreign_client_see_the_state_and_the_events(hub: Hub, cel
 
 def test_a_moving_arm_is_published_and_stopped_and_the_audit_says_by_whom(hub: Hub, cell: Run) -> None:
     job = begin_motion(cell)
+    before = hub.robot("one")["counters"]
     until(lambda: hub.robot("one")["state"] == "moving" and "move/joints" in hub.robot("one")["job"])
     answer = hub.stop("/cells/one/stop")
     assert answer["at_rest"]
     assert [each["code"] for each in answer["robots"]] == ["ok"]
     require_stopped(cell, job)
+    assert hub.robot("one")["counters"].keys() == before.keys()
+    until(lambda: hub.robot("one")["counters"]["stops"] > before["stops"])
     (entry,) = until(lambda: stops_in_audit(cell, '"ada"'))
     assert (entry["what"], entry["outcome"]) == (AUDITED.format(cell.name), "ok")
     assert entry["details"]["command"] == answer["robots"][0]["id"]
@@ -341,6 +344,7 @@ def test_the_command_line_lists_shows_and_stops(hub: Hub, cell: Run, fleet: Any)
     assert status == 0
     assert re.search(rf"^one +{cell.name} +ready", listed, re.M)
     assert re.search(r"^mode +HOLD$", fleet("show", "one")[1], re.M)
+    assert re.search(r"^counters +missed_cycles \d+, interventions \d+, stops", fleet("show", "one")[1], re.M)
     assert json.loads(fleet("show", "one", "--json")[1])["robots"][0]["mode"] == "HOLD"
     status, stopped, errors = fleet("stop", "one", "nowhere")
     assert status == 1

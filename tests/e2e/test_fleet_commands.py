@@ -305,6 +305,7 @@ def test_metrics_are_those_of_the_page(hub: Hub, cell: Run) -> None:
     assert 'cobot_fleet_robots{state="ready"} 1.0' in text
     assert 'cobot_fleet_commands_total{action="stop",code="ok"}' in text
     assert f'cobot_fleet_state_age_seconds{{cell="one",robot="{cell.name}"}}' in text
+    assert f'cobot_fleet_robot_counter{{cell="one",counter="stops",robot="{cell.name}"}}' in text
 
 
 def test_the_command_line_commands_with_a_token(

@@ -229,7 +229,7 @@ class _PlacementKernel:
         return {
             "share": float(np.mean([each.share for each in found])),
             "manipulability": float(manipulability.mean()),
-            "gap_m": float(np.mean([each.gap for each in found])),
+            "gap_m": float(np.mean([each.gap_m for each in found])),
         }
 
     def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, str]:

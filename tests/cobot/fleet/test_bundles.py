@@ -207,6 +207,14 @@ def test_the_same_settings_again_never_leave_their_folder_empty(
     assert found == [3]
 
 
+def test_a_bundle_that_was_changed_on_its_way_is_refused(service: Service, own: RobotBundles) -> None:
+    name = service.send("1", positions=position(0.1))
+    service.sent[name] = service.sent[name].replace(b"0.1", b"0.9")
+    with pytest.raises(InputError, match=r"is not that of the bundle [0-9a-f]{8}: its hash differs"):
+        own.stage(name, Role.ADMIN)
+    assert service.taught == {}
+
+
 def test_a_file_and_a_folder_of_one_name_are_named_without_a_path_of_this_computer(
     service: Service, own: RobotBundles
 ) -> None:

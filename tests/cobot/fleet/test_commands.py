@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from cobot.errors import InputError, UnavailableError
-from cobot.fleet.commands import MAX_COMMANDS, CommandBook
+from cobot.errors import ConflictError, InputError, UnavailableError
+from cobot.fleet.commands import MAX_COMMANDS, CommandBook, Deadlines, SeenMessages
 from cobot.fleet.messages import MAX_BYTES, FleetCommand, HubTime, read
 
 EPOCH = "aaaaaaaaaaaaaaaa"
@@ -157,6 +157,18 @@ def test_the_round_trip_counts_against_a_command_that_may_be_late(clock: Clock) 
     # The hub's clock is 1500.0 when it is read, and 1500.5 or less when the answer arrives.
     assert book.run(command(clock, issued_s=1500.0, expires_s=1500.4), lambda: "").code == "conflict"
     assert book.run(command(clock, id="another-1", issued_s=1500.0), lambda: "").code == "ok"
+
+
+def test_a_message_of_another_kind_is_executed_once_too(clock: Clock) -> None:
+    deadlines = Deadlines(clock.ask, clock)  # type: ignore[arg-type]
+    deadlines.synchronize()
+    seen, message = SeenMessages(deadlines), command(clock)
+    seen.require_new(message)
+    with pytest.raises(ConflictError, match="was executed before"):
+        seen.require_new(message)
+    clock.s += 3.0
+    with pytest.raises(ConflictError, match=r"is 1.0 s late"):
+        seen.require_new(message)
 
 
 def test_without_the_hubs_time_nothing_is_executed(clock: Clock) -> None:
