@@ -10,6 +10,7 @@ folder that is deleted then. In another terminal:
     .venv/bin/cobot fleet roll-out examples/fleet/seams one two three --version 1 --wave 2
     .venv/bin/cobot fleet run --all --program seam
     .venv/bin/cobot fleet stop --all
+    .venv/bin/cobot fleet pull recordings                                 (faults make some)
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ fleet:
   connect: [tls/localhost:{port}]
   certificates: {folder}/certificates/cells/{cell}
   accept: {{roll_out: operator}}
+  recordings: true
 """
 
 
@@ -73,7 +75,7 @@ def prepare(folder: Path) -> list[list[str]]:
         [
             *(*COBOT, "fleet", "serve", "--name", "hall", "--certificates", str(certificates)),
             *("--listen", f"tls/127.0.0.1:{port}", "--port", str(page)),
-            *("--panel-port", str(panels)),
+            *("--panel-port", str(panels), "--recordings", f"{folder}/recordings"),
         ]
     ]
     for cell in CELLS:

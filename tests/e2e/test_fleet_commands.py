@@ -754,9 +754,10 @@ def _load(hub: Hub, url: str, ended: threading.Event) -> int:
 
 
 def test_the_example_of_three_cells(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """As its header says; and a cell that is killed comes back while the others go on."""
+    """As its header says. A cell and the hub that are killed come back while the others go on, and all
+    recordings come home."""
     example = ROOT / "examples" / "fleet"
     process = subprocess.Popen(
         [sys.executable, "-P", str(example / "start.py")],
@@ -770,11 +771,12 @@ def test_the_example_of_three_cells(
         for each in said.split()[1:]:
             monkeypatch.setenv(*each.split("=", 1))
 
-        def robots() -> dict[str, str]:
+        def listed() -> list[dict[str, Any]]:
             capsys.readouterr()
-            if main(["list", "--json"]):
-                return {}
-            return {each["cell"]: each["state"] for each in json.loads(capsys.readouterr().out)["robots"]}
+            return [] if main(["list", "--json"]) else json.loads(capsys.readouterr().out)["robots"]
+
+        def robots() -> dict[str, str]:
+            return {each["cell"]: each["state"] for each in listed()}
 
         until(lambda: robots() == {"one": "ready", "two": "ready", "three": "ready"})
         cells = ["one", "two", "three"]
@@ -784,18 +786,29 @@ def test_the_example_of_three_cells(
         assert main(["run", "--zone", "south", "--program", "seam"]) == 0
         assert capsys.readouterr().out.count("started seam, version 1") == 2
         until(lambda: [robots().get(name) for name in ("two", "three")] == ["moving", "moving"])
-        (run,) = (
-            each
-            for each in psutil.Process(process.pid).children()
-            if each.cmdline()[-1].endswith("/three.yaml")
-        )
-        run.kill()
+        commands = {str(each.cmdline()): each for each in psutil.Process(process.pid).children()}
+        next(each for words, each in commands.items() if "/three.yaml" in words).kill()
         until(lambda: robots().get("three") in ("gone", "silent"))
         assert robots().get("one") == "ready"
         assert main(["stop", "one", "two"]) == 0
         until(lambda: robots().get("three") == "ready")
         assert main(["roll-out", str(example / "seams"), *cells, *given]) == 0
         assert capsys.readouterr().out.count("is active already") == 3
+        names = set()
+        for each in listed():
+            with Client(each["panel"]) as client:
+                until(lambda client=client: client.recordings()["recorder"]["alive"])
+                names |= {f"{each['cell']}/{each['robot']}/{name}" for name in client.record("dump", 0.5)}
+        assert len(names) == 3
+        next(each for words, each in commands.items() if "'serve'" in words).kill()
+        home = tmp_path / "home"
+        until(
+            lambda: (
+                main(["pull", str(home)]) == 0
+                and names <= {str(each.relative_to(home)) for each in home.rglob("*.mcap")}
+            )
+        )
+        assert set(robots().values()) == {"ready"}
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(60.0)
