@@ -435,8 +435,9 @@ class Hub:
             instances = self._instances.setdefault(cell, set())
             (instances.add if here else instances.discard)(instance)
             for (name, _), tile in self._tiles.items():
-                if name == cell:
-                    tile.gone_s = None if instances else tile.gone_s or time.monotonic()
+                if name == cell:  # a new process has to publish a state first: this one is of the last
+                    known = tile.state.instance in instances
+                    tile.gone_s = None if known else tile.gone_s or time.monotonic()
         log.info("the cell %s %s", cell, "is here" if here else "is gone")
         if here:
             # Another thread: a callback that waits blocks the session.
