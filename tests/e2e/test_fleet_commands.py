@@ -753,6 +753,12 @@ def _load(hub: Hub, url: str, ended: threading.Event) -> int:
     return count
 
 
+def _accepted(url: str, body: dict[str, Any]) -> Any:
+    """The answer to a POST; None if it is not accepted yet."""
+    answer = httpx.post(url, json=body, timeout=30.0)
+    return answer.json() if answer.status_code == 200 else None
+
+
 def test_the_example_of_three_cells(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -796,9 +802,10 @@ def test_the_example_of_three_cells(
         assert capsys.readouterr().out.count("is active already") == 3
         names = set()
         for each in listed():
-            with Client(each["panel"]) as client:
-                until(lambda client=client: client.recordings()["recorder"]["alive"])
-                names |= {f"{each['cell']}/{each['robot']}/{name}" for name in client.record("dump", 0.5)}
+            service = f"{each['panel']}/robots/{each['robot']}/recordings"
+            dump = {"action": "dump", "seconds": 0.5}
+            answer = until(lambda service=service, dump=dump: _accepted(service, dump))
+            names |= {f"{each['cell']}/{each['robot']}/{name}" for name in answer["names"]}
         assert len(names) == 3
         next(each for words, each in commands.items() if "'serve'" in words).kill()
         home = tmp_path / "home"

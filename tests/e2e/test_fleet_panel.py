@@ -91,10 +91,10 @@ class PlantRun(Run):
         return answer.json()
 
     def move_slowly(self) -> str:
-        """Begin a motion of minutes: its job."""
+        """Begin a motion of more than a minute: its job."""
         joints = self.ask("GET", "/robot/joint_states")["position"]
         joints[0] += 1.2 if joints[0] < 0.0 else -1.2
-        body = {"joints": joints, "speed": 0.005}
+        body = {"joints": joints, "speed": 0.01}
         job = str(self.ask("POST", "/robot/move/joints?wait=false", json=body)["id"])
         until(lambda: self.job(job) not in ("queued", "planning"))
         assert self.job(job) == "running"
