@@ -154,9 +154,9 @@ class Hub:
         self._session: zenoh.Session = open_hub(fleet, listen, list(connect), certificates)
         self.hosts = [] if self._signer is None else self._signer.hosts
         self.roll_outs = RollOuts()
-        self.panels = self._signer and PanelLink(
-            fleet, self.instance, self._keys, self._session, self._signer
-        )
+        self.panels: PanelLink | None = None
+        if self._signer is not None:
+            self.panels = PanelLink(fleet, self.instance, self._keys, self._session, self._signer)
         self.counts: Counter[tuple[str, str]] = Counter()
         try:
             self._declare()

@@ -142,7 +142,7 @@ class People:
         assert self._tokens is not None
         kind, _, token = authorization.partition(" ")
         holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
-        return holder and Person(holder.name, cast(RoleName, holder.role.name.lower()))
+        return None if holder is None else Person(holder.name, cast(RoleName, holder.role.name.lower()))
 
 
 class LimitedBody:
@@ -252,7 +252,7 @@ def _add_panels(app: FastAPI, hub: Hub, people: People, port: int) -> None:
 
         def find() -> PanelPerson | None:
             found = people.holder(authorization)
-            return found and PanelPerson(found.name, found.role)
+            return None if found is None else PanelPerson(found.name, found.role)
 
         name = hub.panels.open(cell, find)
         host = request.url.hostname or "localhost"

@@ -169,7 +169,7 @@ def test_a_person_uses_the_panel_of_a_cell_in_a_browser(
         page = Page(tools)
 
         def wait_on(script: str) -> None:
-            until(lambda: page.run(script), lambda: f": {script}; {page.run('document.body.innerText')}")
+            until(lambda: page.run(script), lambda: f": {script}; {page.run('document.body?.innerText')}")
 
         page.visit(hub.url)
         wait_on("document.querySelector('#login').open")
@@ -202,7 +202,7 @@ def test_a_person_uses_the_panel_of_a_cell_in_a_browser(
         hub.start()
         hub.until_state("one", "ready")
         page.ask("Page.navigate", url=url)
-        wait_on("document.body.innerText.includes('Open the panel again from the page of the fleet')")
+        wait_on("document.body?.innerText.includes('Open the panel again from the page of the fleet')")
 
 
 def test_a_viewer_reads_and_changes_nothing(viewer: httpx.Client, cell: PlantRun) -> None:
@@ -357,7 +357,7 @@ def _opens(viewer: httpx.Client, path: str, hub: Hub) -> bool:
 def test_a_stop_keeps_its_deadline_while_a_thousand_requests_run(
     viewer: httpx.Client, hub: Hub, cell: PlantRun, connections: int
 ) -> None:
-    """With more connections than the hub accepts, it rejects all of them until they are closed."""
+    """With more connections than the hub accepts, it rejects further requests until some are closed."""
     job = cell.move_slowly()
 
     async def all_at_once() -> tuple[float, Counter[int]]:
@@ -381,7 +381,7 @@ def test_a_stop_keeps_its_deadline_while_a_thousand_requests_run(
     print(f"stop {took_s:.2f} s, answers {dict(codes)}")
     assert cell.job(job) == "cancelled"
     assert took_s < STOP_S
-    assert bool(codes[200]) == (connections < PARALLEL), codes
+    assert codes[200] or connections == PARALLEL, codes
     assert set(codes) <= {0, 200, 409, 503}, codes
     until(lambda: viewer.get("robots").status_code == 200)
 
