@@ -47,7 +47,7 @@ class KnownTime:
         return self.hub.time_s + (now_s - self.answered_s)
 
 
-class Timed(Protocol):
+class HubMessage(Protocol):
     """A message with an id, and with a deadline on the clock of the hub with this epoch."""
 
     @property
@@ -82,7 +82,7 @@ class Deadlines:
             self._known = KnownTime(found, asked_s, self._clock.now_s())
             self._started = self._started or self._known
 
-    def time_for(self, message: Timed) -> KnownTime:
+    def time_for(self, message: HubMessage) -> KnownTime:
         """The hub's time. The hub is asked again if the known time is old or from another epoch.
 
         Raises:
@@ -102,7 +102,7 @@ class Deadlines:
             )
         return known
 
-    def check(self, message: Timed, known: KnownTime, *, harmless_twice: bool = False) -> None:
+    def check(self, message: HubMessage, known: KnownTime, *, harmless_twice: bool = False) -> None:
         """
         Args:
             harmless_twice: whether a message from before the start of this process may be executed.
@@ -146,7 +146,7 @@ class Deadlines:
                 "before a restart; send a new one"
             )
 
-    def is_over(self, message: Timed, known: KnownTime) -> bool:
+    def is_over(self, message: HubMessage, known: KnownTime) -> bool:
         """Whether the deadline of a message has certainly passed, so that a copy of it would be rejected."""
         earliest_s = known.earliest(self._clock.now_s())
         return message.epoch != known.hub.epoch or message.expires_s + 1.0 < earliest_s
@@ -162,10 +162,10 @@ class SeenMessages:
 
     def __init__(self, deadlines: Deadlines) -> None:
         self._deadlines = deadlines
-        self._seen: dict[str, Timed] = {}
+        self._seen: dict[str, HubMessage] = {}
         self._lock = threading.Lock()
 
-    def require_new(self, message: Timed) -> None:
+    def require_new(self, message: HubMessage) -> None:
         """
         Raises:
             CobotError: the message is late, invalid, or was executed before.

@@ -101,7 +101,7 @@ class CellPanel:
 
     def close_streams(self) -> None:
         """Close all streams, because the hub is lost."""
-        self._loop.call_soon_threadsafe(self._streams.close_idle, -1.0)
+        self._loop.call_soon_threadsafe(self._streams.close_unread, -1.0)
 
     def close(self) -> None:
         self.close_streams()
@@ -111,7 +111,7 @@ class CellPanel:
     def _serve(self) -> None:
         loop = self._loop
         asyncio.set_event_loop(loop)
-        waiting = loop.create_task(self._close_idle())
+        waiting = loop.create_task(self._close_unread())
         loop.run_forever()
         waiting.cancel()
         loop.run_until_complete(self._end())
@@ -127,10 +127,10 @@ class CellPanel:
         if self._http is not None:
             await self._http.aclose()
 
-    async def _close_idle(self) -> None:
+    async def _close_unread(self) -> None:
         while True:
             await asyncio.sleep(1.0)
-            self._streams.close_idle()
+            self._streams.close_unread()
 
     async def _answer(self, query: zenoh.Query, key: str) -> None:
         try:

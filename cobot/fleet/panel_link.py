@@ -41,14 +41,14 @@ MAX_PANELS = 200
 longest."""
 UNUSED_S = 900.0
 """Time without a request after which a panel is closed."""
-LONGEST_S = 12 * 3600.0
+MAX_OPEN_S = 12 * 3600.0
 """Time after which a panel is closed, and must be opened again from the page of the fleet."""
 ANSWER_S = 10.0
 """Timeout for an answer of a cell. A cell answers after 1 s, also without content."""
 
 
 class PanelPerson(NamedTuple):
-    """The person who has opened a panel, and the role of the token."""
+    """The name and the role of the token with which a panel was opened."""
 
     name: str
     role: RoleName
@@ -129,7 +129,7 @@ class PanelLink:
         self._open = {
             name: each
             for name, each in self._open.items()
-            if each.sockets or (now_s - each.used_s < UNUSED_S and now_s - each.opened_s < LONGEST_S)
+            if each.sockets or (now_s - each.used_s < UNUSED_S and now_s - each.opened_s < MAX_OPEN_S)
         }
 
     async def ask(self, panel: OpenPanel, wish: PanelWish, body: bytes = b"") -> tuple[PanelHead, bytes]:

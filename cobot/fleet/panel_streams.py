@@ -115,7 +115,7 @@ class PanelStreams:
         """
         if name not in self._streams:
             raise NotFoundError(
-                "the cell has closed this stream, because nobody has read it; load the page again"
+                "the cell has closed this stream, because it was not read in time; load the page again"
             )
         return self._streams[name]
 
@@ -124,7 +124,7 @@ class PanelStreams:
         if stream is not None and stream.task is not None:
             stream.task.cancel()
 
-    def close_idle(self, longest_s: float = IDLE_S) -> None:
+    def close_unread(self, longest_s: float = IDLE_S) -> None:
         """Close the streams that were not read for this time. Their hub is gone."""
         now_s = time.monotonic()
         for name in [name for name, each in self._streams.items() if now_s - each.read_s > longest_s]:

@@ -352,7 +352,7 @@ async def _deny(browser: WebSocket, reason: str) -> None:
 
 
 def _failure(request: Request, exc: CobotError) -> Response:
-    """An error as JSON for scripts, and as a page for a person who has opened an address."""
+    """An error as JSON for scripts, and as a page for people."""
     status = status_of(exc)
     if "text/html" not in request.headers.get("accept", ""):
         return JSONResponse({"detail": str(exc), "code": exc.code}, status, HEADERS)

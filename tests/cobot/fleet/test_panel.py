@@ -220,7 +220,7 @@ def test_the_number_of_streams_is_bounded_and_those_without_a_reader_are_closed(
         opened = [streams.open(wait) for _ in range(MAX_STREAMS)]
         with pytest.raises(BusyError, match="close a panel, or try again"):
             streams.open(wait)
-        streams.close_idle(-1.0)
+        streams.close_unread(-1.0)
         await asyncio.sleep(0.0)
         assert all(each.task is not None and each.task.cancelling() for each in opened)
         streams.open(wait)
