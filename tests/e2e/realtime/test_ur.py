@@ -146,6 +146,18 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverUr, controller: C
     nothing_refused(controller)
 
 
+def test_five_percent_of_packages_left_out_ends_no_motion(
+    run: RunOverUr, controller: ControllerProcess
+) -> None:
+    before = controller.ask(loss=0.05)["lost"]
+    for _ in range(2):
+        move(run, "joints", joints=THERE)
+        move(run, "named", name="home")
+    assert controller.ask(loss=0.0)["lost"] > before
+    assert device(run)["status"]["safety_stop"] == ""
+    nothing_refused(controller)
+
+
 def test_outputs_are_set_by_name(run: RunOverUr, controller: ControllerProcess) -> None:
     def put(name: str, value: object) -> httpx.Response:
         return httpx.put(f"{run.url}/robot/io/{name}", json={"value": value}, timeout=WAIT_S)
