@@ -42,7 +42,7 @@ def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) 
         about = f"{name}: " if settings.robots else ""
         device = _device(name)
         found = [
-            _backend(f"{about}backend", checked, device),
+            _backend(f"{about}backend", checked, device, each),
             _mode(device),
             _limits(f"{about}backend", checked),
             _load(each),
@@ -74,8 +74,16 @@ def _device(name: str) -> DeviceReport | None:
         memory.close()
 
 
-def _backend(item: str, checked: Sequence[Checked], device: DeviceReport | None) -> Checked:
+def _backend(
+    item: str, checked: Sequence[Checked], device: DeviceReport | None, settings: Settings
+) -> Checked:
     """Whether the backend can be created and drives real hardware."""
+    if settings.robot.backend.options.get("simulator"):
+        return Checked(
+            item,
+            False,
+            "robot.backend.simulator is true: remove it, it simulates hand and parts",
+        )
     said = next((each for each in checked if each.item == item), None)
     if device is not None:
         what = "hardware" if device.capabilities.hardware else "a simulation: robot.backend names no hardware"

@@ -288,3 +288,13 @@ def test_limits_of_the_device_that_are_smaller_are_in_the_list(
         f"ok      hardware limits: {LESS}; the device's limits are used: max_velocity of joint1 is 0.5, "
         "not 1.4" in said
     )
+
+
+def test_a_real_arm_has_no_simulated_hand(settings: Settings, capsys: pytest.CaptureFixture[str]) -> None:
+    chosen = {"type": "ur", "options": {"address": "192.168.1.9", "simulator": True}}
+    backend = settings.robot.backend.model_copy(update=chosen)
+    robot = settings.robot.model_copy(update={"backend": backend})
+    found = [check.Checked("backend", True, "ur: hardware; every 2, 4, 8 ms")]
+    items = check_hardware(settings.model_copy(update={"robot": robot}), found, sys.stdout)
+    assert [each.good for each in items if each.item == "backend"] == [False]
+    assert "FAILED  hardware backend: robot.backend.simulator is true" in capsys.readouterr().out
