@@ -18,7 +18,7 @@ import ruckig
 from cobot.errors import CobotError, CollisionError, LimitError, PlanningError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.requests import MotionRequest
-from cobot.planners import plan
+from cobot.planners import function_of, plan
 from cobot.planners.checks import TOLERANCE, validate
 from cobot.planners.goals import nearest_goal
 from cobot.planners.ptp import from_profiles
@@ -38,6 +38,13 @@ SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest after which the new motion begins; the first that keeps the limits is used."""
 LOOK_S = 0.01
 """Interval at which the speed of the TCP is looked at while both motions add up, s."""
+
+
+def load_search() -> None:
+    """Import what a way around obstacles needs. This takes longer than finding the way."""
+    import scipy.interpolate  # noqa: F401
+
+    function_of(PlannerName.OMPL)
 
 
 def retarget(

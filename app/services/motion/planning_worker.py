@@ -50,7 +50,7 @@ def main() -> int:
     from cobot.config import load_settings
     from cobot.errors import CobotError
     from cobot.logs import start_logging
-    from cobot.planners import retarget  # noqa: F401
+    from cobot.planners import retarget
     from cobot.planners.blending import prolonged  # noqa: F401
     from cobot.robot.description import load_robot
 
@@ -59,7 +59,7 @@ def main() -> int:
         start_logging("planning", settings.logging)
         robot = load_robot(settings)
         if settings.planning.replan_within_s > 0.0:  # importing takes longer than a search
-            import cobot.planners.search.ompl  # noqa: F401
+            retarget.load_search()
     except CobotError as exc:
         with contextlib.suppress(OSError):
             print(exc, flush=True)

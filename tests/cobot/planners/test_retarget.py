@@ -7,6 +7,8 @@ the goal.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +25,28 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
 
 FULL = Scaling(1.0)
+COLD = """
+import sys
+import numpy as np
+from cobot.config import load_settings
+from cobot.motions.requests import MotionRequest
+from cobot.planners import plan, retarget
+from cobot.robot.description import load_robot
+from cobot.robot.scene import Scene, SceneObject
+from cobot.types import PlannerName, Scaling
+
+robot = load_robot(load_settings(None))
+home = np.array(robot.positions["home"].joints)
+end = home + 1.5 * np.eye(len(home))[0]
+motion = plan(robot, MotionRequest(home, end, PlannerName.PTP, Scaling(0.3)))
+retarget.load_search()
+known = set(sys.modules)
+place = robot.model.forward(0.25 * home + 0.75 * end).position
+ball = SceneObject("sphere", (0.05,), (*place, 1.0, 0.0, 0.0, 0.0))
+robot.collision.surround(Scene(objects={"ball": ball}, version=1))
+retarget.retarget(robot, MotionRequest(home, end, PlannerName.OMPL, Scaling(0.3)), motion, 0.4, 0.5)
+assert set(sys.modules) == known, set(sys.modules) - known
+"""
 SEEDS = range(12)
 
 
@@ -134,3 +158,9 @@ def test_a_goal_that_collides_is_an_error_with_the_contact(robot: RobotDescripti
     blocked = replace(robot, collision=checker)
     with pytest.raises((PlanningError, InputError), match="box"):
         retarget(blocked, MotionRequest(goal, goal, PlannerName.PTP, FULL), motion, 0.0, 0.2)
+
+
+def test_a_process_that_is_ready_imports_nothing_for_the_way_around_an_obstacle() -> None:
+    """Importing OMPL and scipy takes half a second; the arm would stop before."""
+    ended = subprocess.run([sys.executable, "-c", COLD], capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == 0, ended.stderr
