@@ -8,12 +8,13 @@ from typing import Any
 
 BEARER = {"type": "http", "scheme": "bearer", "description": "A token of `cobot token create`."}
 MODELS = "#/components/schemas/"
+NULL = {"type": "null"}
 FORM = "Body_"
 """Prefix of the names that FastAPI gives to the forms of endpoints."""
 
 
 def suit_generators(schema: dict[str, Any]) -> None:
-    """Name the forms, make request fields with a default optional, and declare the token.
+    """Name the forms, make request fields with a default optional, declare the token, and simplify nulls.
 
     TypeScript generators assume that a field with a default is always present. This holds for responses, but
     would make the field required in requests. So request fields state their default only in the description.
@@ -21,10 +22,33 @@ def suit_generators(schema: dict[str, Any]) -> None:
     schema.setdefault("components", {})["securitySchemes"] = {"token": BEARER}
     schema.setdefault("security", [{}, {"token": []}])
     _name_forms(schema)
+    _simplify_nulls(schema)
     models = schema["components"].get("schemas", {})
     for name in _of_requests(schema):
         for field in models[name].get("properties", {}).values():
             _describe_default(field)
+
+
+def _simplify_nulls(part: Any) -> None:
+    """Write `X or null` as a type with two names, or as `oneOf` for references and enumerations.
+
+    C# generators make a class of `anyOf` with null, which takes no value.
+    """
+    if isinstance(part, list):
+        for value in part:
+            _simplify_nulls(value)
+    elif isinstance(part, dict):
+        for value in part.values():
+            _simplify_nulls(value)
+        choices = part.get("anyOf")
+        if isinstance(choices, list) and len(choices) == 2 and NULL in choices:
+            del part["anyOf"]
+            other = next(choice for choice in choices if choice != NULL)
+            kind = other.get("type")
+            if isinstance(kind, str) and "enum" not in other and not other.keys() & part.keys():
+                part |= {**other, "type": [kind, "null"]}
+            else:
+                part["oneOf"] = choices
 
 
 def _describe_default(field: dict[str, Any]) -> None:

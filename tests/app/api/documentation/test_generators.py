@@ -57,6 +57,12 @@ def test_fields_of_answers_keep_their_defaults(document: dict[str, Any]) -> None
     assert document["components"]["schemas"]["MoveAnswer"]["properties"]["note"]["default"] == ""
 
 
+def test_a_value_that_may_be_null_is_no_union_of_types(document: dict[str, Any]) -> None:
+    answer = document["components"]["schemas"]["MoveAnswer"]["properties"]
+    assert answer["motion_id"]["type"] == ["integer", "null"]
+    assert "enum" in answer["code"]["oneOf"][0]
+
+
 def test_a_second_time_changes_nothing(document: dict[str, Any]) -> None:
     before = json.dumps(document)
     suit_generators(document)
