@@ -58,6 +58,7 @@ from setuptools.command.build_ext import build_ext  # noqa: E402
 PACKAGES = ("cobot", "rtloop", "app")
 SANITIZE = bool(os.environ.get("COBOT_SANITIZE"))
 GENERATED, MADE = Path("build", "cython"), Path("build", "sanitized" if SANITIZE else "compiled")
+OWN_HEADERS = "cobot/robot"
 # When one of them changes, everything is compiled anew.
 SETTINGS = [name for name in ("setup.py", "requirements/build.lock") if Path(name).exists()]
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -86,10 +87,15 @@ def extension(source: Path) -> Extension:
     return Extension(
         ".".join(source.with_suffix("").parts),
         [str(source)],
-        include_dirs=headers,
+        include_dirs=[OWN_HEADERS, *headers],
         extra_compile_args=[*level, *ARITHMETIC],
         extra_link_args=SANITIZERS if SANITIZE else [],
     )
+
+
+def own_headers(module: Extension) -> list[Path]:
+    """The headers that a module may include: those of its package."""
+    return sorted(Path(*module.name.split(".")[:-1]).glob("*.h"))
 
 
 def settings_changed() -> float:
@@ -145,12 +151,13 @@ class Compile(build_ext):
         except CompileError as error:  # Cython has said where and why.
             sys.exit(f"cobot: {error} does not compile")
         for each, into in zip(self.extensions, translated, strict=True):
-            each.sources, each.depends = into.sources, SETTINGS
+            each.sources, each.depends = into.sources, [*SETTINGS, *map(str, own_headers(each))]
 
     def _is_stale(self, each: Extension, tree) -> bool:
         *package, module = each.name.split(".")
         made = Path(self.build_lib, *package, self.get_ext_filename(module))
         newest = max(tree.newest_dependency(each.sources[0])[0], settings_changed())
+        newest = max([newest, *(header.stat().st_mtime for header in own_headers(each))])
         return not made.exists() or made.stat().st_mtime < newest
 
     def _remove_orphans(self) -> None:

@@ -49,6 +49,7 @@ TESTS = (
     "tests/cobot/robot/inverse_kinematics",
     "tests/cobot/robot/test_clearance.py",
     "tests/cobot/robot/test_linear.py",
+    "tests/cobot/robot/test_spheres.py",
     "tests/rtloop/backends/test_cell.py",
     "tests/rtloop/backends/test_laws.py",
     "tests/rtloop/generators/test_laws.py",

@@ -45,6 +45,7 @@ def shortest(Clearance clearance, nodes, int goals, double shorter_than_rad, lon
     try:
         if not (cloud.edges and cloud.reached and cloud.left and cloud.before and cloud.settled):
             raise MemoryError("no memory for a roadmap")
+        clearance.enclose()
         with nogil:
             found = _search(clearance, &cloud, shorter_than_rad, work)
         if found == NONE:

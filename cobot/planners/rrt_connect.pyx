@@ -58,6 +58,7 @@ def connect(Clearance clearance, start, goals, low, high, uint64_t seed, double 
     cdef int count = len(ends)
     if not (np.isfinite(begin).all() and np.isfinite(ends).all()):
         raise ValueError("a joint is not finite")
+    clearance.enclose()
     try:
         with nogil:
             found = _grow(

@@ -53,6 +53,7 @@ def shorten(Clearance clearance, corners, uint64_t seed):
     way.count, way.dof = len(given), dof
     if way.count < 2 or not np.isfinite(given).all():
         raise ValueError("a polyline of finite corners, at least two, is needed")
+    clearance.enclose()
     with nogil:
         _cut_short(clearance, &way, seed)
         _tighten(clearance, &way)

@@ -5,6 +5,63 @@ from cobot.robot.mujoco cimport mjData, mjModel
 from cobot.robot.shapes cimport Solid
 
 
+cdef extern from "lanes.h":
+    enum:
+        LANES_TREE
+        LANES_BOX
+        LANES_CYLINDER
+        LANES_SEGMENT
+        LANES_PLANE
+
+    ctypedef struct LaneNode:
+        float x, y, z, outer, inner
+        int skip, depth
+
+    ctypedef struct LaneLink:
+        int before, slides
+        double rest
+        float turn[9]
+        float offset[3]
+
+    ctypedef struct LanePart:
+        int joint, kind, count
+        const LaneNode* nodes
+        float turn[9]
+        float origin[3]
+        float size[3]
+        float round, slack
+
+    ctypedef struct LanePair:
+        int first, second, common, first_joint, second_joint
+
+    ctypedef struct LaneModel:
+        int dof
+        const LaneLink* links
+        const LanePart* parts
+        int part_count
+        const LanePair* pairs
+        const float* least
+        float slack
+
+    ctypedef struct LaneQuery:
+        const double* joints
+        const float* rates
+        const float* half
+        const float* bend
+        const int* pairs
+        int pair_count
+        unsigned active
+        int all
+
+    ctypedef struct LaneAnswer:
+        unsigned hit, open, unsure
+        int hit_pair, failing_count
+        int* failing
+        float* places
+
+    ctypedef void (*LaneCheck)(const LaneModel*, const LaneQuery*, LaneAnswer*) noexcept nogil
+
+
 cdef struct Link:
     int before           # the joint before this one on the way from the world; -1: none
     bint slides
@@ -50,6 +107,20 @@ cdef class Clearance:
     cdef double* _least
     cdef int* _order
     cdef int _hit_pair
+    cdef bint _is_enclosed
+    cdef LaneCheck _check          # NULL: exact distances alone decide
+    cdef LaneModel _lanes
+    cdef LaneLink* _lane_links
+    cdef LanePart* _lane_parts
+    cdef LanePair* _lane_pairs
+    cdef LaneNode* _lane_nodes
+    cdef float* _lane_least
+    cdef float* _bend
+    cdef int* _lane_order          # pairs; the one of the last hit comes first
+    cdef int* _failing             # three lists of pairs
+    cdef long* _listed             # of the pairs in a list: its number
+    cdef long _lists
+    cdef readonly long looks
     cdef double _hit_at
     cdef double _hit_m
 
@@ -58,9 +129,18 @@ cdef class Clearance:
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil
     cdef double _sweep_of(self, int part, int joint, const double* turned) noexcept nogil
     cdef bint _is_proven(
-        self, const double* control, int degree, double begin, double end, int count, bint ordered
+        self, const double* control, int degree, double begin, double end, int* order, int count, bint ordered
     ) noexcept nogil
-    cdef int _first_touching(self, double* distance) noexcept nogil
+    cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil
+    cdef void _bound_bends(self, const float* rates) noexcept nogil
+    cdef void _look(
+        self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
+        LaneAnswer* answer
+    ) noexcept nogil
+    cdef int _set_lane_part(self, int index, object tree, LaneNode* nodes) except -1
+    cdef void _raise(self, int pair) noexcept nogil
+    cdef int _list(self, const LaneAnswer* answer, long number, int* pairs, int count) noexcept nogil
+    cdef bint _is_edge_exactly_free(self, const double* start, const double* goal) noexcept nogil
     cdef double _gap(self, int index, double enough_m, double* line) noexcept nogil
     cdef void _add_gradient(self, int pair, double weight, const double* line, double* out) noexcept nogil
     cdef bint c_is_edge_free(self, const double* start, const double* goal) noexcept nogil

@@ -15,6 +15,8 @@ Kinematics, distances, the proof and the gradient call each other without Python
 `Clearance` allocates once.
 """
 
+import os
+
 from libc.math cimport cos, fabs, fmax, fmin, sin, sqrt
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
@@ -22,16 +24,29 @@ from libc.string cimport memcpy, memset
 import mujoco
 import numpy as np
 
-from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from cobot.robot.mujoco cimport kinematic_data_of, mj_deleteData, mj_kinematics, model_of
-from cobot.robot.shapes cimport SEGMENT, far_bound, gap, solid_of
+from cobot.robot.shapes cimport BOX, CYLINDER, OTHER, PLANE, SEGMENT, far_bound, gap, solid_of
 
-
+from cobot.errors import ConfigError
+from cobot.robot.enclosing import tree_around
 from cobot.robot.rotations import matrix_of, with_z_along
+
+cdef extern from "lanes_check.h":
+    LaneCheck lanes_with(const char* name) noexcept nogil
 
 cdef enum:
     MAX_DEGREE = 5
+    MAX_LANES = 16
+    INTERVALS = 256      # of an edge that may wait
+    GENERATIONS = 12
+    WEIGHT = 4           # evaluations that a look of the spheres counts for
 
+ROUNDING = 2e-6
+"""Bound of the rounding of float32 in `lanes.h`: this times the distances that are computed with, times the
+number of joints that are between."""
+INSTRUCTIONS = "COBOT_INSTRUCTIONS"
+"""Environment variable: "plain", "avx2" or "avx512" for these instructions alone; "exact": no spheres."""
 MAX_SLIDE_M = 1e3
 """Largest position of a slide without a range, m."""
 
@@ -59,7 +74,11 @@ cdef class Clearance:
         self._pair = <Pair*>calloc(max(1, self.count), sizeof(Pair))
         self._least = <double*>calloc(max(1, self.count), sizeof(double))
         self._order = <int*>calloc(max(1, self.count), sizeof(int))
-        if self._part == NULL or self._pair == NULL or self._least == NULL or self._order == NULL:
+        self._lane_least = <float*>calloc(max(1, self.count), sizeof(float))
+        if (
+            self._part == NULL or self._pair == NULL or self._least == NULL or self._order == NULL
+            or self._lane_least == NULL
+        ):
             raise MemoryError("no memory for the pairs of geoms")
         self._model = model_of(mj)
         self._data = kinematic_data_of(self._model)
@@ -81,6 +100,15 @@ cdef class Clearance:
         free(self._pair)
         free(self._least)
         free(self._order)
+        free(self._lane_links)
+        free(self._lane_parts)
+        free(self._lane_pairs)
+        free(self._lane_nodes)
+        free(self._lane_least)
+        free(self._lane_order)
+        free(self._bend)
+        free(self._failing)
+        free(self._listed)
         if self._data != NULL:
             mj_deleteData(self._data)
 
@@ -142,6 +170,125 @@ cdef class Clearance:
             way.insert(0, joint)
             joint = self._link[joint].before
         return way
+
+    def enclose(self):
+        """Prepare the checks with spheres. Searches call this, because it takes 3 ms, and 50 ms for an arm
+        whose spheres this process has not fitted yet. Without it, exact distances alone decide.
+
+        Raises:
+            ConfigError: the environment variable `INSTRUCTIONS` has no valid value.
+        """
+        if self._is_enclosed:
+            return
+        chosen = os.environ.get(INSTRUCTIONS, "")
+        check = lanes_with(chosen.encode())
+        if check == NULL and chosen != "exact":
+            raise ConfigError(
+                f"{INSTRUCTIONS} is '{chosen}', allowed are plain, exact, and if the processor has them "
+                "avx2 and avx512; without it the fastest ones are used"
+            )
+        if chosen != "exact":
+            self._give_lanes()
+            self._check = check
+        self._is_enclosed = True
+
+    def _give_lanes(self):
+        """Give `lanes_check.h` the kinematics, the spheres around each moving part, and the pairs."""
+        cdef int index, i, joint
+        cdef LaneLink* link
+        cdef LanePair* pair
+        cdef LaneNode* node
+        count = max(1, self.count)
+        trees = [self._tree(index) for index in range(self._parts)]
+        total = sum(map(len, trees))
+        self._lane_links = <LaneLink*>calloc(MAX_DOF, sizeof(LaneLink))
+        self._lane_parts = <LanePart*>calloc(max(1, self._parts), sizeof(LanePart))
+        self._lane_pairs = <LanePair*>calloc(count, sizeof(LanePair))
+        self._lane_nodes = <LaneNode*>calloc(max(1, total), sizeof(LaneNode))
+        self._lane_order = <int*>calloc(count, sizeof(int))
+        self._bend = <float*>calloc(max(1, self._parts) * MAX_DOF, sizeof(float))
+        self._failing = <int*>calloc(4 * count, sizeof(int))
+        self._listed = <long*>calloc(2 * count, sizeof(long))
+        if (
+            self._lane_links == NULL or self._lane_parts == NULL or self._lane_pairs == NULL
+            or self._lane_nodes == NULL or self._lane_order == NULL or self._bend == NULL
+            or self._failing == NULL or self._listed == NULL
+        ):
+            raise MemoryError("no memory for the spheres around the arm")
+        for joint in range(self.dof):
+            link = &self._lane_links[joint]
+            link.before, link.slides, link.rest = (
+                self._link[joint].before, self._link[joint].slides, self._link[joint].rest
+            )
+            for i in range(9):
+                link.turn[i] = self._link[joint].turn[i]
+            for i in range(3):
+                link.offset[i] = self._link[joint].offset[i]
+        node = self._lane_nodes
+        extent = 0.0
+        for index in range(self._parts):
+            self._set_lane_part(index, trees[index], node)
+            node += len(trees[index])
+            for joint in range(self.dof):
+                extent = max(extent, self._part[index].reach[joint])
+        for joint in range(self.dof):
+            if self._link[joint].before < 0:
+                extent += float(np.linalg.norm([self._link[joint].offset[i] for i in range(3)]))
+        for index in range(self.count):
+            pair = &self._lane_pairs[index]
+            pair.first, pair.second = self._pair[index].first, self._pair[index].second
+            pair.first_joint = self._pair[index].first_joint
+            pair.second_joint = self._pair[index].second_joint
+            ways = [self._way(self._part[each].joint) for each in (pair.first, pair.second)]
+            pair.common = max((joint for joint in ways[0] if joint in ways[1]), default=-1, key=ways[0].index)
+            if self._part[pair.first].joint < 0:
+                pair.first, pair.second = pair.second, pair.first
+                pair.first_joint, pair.second_joint = pair.second_joint, pair.first_joint
+            self._lane_order[index] = index
+        self._lanes.dof, self._lanes.links, self._lanes.parts = self.dof, self._lane_links, self._lane_parts
+        self._lanes.part_count, self._lanes.pairs = self._parts, self._lane_pairs
+        self._lanes.least, self._lanes.slack = self._lane_least, ROUNDING * (self.dof + 4) * extent
+
+    def _tree(self, int index):
+        """The nodes around a part, as `LaneNode`, in its joint's frame, or in the world's if it stands."""
+        cdef Part* part = &self._part[index]
+        if part.joint < 0 and part.solid.kind != OTHER:
+            return np.empty((0, 7), dtype=np.float32)
+        tree = tree_around(self._mj, part.solid.geom)
+        turn = np.array([part.turn[i] for i in range(9)]).reshape(3, 3)
+        nodes = np.empty((len(tree), 7), dtype=np.float32)
+        nodes[:, :3] = tree[:, :3] @ turn.T + [part.offset[i] for i in range(3)]
+        nodes[:, 3:5] = tree[:, 3:5]
+        nodes[:, 5:].view(np.int32)[:] = tree[:, 5:]
+        return nodes
+
+    cdef int _set_lane_part(self, int index, object tree, LaneNode* nodes) except -1:
+        cdef LanePart* part = &self._lane_parts[index]
+        cdef Part* solid = &self._part[index]
+        cdef int i
+        cdef double far = 0.0
+        part.joint, part.kind, part.nodes, part.count = solid.joint, LANES_TREE, nodes, len(tree)
+        if part.count:
+            memcpy(nodes, bytes_of(tree, part.count * sizeof(LaneNode)), part.count * sizeof(LaneNode))
+        for i in range(9):
+            part.turn[i] = solid.turn[i]
+        for i in range(3):
+            part.origin[i] = solid.offset[i]
+            far += fabs(solid.offset[i]) + fabs(solid.solid.size[i])
+        part.slack = ROUNDING * (1.0 + far)
+        if solid.joint >= 0:
+            return 0
+        if solid.solid.kind == PLANE:
+            part.kind = LANES_PLANE
+        elif solid.solid.kind == BOX:
+            part.kind = LANES_BOX
+            for i in range(3):
+                part.size[i] = solid.solid.size[i]
+        elif solid.solid.kind == CYLINDER:
+            part.kind, part.size[0], part.size[2] = LANES_CYLINDER, solid.solid.radius_m, solid.solid.half_m
+        elif solid.solid.kind == SEGMENT:
+            part.kind, part.size[2], part.round = LANES_SEGMENT, solid.solid.half_m, solid.solid.radius_m
+        return 0
 
     cdef void _move_to(self, const double* joints) noexcept nogil:
         cdef Link* link
@@ -220,9 +367,9 @@ cdef class Clearance:
         return self._part[part].swept[joint]
 
     cdef bint _is_proven(
-        self, const double* control, int degree, double begin, double end, int count, bint ordered
+        self, const double* control, int degree, double begin, double end, int* order, int count, bint ordered
     ) noexcept nogil:
-        """Whether the first `count` pairs of the order are free along a curve. The place where one is not
+        """Whether the first `count` pairs of an order are free along a curve. The place where one is not
         free is stored.
 
         With `ordered` the stored place is the first one, within the resolution; otherwise any.
@@ -244,7 +391,7 @@ cdef class Clearance:
                 turned[index] = fmax(turned[index], fabs(control[which * self.dof + index] - middle[index]))
         self._move_to(middle)
         for index in range(count):
-            which = self._order[index]
+            which = order[index]
             pair = &self._pair[which]
             first, second = &self._part[pair.first].solid, &self._part[pair.second].solid
             needed = self._least[which] - self.resolution_m + (
@@ -259,35 +406,35 @@ cdef class Clearance:
                 if not ordered:
                     break
             if distance < needed:
-                self._order[index], self._order[left] = self._order[left], which
+                order[index], order[left] = order[left], which
                 left += 1
         if touching >= 0 and not ordered:
             self._hit_pair, self._hit_at, self._hit_m = touching, 0.5 * (begin + end), touching_m
             return False
         if left == 0 or end - begin < 1e-12:
             return True
-        if not self._is_proven(halves[0], degree, begin, 0.5 * (begin + end), left, ordered):
+        if not self._is_proven(halves[0], degree, begin, 0.5 * (begin + end), order, left, ordered):
             return False
         if touching >= 0:
             self._hit_pair, self._hit_at, self._hit_m = touching, 0.5 * (begin + end), touching_m
             return False
-        return self._is_proven(halves[1], degree, 0.5 * (begin + end), end, left, ordered)
+        return self._is_proven(halves[1], degree, 0.5 * (begin + end), end, order, left, ordered)
 
-    cdef int _first_touching(self, double* distance) noexcept nogil:
-        """A pair that violates its required distance in the present configuration, or -1."""
+    cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil:
+        """A pair of an order that violates its required distance in the present configuration, or -1."""
         cdef Pair* pair
         cdef Solid* first
         cdef Solid* second
         cdef int index, which
-        for index in range(self.count):
-            which = self._order[index]
+        for index in range(count):
+            which = order[index]
             pair = &self._pair[which]
             first, second = &self._part[pair.first].solid, &self._part[pair.second].solid
             if far_bound(self._data, first, second) >= self._least[which]:
                 continue
             distance[0] = gap(self._model, self._data, first, second, self._least[which], NULL)
             if distance[0] < self._least[which]:
-                self._order[index], self._order[0] = self._order[0], which
+                order[index], order[0] = order[0], which
                 return which
         return -1
 
@@ -319,21 +466,162 @@ cdef class Clearance:
                 joint = self._link[joint].before
 
     cdef bint c_is_edge_free(self, const double* start, const double* goal) noexcept nogil:
+        """Whether a straight joint motion is free. Spheres decide first; see `lanes.h`.
+
+        The edge is divided into intervals. One that the spheres do not prove is divided further, and where
+        they touch even in its middle, exact distances decide about the pairs in question.
+        """
+        cdef double at[2][INTERVALS]
+        cdef double later[INTERVALS]
+        cdef double later_half[INTERVALS]
+        cdef double rates[MAX_DOF]
+        cdef float rounded[MAX_DOF]
+        cdef float half[MAX_LANES]
+        cdef double control[2 * MAX_DOF]
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        cdef int* pairs[2]
+        cdef int* late_pairs = self._failing + 3 * self.count
+        cdef double width = 1.0 / MAX_LANES
+        cdef int count = MAX_LANES
+        cdef int delayed = 0
+        cdef int late_count = 0
+        cdef int generation, chunk, begin, lanes, lane, opened, factor, side, failing, i, k
+        cdef long number, late_number
+        if self._check == NULL:
+            return self._is_edge_exactly_free(start, goal)
+        for i in range(self.dof):
+            rates[i] = goal[i] - start[i]
+            rounded[i] = rates[i]
+        self._bound_bends(rounded)
+        query.rates, query.half, query.bend, query.all = rounded, half, self._bend, False
+        query.pairs, query.pair_count = self._lane_order, self.count
+        answer.failing, answer.places = self._failing, NULL
+        pairs[0], pairs[1] = self._failing + self.count, self._failing + 2 * self.count
+        self._lists += 1
+        late_number = self._lists
+        for i in range(count):
+            at[0][i] = (i + 0.5) * width
+        for generation in range(GENERATIONS):
+            side = generation % 2
+            self._lists += 1
+            number = self._lists
+            opened, failing = 0, 0
+            for lane in range(MAX_LANES):
+                half[lane] = 0.5 * width
+            for chunk in range((count + MAX_LANES - 1) // MAX_LANES):
+                begin = chunk * MAX_LANES
+                lanes = min(count - begin, MAX_LANES)
+                self._look(start, rates, &at[side][begin], lanes, &query, &answer)
+                if answer.hit:
+                    self._raise(answer.hit_pair)
+                    return False
+                if not answer.open:
+                    continue
+                failing = self._list(&answer, number, pairs[side], failing)
+                if generation == 0:
+                    answer.unsure = 0
+                elif answer.unsure:
+                    late_count = self._list(&answer, -late_number, late_pairs, late_count)
+                for lane in range(lanes):
+                    if answer.unsure >> lane & 1:
+                        if delayed == INTERVALS:
+                            return self._is_edge_exactly_free(start, goal)
+                        later[delayed], later_half[delayed] = at[side][begin + lane], 0.5 * width
+                        delayed += 1
+                    elif answer.open >> lane & 1:
+                        at[1 - side][opened] = at[side][begin + lane]
+                        opened += 1
+            if not opened:
+                break
+            factor = 4 if opened <= 4 else 2
+            if opened * factor > INTERVALS or generation == GENERATIONS - 1:
+                return self._is_edge_exactly_free(start, goal)
+            count = opened * factor
+            for i in range(opened - 1, -1, -1):
+                for k in range(factor - 1, -1, -1):
+                    at[1 - side][i * factor + k] = at[1 - side][i] + width * ((k + 0.5) / factor - 0.5)
+            width /= factor
+            query.pairs, query.pair_count = pairs[side], failing
+        for i in range(delayed):
+            for k in range(self.dof):
+                control[k] = start[k] + (later[i] - later_half[i]) * rates[k]
+                control[self.dof + k] = start[k] + (later[i] + later_half[i]) * rates[k]
+            if not self._is_proven(control, 1, 0.0, 1.0, late_pairs, late_count, False):
+                return False
+        return True
+
+    cdef bint _is_edge_exactly_free(self, const double* start, const double* goal) noexcept nogil:
         cdef double control[2 * MAX_DOF]
         cdef double distance
         memcpy(control, start, self.dof * sizeof(double))
         memcpy(control + self.dof, goal, self.dof * sizeof(double))
         self._move_to(goal)
-        if self._first_touching(&distance) >= 0:
+        if self._first_touching(self._order, self.count, &distance) >= 0:
             return False
-        return self._is_proven(control, 1, 0.0, 1.0, self.count, False)
+        return self._is_proven(control, 1, 0.0, 1.0, self._order, self.count, False)
+
+    cdef void _look(
+        self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
+        LaneAnswer* answer
+    ) noexcept nogil:
+        """The spheres' answer at so many places of an edge. Lanes without a place repeat the last one."""
+        cdef double joints[MAX_DOF * MAX_LANES]
+        cdef int lane, joint
+        cdef double place
+        self.evaluations += WEIGHT
+        self.looks += 1
+        for lane in range(MAX_LANES):
+            place = at[min(lane, count - 1)]
+            for joint in range(self.dof):
+                joints[joint * MAX_LANES + lane] = start[joint] + place * rates[joint]
+        query.joints, query.active = joints, (1 << count) - 1
+        self._check(&self._lanes, query, answer)
+
+    cdef void _bound_bends(self, const float* rates) noexcept nogil:
+        """For each part and joint, how large the second derivative of a point of it can be along the edge if
+        the joints before this one stand still: the sum of |a| |b| times the reach from the outer joint of
+        each two."""
+        cdef int index, joint
+        cdef double total, outer, rate
+        for index in range(self._parts):
+            total, outer = 0.0, 0.0
+            joint = self._part[index].joint
+            while joint >= 0:
+                rate = fabs(rates[joint])
+                total += rate * (rate * self._part[index].reach[joint] + 2.0 * outer)
+                outer += rate * self._part[index].reach[joint]
+                self._bend[index * MAX_DOF + joint] = 1.0001 * total
+                joint = self._link[joint].before
+
+    cdef int _list(self, const LaneAnswer* answer, long number, int* pairs, int count) noexcept nogil:
+        """Add the answer's failing pairs to a list that has a number, each once."""
+        cdef long* listed = self._listed if number > 0 else self._listed + self.count
+        cdef int index, pair
+        for index in range(answer.failing_count):
+            pair = answer.failing[index]
+            if listed[pair] != number:
+                listed[pair] = number
+                pairs[count] = pair
+                count += 1
+        return count
+
+    cdef void _raise(self, int pair) noexcept nogil:
+        """Put a pair first in the order of the spheres' checks."""
+        cdef int index = 0
+        while self._lane_order[index] != pair:
+            index += 1
+        while index > 0:
+            self._lane_order[index] = self._lane_order[index - 1]
+            index -= 1
+        self._lane_order[0] = pair
 
     def require(self, least_m):
         """Set the required distance of each pair, m: one number for all, or shape (count,)."""
         cdef int index
         given = np.ascontiguousarray(np.broadcast_to(np.asarray(least_m, dtype=np.float64), (self.count,)))
         for index in range(self.count):
-            self._least[index] = given[index]
+            self._least[index] = self._lane_least[index] = given[index]
 
     def is_free(self, joints):
         """Whether each pair keeps its required distance at joints of shape (dof,)."""
@@ -341,25 +629,109 @@ cdef class Clearance:
         cdef double distance
         _take(joints, self.dof, given)
         self._move_to(given)
-        return self._first_touching(&distance) < 0
+        return self._first_touching(self._order, self.count, &distance) < 0
 
     def are_free(self, rows):
         """`is_free` for each row of joints, shape (n, dof). Returns shape (n,)."""
-        cdef Py_ssize_t row
+        cdef double joints[MAX_DOF * MAX_LANES]
+        cdef float still[MAX_DOF]
+        cdef float half[MAX_LANES]
         cdef double distance
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        cdef Py_ssize_t begin, lane, lanes
+        cdef int joint
+        cdef int* order
         given = _rows(rows, self.dof)
         out = np.zeros(len(given), dtype=bool)
-        cdef const double* joints
-        for row in range(len(given)):
-            joints = doubles(given, given.size) + row * self.dof
-            self._move_to(joints)
-            out[row] = self._first_touching(&distance) < 0
+        cdef const double* row = doubles(given, given.size) if given.size else NULL
+        self.enclose()
+        memset(still, 0, sizeof(still))
+        memset(half, 0, sizeof(half))
+        answer.hit, answer.open, answer.failing_count = 0, (1 << MAX_LANES) - 1, self.count
+        answer.failing, answer.places = self._failing, NULL
+        query.rates, query.half, query.bend, query.all = still, half, self._bend, True
+        query.pairs, query.pair_count, query.joints = self._lane_order, self.count, joints
+        if self._check != NULL:
+            self._bound_bends(still)
+        for begin in range(0, len(given), <Py_ssize_t>MAX_LANES):
+            lanes = min(<Py_ssize_t>MAX_LANES, len(given) - begin)
+            if self._check != NULL:
+                for lane in range(MAX_LANES):
+                    for joint in range(self.dof):
+                        joints[joint * MAX_LANES + lane] = row[min(lane, lanes - 1) * self.dof + joint]
+                query.active = (1 << lanes) - 1
+                self.evaluations += WEIGHT
+                self._check(&self._lanes, &query, &answer)
+            for lane in range(lanes):
+                if answer.hit >> lane & 1:
+                    out[begin + lane] = False
+                elif answer.open >> lane & 1:
+                    order = answer.failing if self._check != NULL else self._order
+                    self._move_to(row + lane * self.dof)
+                    out[begin + lane] = self._first_touching(order, answer.failing_count, &distance) < 0
+                else:
+                    out[begin + lane] = True
+            row += lanes * self.dof
         return out
+
+    def sphere_verdicts(self, rows, str instructions="", rates=None, double half=0.0):
+        """What the spheres alone say about each row of joints, shape (n, dof), for tests.
+
+        Args:
+            instructions: "plain", "avx2" or "avx512"; "" for those in use.
+            rates, half: shape (dof,), and half of an interval of an edge with these rates around each row.
+
+        Returns:
+            Three arrays of shape (n,): a hit is certain; free is not proven; nor is it without the interval.
+            Then the centres of the parts and how far they move, shape (n, parts, 4), m. None if the processor
+            does not have the instructions.
+        """
+        cdef LaneCheck check
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        cdef double joints[MAX_DOF * MAX_LANES]
+        cdef float rounded[MAX_DOF]
+        cdef float halves[MAX_LANES]
+        cdef Py_ssize_t begin, lanes, lane
+        cdef int joint
+        self.enclose()
+        check = lanes_with(instructions.encode()) if instructions else self._check
+        if check == NULL or self._check == NULL:
+            return None
+        given = _rows(rows, self.dof)
+        moves = np.zeros(self.dof) if rates is None else np.array(rates, dtype=np.float64)
+        for joint in range(self.dof):
+            rounded[joint] = moves[joint]
+        self._bound_bends(rounded)
+        out = np.zeros((3, len(given)), dtype=bool)
+        places = np.zeros((self._parts, 4, MAX_LANES), dtype=np.float32)
+        found = np.zeros((len(given), self._parts, 4), dtype=np.float32)
+        query.rates, query.half, query.bend, query.all = rounded, halves, self._bend, True
+        query.pairs, query.pair_count, query.joints = self._lane_order, self.count, joints
+        answer.failing = self._failing
+        answer.places = <float*>bytes_of(places, places.nbytes) if places.size else NULL
+        for lane in range(MAX_LANES):
+            halves[lane] = half
+        for begin in range(0, len(given), <Py_ssize_t>MAX_LANES):
+            lanes = min(<Py_ssize_t>MAX_LANES, len(given) - begin)
+            for lane in range(MAX_LANES):
+                for joint in range(self.dof):
+                    joints[joint * MAX_LANES + lane] = given[begin + min(lane, lanes - 1), joint]
+            query.active = (1 << lanes) - 1
+            check(&self._lanes, &query, &answer)
+            for lane in range(lanes):
+                out[0, begin + lane] = answer.hit >> lane & 1
+                out[1, begin + lane] = (answer.open | answer.hit) >> lane & 1
+                out[2, begin + lane] = (answer.unsure | answer.hit) >> lane & 1
+                found[begin + lane] = places[:, :, lane]
+        return out[0], out[1], out[2], found
 
     def is_edge_free(self, start, goal):
         """Whether the straight joint motion is free, including its goal. Both ends are arrays or states of
         OMPL."""
         cdef double ends[2][MAX_DOF]
+        self.enclose()
         _take(start, self.dof, ends[0])
         _take(goal, self.dof, ends[1])
         return self.c_is_edge_free(ends[0], ends[1])
@@ -391,7 +763,8 @@ cdef class Clearance:
         with nogil:
             for piece in range(pieces_count):
                 proven = self._is_proven(
-                    control + piece * (degree + 1) * self.dof, degree, 0.0, 1.0, self.count, first
+                    control + piece * (degree + 1) * self.dof, degree, 0.0, 1.0, self._order, self.count,
+                    first,
                 )
                 if not proven:
                     break
