@@ -149,7 +149,8 @@ class SearchMotion(ForceMotion):
         0.001,
         ge=1e-4,
         le=0.5,
-        description="The hole is found when the TCP has advanced this far beyond the contact, m.",
+        description="The hole is found when the TCP has advanced this far beyond its place under the whole "
+        "force, m.",
     )
     target: PathPoint | None = Field(
         None,

@@ -29,8 +29,11 @@ AT_REST_S = 0.5
 AT_REST_M = 2e-4
 GIVE_WAY_PER_S = 5.0
 """Gain with which an insertion reduces forces and torques across the push, 1/s."""
-GETTING_UP_S = 0.3
-"""Time in which a search accelerates to its speed, s."""
+GETTING_UP_S, SLOWEST = 0.3, 0.1
+"""Time in which a search accelerates to its speed, s, and its share of that speed at the start and in
+corners."""
+SETTLING_S = 1.0
+"""Maximum time for the force to reach its value before a search begins to move, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,19 +212,24 @@ def search(
 ) -> Stage:
     """Move along a pattern in contact until the TCP drops, reaches the target, or `input_holds` returns true.
 
+    A drop is measured from the place of the TCP under the whole force, at which a soft surface has already
+    given way.
+
     Args:
         input_holds: returns whether the condition on the input is met.
         found: called with the word for the cause of the end.
     """
-    pattern, way_m, speed_m_s = pattern_of(body), 0.0, 0.0
-    touched_m = push.distance_m(touched.pose)
+    pattern, way_m = pattern_of(body), 0.0
+    start_m, settling_s = push.distance_m(touched.pose), SETTLING_S
     target = None if body.target is None else np.array([body.target.x, body.target.y, body.target.z])
     while True:
-        offset = pattern(way_m)
+        offset = pattern.offset(way_m)
         if offset is None:
             raise NotMet("pattern_end", f"the {body.pattern} has ended and nothing was found")
         sample = yield Aim(push.shifted(offset), push.force_n)
-        if push.distance_m(sample.pose) - touched_m >= body.drop:
+        # A force above the commanded one has pressed the TCP into the surface: that is not a hole.
+        most_n = push.contact_n if settling_s > 0.0 else push.force_n
+        if push.distance_m(sample.pose) - start_m >= body.drop and sample.force_n <= most_n:
             found("drop")
             return sample
         if target is not None and np.linalg.norm(sample.pose.position - target) <= body.tolerance:
@@ -231,8 +239,13 @@ def search(
             found("input")
             return sample
         _require_near(push, sample)
-        speed_m_s = min(speed_m_s + body.search_speed * sample.step_s / GETTING_UP_S, body.search_speed)
-        way_m += speed_m_s * sample.step_s
+        if settling_s > 0.0:
+            settling_s = 0.0 if sample.force_n >= push.force_n else settling_s - sample.step_s
+            if settling_s <= 0.0 and sample.force_n >= push.contact_n:
+                start_m = push.distance_m(sample.pose)
+            continue
+        share = np.sqrt(2.0 * pattern.room_m(way_m) / (GETTING_UP_S * body.search_speed))
+        way_m += body.search_speed * float(np.clip(share, SLOWEST, 1.0)) * sample.step_s
 
 
 def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMotion) -> Stage:

@@ -2,7 +2,8 @@
 contact.
 
 A pattern is a function of the distance along it. It returns the offset across the direction of the push (m)
-and the rotation vector of the tool across it (rad), or None at the end of the pattern.
+and the rotation vector of the tool across it (rad), or None at the end of the pattern. The TCP slows down in
+corners and narrow curves, because a jump of its velocity would disturb the force.
 """
 
 from __future__ import annotations
@@ -24,7 +25,20 @@ class SearchOffset:
     ry: float = 0.0
 
 
-Search = Callable[[float], SearchOffset | None]
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search pattern.
+
+    Attributes:
+        offset: the offset at a distance along the pattern, m; None beyond its end.
+        room_m: the room for speed there, m: the distance to the nearest corner or to the start, or half the
+            radius of a curve.
+    """
+
+    offset: Callable[[float], SearchOffset | None]
+    room_m: Callable[[float], float]
+
+
 LEVER_M = 0.05
 """Lever of a tilt, m: tilting by an angle counts as this lever's distance, so that one speed fits all
 patterns.
@@ -48,7 +62,10 @@ def spiral(radius_m: float, pitch_m: float) -> Search:
         r = pitch_m * angle / (2.0 * math.pi)
         return SearchOffset(r * math.cos(angle), r * math.sin(angle))
 
-    return offset
+    def room_m(way_m: float) -> float:
+        return 0.25 * pitch_m / math.pi * (math.sqrt(1.0 + 4.0 * math.pi * way_m / pitch_m) - 1.0)
+
+    return Search(offset, room_m)
 
 
 def raster(radius_m: float, pitch_m: float) -> Search:
@@ -70,7 +87,13 @@ def raster(radius_m: float, pitch_m: float) -> Search:
         y = line * pitch_m + max(along - side, 0.0)
         return SearchOffset((x if line % 2 == 0 else side - x) - radius_m, min(y, side) - radius_m)
 
-    return offset
+    def room_m(way_m: float) -> float:
+        if way_m < to_corner:
+            return min(way_m, to_corner - way_m)
+        along = (way_m - to_corner) % (side + pitch_m)
+        return min(along, abs(along - side), side + pitch_m - along)
+
+    return Search(offset, room_m)
 
 
 def tilt(angle_rad: float) -> Search:
@@ -86,4 +109,8 @@ def tilt(angle_rad: float) -> Search:
         lean = angle_rad * (1.0 - abs(2.0 * along / once - 1.0))
         return SearchOffset(rx=lean * math.cos(heading), ry=lean * math.sin(heading))
 
-    return offset
+    def room_m(way_m: float) -> float:
+        along = way_m % (0.5 * once)
+        return min(along, 0.5 * once - along)
+
+    return Search(offset, room_m)
