@@ -32,7 +32,7 @@ import { ProgramPage } from "./program-page.js";
 import { Pull } from "./pull.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
-import { reasonOf } from "./reasons.js";
+import { reasonOf, saysMore } from "./reasons.js";
 import { Recordings } from "./recordings.js";
 import { Run } from "./run.js";
 import { RunNow } from "./run-now.js";
@@ -276,7 +276,7 @@ class Panel {
     this.view?.show(state);
     this.drag.place();
     this.clearance.show(state, this.tag);
-    this.view?.blame(LATCHED.includes(state.mode) ? state.reason_of : "");
+    this.view?.blame(LATCHED.includes(state.mode) ? (saysMore(state) ? state.reason : state.reason_of) : "");
   }
 }
 

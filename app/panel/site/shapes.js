@@ -116,9 +116,9 @@ export class Drawn {
     for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
   }
 
-  // Draws in red the bodies with these names, between commas, and those that a joint of these names moves; "" for none.
+  // Draws in red the bodies that a list or a sentence names, and those that a named joint moves; "" for none.
   blame(listed) {
-    const said = listed.split(", ");
+    const said = listed.split(/[\s,:;]+/);
     const names = ({ name, joints }) => [name, ...joints.map(({ index }) => this.joints[index])];
     this.bodies.forEach((body, index) => {
       const blamed = index > 0 && names(body).some((each) => said.includes(each));

@@ -134,7 +134,9 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
             set_to(panel, "#language", language)
             assert panel.page.run(f"{refused}.children[1].innerText") == name
             said = str(panel.page.run(f"{refused}.children[2].innerText"))
-            assert said.startswith("POST /robot/move/named")
+            title = str(panel.page.run(f"{refused}.children[2].title"))
+            assert title.startswith("POST /robot/move/named")
+            assert "POST" not in said
             assert named.json()["detail"] in said
     finally:
         set_to(panel, "#language", "en")
