@@ -110,9 +110,9 @@ def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
     assert "nearest to its surroundings" in said
 
 
-def test_a_motion_gets_new_goals_while_it_runs(shared: Run, clone: Path) -> None:
+def test_a_motion_gets_new_goals_while_it_runs(service: Run, clone: Path) -> None:
     (command,) = commands("new_goal.py")
-    said = output(clone, command, shared)
+    said = output(clone, command, service)
     assert said.count("new path in") == 3
     assert said.splitlines()[-1] == "joint 1 is at 0.300 rad"
 
