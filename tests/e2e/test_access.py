@@ -192,7 +192,7 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         until(lambda: page.run("!!window.cobotPanel?.state && !!document.querySelector('[data-jog=joint]')"))
         assert not page.run("document.querySelector('#token-form').checkVisibility()")
         page.click('[data-jog="joint"]')
-        until(lambda: "needs operator" in page.run("document.querySelector('#jog-why').innerText"))
+        until(lambda: "role does not permit" in page.run("document.querySelector('#jog-why').innerText"))
 
 
 def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, tmp_path: Path) -> None:

@@ -22,24 +22,24 @@ def suit_generators(schema: dict[str, Any]) -> None:
     schema.setdefault("components", {})["securitySchemes"] = {"token": BEARER}
     schema.setdefault("security", [{}, {"token": []}])
     _name_forms(schema)
-    _simplify_nulls(schema)
+    simplify_nulls(schema)
     models = schema["components"].get("schemas", {})
     for name in _of_requests(schema):
         for field in models[name].get("properties", {}).values():
             _describe_default(field)
 
 
-def _simplify_nulls(part: Any) -> None:
+def simplify_nulls(part: Any) -> None:
     """Write `X or null` as a type with two names, or as `oneOf` for references and enumerations.
 
     C# generators make a class of `anyOf` with null, which takes no value.
     """
     if isinstance(part, list):
         for value in part:
-            _simplify_nulls(value)
+            simplify_nulls(value)
     elif isinstance(part, dict):
         for value in part.values():
-            _simplify_nulls(value)
+            simplify_nulls(value)
         choices = part.get("anyOf")
         if isinstance(choices, list) and len(choices) == 2 and NULL in choices:
             del part["anyOf"]

@@ -68,7 +68,7 @@ def test_a_backend_that_is_not_there_is_refused_by_its_name(
         ({"type": "own_arm:Arm", "port": 1}, r"robot.backend: unknown key 'port'.*; valid are: type"),
         (
             {"type": "paced_arm:PacedArm", "adress": "a"},
-            r"robot.backend: unknown key 'adress' \(did you mean 'address'\?\); valid are: type, address",
+            r"unknown key 'adress' \(did you mean 'address'\?\); valid are: type, simulator, address",
         ),
         (
             {"type": "paced_arm:PacedArm", "port": 0},

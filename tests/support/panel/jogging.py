@@ -166,7 +166,7 @@ def test_at_an_override_of_zero_nothing_is_jogged_and_the_page_says_why(panel: P
 
 
 def test_the_hint_says_what_a_press_does(panel: Panel) -> None:
-    for nth, hint in ((2, "0.5° or the TCP by 1 mm"), (4, "10° or the TCP by 50 mm"), (1, "Hold − or +")):
+    for nth, hint in ((2, "0.5° or 1 mm"), (4, "10° or 50 mm"), (1, "Hold − or +")):
         panel.page.click(f"#jog-how label:nth-child({nth})")
         assert hint in panel.text("#jog-why")
 

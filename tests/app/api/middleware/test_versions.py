@@ -55,9 +55,9 @@ def test_what_is_read_is_the_same_with_the_version(service: VirtualService, path
 
 
 def test_all_files_of_the_panel_are_there_too(service: VirtualService) -> None:
-    files = re.findall(r'(?:src|href)="(/panel/[^"]+)"', service.get(f"{VERSION}/").text)
+    files = re.findall(r'(?:src|href)="(panel/[^"]+)"', service.get(f"{VERSION}/").text)
     assert files
-    for file in files:
+    for file in (f"/{each}" for each in files):
         assert service.get(VERSION + file).content == service.get(file).content != b""
 
 

@@ -368,7 +368,12 @@ def test_a_stop_ends_the_session_and_everybody_learns_of_it(client: Frames, run:
     assert stopped["success"], stopped
     assert stopped["stopped"][0].startswith("WS /robot/stream from 127.0.0.1:")
     assert health(run)["session"] is None
-    assert client.until_ended() == {"type": "session_ended", "number": number, "reason": "stop requested"}
+    ended = client.until_ended()
+    assert (ended["number"], ended["reason"], ended["reason_code"]) == (
+        number,
+        "stop requested",
+        "stop_requested",
+    )
     client.target(HOME)
     assert client.answer()["code"] == "stopped"
     client.session()

@@ -27,7 +27,7 @@ from cobot.types import Array, Pose, Scaling
 STARTS, STEPS = 60, 40
 """Random starts of the search at a place, and steps of each descent."""
 DOWN = np.diag([1.0, -1.0, -1.0])
-SPACE = {"box": {"low": [-0.75, -0.5, 0.05], "high": [0.75, 0.5, 1.05]}, "spacing_m": 0.3}
+SPACE = {"box": {"low": [-0.75, -0.5, 0.05], "high": [0.75, 0.5, 1.05]}, "spacing_m": 0.25}
 
 
 def computed(**more: Any) -> Columns:
@@ -64,7 +64,7 @@ def places_of(columns: Columns) -> list[tuple[float, float, float]]:
 def test_places_are_solved_where_an_exhaustive_search_finds_joints() -> None:
     columns = computed(space=SPACE, method="ik")
     places = places_of(columns)
-    assert len(places) == 6 * 4 * 4
+    assert len(places) == 7 * 5 * 5
     searched = [bool(found_by_search(place)) for place in places]
     assert 20 < sum(searched) < len(places) - 20
     assert (columns["solved"] == np.array(searched)).all()
