@@ -79,7 +79,7 @@ def test_enter_holds_a_button_too(panel: Panel) -> None:
     down = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13}
 
     def pressed_and_moved() -> bool:
-        if not panel.page.run("!!cobotPanel.jog.held") or "let go" in panel.text("#jog-why"):
+        if not panel.page.run("!!cobotPanel.jog.held") or "Release the button" in panel.text("#jog-why"):
             panel.page.ask("Input.dispatchKeyEvent", type="keyUp", **down)
             until(panel.rests)
             panel.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **down)

@@ -160,7 +160,7 @@ class Panel:
         self.page.mouse("mousePressed", place)
 
         def held_and_moved() -> bool:
-            if not self.page.run("!!cobotPanel.jog.held") or "let go" in self.text("#jog-why"):
+            if not self.page.run("!!cobotPanel.jog.held") or "Release the button" in self.text("#jog-why"):
                 self.page.mouse("mouseReleased", place)
                 until(self.rests)
                 self.page.mouse("mousePressed", place)
