@@ -215,6 +215,54 @@ def test_a_delay_in_an_acceleration_to_full_speed_is_no_overspeed(
     assert way.controller.safety == SafetyMode.NORMAL, list(way.controller.events)
 
 
+@pytest.mark.parametrize(
+    ("period_ms", "speed", "acceleration", "onward", "braking"),
+    [
+        (2, 1.0, 0.0, 0.048, 0.049),
+        (8, 1.0, 0.0, 0.042, 0.049),
+        (2, 1.0, 12.5, 0.0575, 0.077),
+        (8, 1.0, 12.5, 0.050, 0.077),
+        (2, 3.0, 0.0, 0.144, 0.447),
+        (8, 3.0, 0.0, 0.126, 0.447),
+    ],
+)
+def test_the_way_after_the_last_command_is_what_the_page_states(
+    connect: Joined, period_ms: int, speed: float, acceleration: float, onward: float, braking: float
+) -> None:
+    """docs/ur.md has these figures, rounded, from the last commanded position.
+
+    Oracle: the sums of the program's steps of 2 ms; 0.049 is v²/2a with 10 rad/s², less half a step.
+    """
+    backend, way = opened(connect, period_ms=period_ms)
+    hold(backend, way, 1200 // period_ms)
+    period_s, ramp = 1e-3 * period_ms, 40 // period_ms
+    speeds = np.concatenate(
+        [
+            np.linspace(0.0, speed - 0.04 * acceleration, 800 // period_ms),
+            np.full(80 // period_ms, speed - 0.04 * acceleration),
+            speed + acceleration * period_s * np.arange(1 - ramp, 1),
+        ]
+    )
+    places = np.cumsum((speeds[1:] + speeds[:-1]) / 2 * period_s)
+    command = np.zeros((3, 6))
+    start = way.controller.arm.setpoint.copy()
+    for place in places:
+        backend.wait(0.1)
+        command[0] = start
+        command[0, 0] += place
+        backend.write(command)
+    there, ended_s = command[0, 0], way.controller.time_s
+    while way.controller.time_s < ended_s + 0.0499:
+        way.pass_period()
+    gone = way.controller.arm.setpoint[0] - there
+    while way.controller.runtime == RuntimeState.PLAYING:
+        way.pass_period()
+    assert "cobot: no command in time" in way.controller.events
+    assert gone == pytest.approx(onward, abs=3e-3)
+    assert way.controller.arm.setpoint[0] - there - gone == pytest.approx(braking, abs=3e-3)
+    assert way.controller.safety == SafetyMode.NORMAL
+
+
 @pytest.mark.parametrize("series", ["e", "x"])
 def test_local_control_is_named_with_what_to_press(connect: Joined, series: str) -> None:
     backend, way = opened(connect, UrControllerOptions(series, is_on=True, is_remote=False))
