@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, ip_address
 from typing import Annotated
 
 from pydantic import AfterValidator
@@ -17,3 +17,11 @@ def an_ipv4_address(value: str) -> str:
 
 
 Address = Annotated[str, AfterValidator(an_ipv4_address)]
+
+
+def is_of_this_computer(address: object) -> bool:
+    """Whether an address in the options of a backend can only mean this computer."""
+    try:
+        return address == "localhost" or ip_address(str(address)).is_loopback
+    except ValueError:
+        return False

@@ -22,7 +22,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends.cell import CellBackend
 from rtloop.backends.compiled import Measured
 from rtloop.backends.guarded import NAMES
-from rtloop.backends.protocols import Backend, BackendError, capabilities_of
+from rtloop.backends.protocols import Backend, BackendError, Reporting, capabilities_of
 
 MAX_STEP_S = 0.001
 """Maximum step of the simulated cell, s."""
@@ -36,8 +36,8 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DeviceInCell:
-    """The backend of a device, also `HasIo`, `ReadsInputs`, `HasCell` and `CarriesTool`, with all other
-    protocols of the device.
+    """The backend of a device, also `HasIo`, `ReadsInputs`, `HasCell`, `CarriesTool` and `Reporting`, with
+    all other protocols of the device.
 
     Attributes:
         device: the backend without the cell.
@@ -69,8 +69,6 @@ class DeviceInCell:
         for name in NAMES:
             if hasattr(device, name) and not hasattr(self, name):
                 setattr(self, name, getattr(device, name))
-        if hasattr(device, "status"):
-            self.status = self._status
         log.warning("%s: %s", settings.robot.backend.type, NOTE)
 
     def __getattr__(self, name: str) -> Any:
@@ -101,6 +99,11 @@ class DeviceInCell:
             self.device.set_tool(tool)
         self._cell.set_tool(tool)
 
+    def status(self) -> DeviceStatus:
+        """The device's own, with a note that the hand is simulated."""
+        own = self.device.status() if isinstance(self.device, Reporting) else DeviceStatus()
+        return replace(own, text=f"{own.text}; {NOTE}" if own.text else NOTE)
+
     def io(self) -> Sequence[IoPoint]:
         own = self.device.io() if hasattr(self.device, "io") else ()
         return *own, *self._cell.io()
@@ -123,10 +126,6 @@ class DeviceInCell:
         """
         is_of_device = name not in self._names and hasattr(self.device, "io")
         return self.device if is_of_device else self._cell
-
-    def _status(self) -> DeviceStatus:
-        status: DeviceStatus = self.device.status()  # type: ignore[attr-defined]
-        return replace(status, text=f"{status.text}; {NOTE}" if status.text else NOTE)
 
     def _begin(self) -> None:
         self._rows[:] = 0.0

@@ -31,11 +31,13 @@ from typing import Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict
 
+from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
 from cobot.types import Array
+from rtloop.backends.addresses import is_of_this_computer
 from rtloop.backends.compiled import Measured
 from rtloop.results import Accepted, Rejected
 
@@ -57,12 +59,21 @@ class BackendOptions(BaseModel):
     `cobot.config.Location` for paths.
 
     Attributes:
-        simulator: the device is a simulator, so hand, parts and contact forces may be simulated next to it,
-            see `rtloop.backends.device_in_cell`.
+        simulator: the device is a simulator on this computer, so hand, parts and contact forces may be
+            simulated next to it, see `rtloop.backends.device_in_cell`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     simulator: bool = False
+
+    def elsewhere(self, settings: Settings) -> str:
+        """The setting with which the device may be on another computer, and its value; "" if it is on this
+        one. A class whose option has another name than `address` overrides this.
+        """
+        if "address" not in type(self).model_fields:
+            return ""
+        address = getattr(self, "address", None)
+        return "" if is_of_this_computer(address) else f"robot.backend.address is {str(address)[:80]!r}"
 
 
 class Backend(Protocol):

@@ -9,7 +9,7 @@ from cobot.config import Settings
 from cobot.entry_points import Registry
 from cobot.errors import ConfigError
 from cobot.types import JointLimits
-from rtloop.backends.protocols import Backend, BackendError, NoOptions, capabilities_of
+from rtloop.backends.protocols import Backend, BackendError, BackendOptions, NoOptions, capabilities_of
 from rtloop.backends.trajectory_driver import as_backend
 
 REGISTRY = Registry(
@@ -30,6 +30,11 @@ WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
 """The backends that simulate a cell themselves, by the name that they have without one."""
 AROUND = "rtloop.backends.device_in_cell:DeviceInCell"
 """The class that simulates a cell around the arm of any other backend."""
+NOT_HERE = (
+    "but robot.backend.simulator is true: a simulator must be on this computer, because at other addresses a "
+    "real arm may be, whose hand would be simulated. Correct this setting; for a real arm, remove "
+    "robot.backend.simulator"
+)
 
 
 def backend_names() -> dict[str, str]:
@@ -50,8 +55,8 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     """Make the backend of `robot.backend`.
 
     Raises:
-        ConfigError: the class does not exist, an option is invalid, the period is not supported, or the class
-            cannot be instantiated.
+        ConfigError: the class does not exist, an option is invalid, the period is not supported, a simulator
+            may be on another computer, or the class cannot be instantiated.
         BackendError: raised by the backend.
     """
     name = settings.robot.backend.type
@@ -59,7 +64,10 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     kind = backend_class(WITH_CELL.get(name, name) if has_cell else name)
     options = settings.backend_options(getattr(kind, "Options", NoOptions))
     around = has_cell and name not in WITH_CELL
-    if around and not getattr(options, "simulator", False):
+    is_simulator = isinstance(options, BackendOptions) and options.simulator
+    if is_simulator and (setting := options.elsewhere(settings)):
+        raise ConfigError(f"{setting}, {NOT_HERE}")
+    if around and not is_simulator:
         raise ConfigError(_no_cell(name, settings))
     refusal = capabilities_of(kind).period_refusal(settings.rt.period_s)
     if refusal:
@@ -83,5 +91,6 @@ def _no_cell(name: str, settings: Settings) -> str:
         what, instead = "robot.gripper", "name the real gripper, or set robot.gripper to null"
     return (
         f"{what}: hand and cell are simulated, and the backend {name!r} drives a real arm; {instead}. If the "
-        "device is a simulator, set robot.backend.simulator to true: the cell is then simulated next to it"
+        "device is a simulator on this computer, set robot.backend.simulator to true: the cell is then "
+        "simulated next to it"
     )

@@ -90,6 +90,9 @@ class Ros2ControlOptions(BackendOptions):
         """Put a name below the namespace, unless it begins with a slash."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
+    def elsewhere(self, settings: Settings) -> str:
+        return "" if settings.ros.localhost_only else "ros.localhost_only is false"
+
 
 def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
     """The names of the arm's joints in ROS, in the arm's order.

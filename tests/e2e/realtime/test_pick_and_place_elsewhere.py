@@ -95,7 +95,7 @@ def over_fanuc(folder: Path) -> Iterator[tuple[InCell, Joints]]:
 @contextmanager
 def over_rsi(folder: Path) -> Iterator[tuple[InCell, Joints]]:
     port = free_udp_port()
-    made = kr10(folder, port, simulator=True)
+    made = kr10(folder, port, address="127.0.0.1", simulator=True)
     settings = yaml.safe_load((made / SETTINGS_FILE).read_text())
     del settings["robot"]["gripper"]
     (made / SETTINGS_FILE).write_text(yaml.safe_dump(settings))

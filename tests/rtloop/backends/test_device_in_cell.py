@@ -11,6 +11,7 @@ import pytest
 from physical_cell import EXAMPLE, CellArm
 
 from cobot.config import Settings
+from cobot.errors import ConfigError
 from cobot.robot.description import load_robot
 from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.io_points import IoKind, IoPoint
@@ -152,11 +153,47 @@ def test_it_has_the_protocols_of_the_device_and_of_the_cell(arm: ArmElsewhere) -
         backend.read_input("nothing")
 
 
-def test_a_user_says_that_the_device_is_a_simulator(settings: Settings, arm: ArmElsewhere) -> None:
-    options = {"address": "127.0.0.1", "simulator": True}
-    chosen = settings.robot.backend.model_copy(update={"type": "fanuc", "options": options})
+def with_backend(settings: Settings, kind: str, options: dict[str, Any], **sections: Any) -> Settings:
+    chosen = settings.robot.backend.model_copy(update={"type": kind, "options": options})
     robot = settings.robot.model_copy(update={"backend": chosen, "cell": EXAMPLE})
     rt = settings.rt.model_copy(update={"period_s": 0.008})
-    made = make_backend(settings.model_copy(update={"robot": robot, "rt": rt}), arm.robot.limits)
+    return settings.model_copy(update={"robot": robot, "rt": rt, **sections})
+
+
+def test_a_user_says_that_the_device_is_a_simulator(settings: Settings, arm: ArmElsewhere) -> None:
+    options = {"address": "127.0.0.1", "simulator": True}
+    made = make_backend(with_backend(settings, "fanuc", options), arm.robot.limits)
     assert isinstance(made, DeviceInCell)
     assert made.part_names == ("cube", "bar", "can")
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "setting"),
+    [
+        ("fanuc", {"address": "192.168.1.100"}, "robot.backend.address is '192.168.1.100'"),
+        ("ur", {"address": "ur5e.local"}, "robot.backend.address is 'ur5e.local'"),
+        ("ur", {"address": "127.0.0.1.example.org"}, "robot.backend.address is '127.0.0.1.example.org'"),
+        ("fri", {"address": "0.0.0.0"}, "robot.backend.address is '0.0.0.0'"),
+        ("rsi", {}, "robot.backend.address is 'None'"),
+        ("ros2_control", {}, "ros.localhost_only is false"),
+    ],
+)
+def test_a_controller_elsewhere_has_no_simulated_hand(
+    settings: Settings, arm: ArmElsewhere, kind: str, options: dict[str, Any], setting: str
+) -> None:
+    """A real one may be there. For RSI and FRI no address means the first controller that sends."""
+    ros = settings.ros.model_copy(update={"localhost_only": False})
+    chosen = with_backend(settings, kind, options | {"simulator": True}, ros=ros)
+    with pytest.raises(ConfigError) as found:
+        make_backend(chosen, arm.robot.limits)
+    assert str(found.value).startswith(f"{setting}, but robot.backend.simulator is true: a simulator must be")
+    assert str(found.value).endswith("for a real arm, remove robot.backend.simulator")
+
+
+def test_a_device_without_a_status_has_the_note_too(settings: Settings, arm: ArmElsewhere) -> None:
+    class Silent(PolledArm):
+        status = None  # type: ignore[assignment]
+
+    made = DeviceInCell(Silent(), with_backend(settings, "mujoco", {}), arm.robot.limits)
+    assert isinstance(made, Reporting)
+    assert made.status().text == NOTE
