@@ -15,6 +15,7 @@ import numpy as np
 from app.services.streaming.search_patterns import Search, SearchOffset, raster, spiral, tilt
 from cobot.motions.force_bodies import InsertMotion, SearchMotion
 from cobot.pose import Pose
+from cobot.robot.quaternion import exp
 from cobot.types import Array
 
 CONTACT_SHARE = 0.5
@@ -96,7 +97,7 @@ class Push:
     def shifted(self, offset: SearchOffset) -> Pose:
         """The start pose, moved and tilted across the push."""
         x, y = across(self.axis, self.start.rotation)
-        lean = Pose.from_numbers((0.0, 0.0, 0.0, *_turn(offset.rx * x + offset.ry * y)))
+        lean = Pose.from_numbers((0.0, 0.0, 0.0, *exp((offset.rx * x + offset.ry * y).tolist())))
         turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
         return Pose(self.start.position + offset.x * x + offset.y * y, turned)
 
@@ -122,14 +123,6 @@ def across(axis: Array, rotation: Array) -> tuple[Array, Array]:
     x = tool - (tool @ axis) * axis
     x /= np.linalg.norm(x)
     return x, np.cross(axis, x)
-
-
-def _turn(vector: Array) -> tuple[float, float, float, float]:
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return 1.0, 0.0, 0.0, 0.0
-    x, y, z = (np.sin(0.5 * angle) / angle * vector).tolist()
-    return float(np.cos(0.5 * angle)), x, y, z
 
 
 def approach(push: Push) -> Stage:

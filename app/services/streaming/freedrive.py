@@ -101,7 +101,7 @@ class Guidance:
         """
         asked = (external - np.clip(external, -self._touch, self._touch)) / self._damping
         bounded, why = self._within_limits(asked, position)
-        wanted = self._limits.wanted(bounded, None, position, in_tool=False).velocity
+        wanted = self._limits.wanted(bounded, None, position).velocity
         self._wanted += step_s / (SMOOTHING_S + step_s) * (wanted - self._wanted)
         share, near = self._limits.of_obstacles(position, self._wanted)
         self.velocity = share * self._wanted

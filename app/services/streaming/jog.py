@@ -3,7 +3,7 @@
 Each frame requests velocities of the joints or of the TCP. They become joint targets of a streaming session,
 so all limits of streaming sessions apply. In addition, this module reduces the velocity the nearer a joint is
 to its limit, or the arm to an obstacle. The approach is exponential, so neither is reached. All joints are
-slowed down by the same factor, which keeps the direction.
+slowed down by the same factor, which keeps the direction. The TCP stays on its line (`jog_line`).
 
 The session ends and the arm stops when the client releases it, when no frame arrives for `SILENCE_S`, and
 when the session is ended from outside. In the last case the client has to release before it can begin again,
@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.services.state.link import RobotLink
-from app.services.streaming.jog_limits import UNLIMITED, JogLimits
+from app.services.streaming.jog_limits import UNLIMITED, JogLimits, LimitedVelocity
+from app.services.streaming.jog_line import JogLine
 from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError
 from cobot.ipc.layout import Interpolation, Stream
@@ -36,7 +37,7 @@ PERIOD_S = 0.02
 MAX_STEP_S = 0.05
 """Maximum time that one target covers, s, if the service itself was late."""
 SMOOTHING_S = 0.15
-"""Time constant with which the velocity follows the requested one, s."""
+"""Time constant with which the velocity, of the joints or of the TCP, follows the requested one, s."""
 MAX_LEAD_RAD = 0.1
 """Maximum lead of the targets over the arm, rad or m. Beyond it the targets wait for the arm."""
 LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)
@@ -84,7 +85,7 @@ class Jog:
         ended: Callable[[Reason], None],
     ) -> None:
         """ended: called with the reason when a jog has ended and the arm is at rest."""
-        self._link = link
+        self._robot, self._link = robot, link
         self._streams = streams
         self._ended = ended
         self._limits = JogLimits(robot, streamed(robot.limits, streams.section))
@@ -95,6 +96,7 @@ class Jog:
         self._spent = UNLIMITED  # why the last one has ended, until the client lets go
         self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
+        self._line: JogLine | None = None  # of the TCP
         self._let_go = False
 
     async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
@@ -130,6 +132,8 @@ class Jog:
         self._heard_s = self._link.clock.now_s()
         self._position = self._link.state().commanded_position.copy()
         self._velocity = np.zeros_like(self._position)
+        if self._line is not None and not self._line.rests_at(self._position):
+            self._line = None
         self._task = asyncio.create_task(self._run(session), name="jog")
         return self._answer
 
@@ -164,6 +168,8 @@ class Jog:
         finally:
             session.end("the jog has failed")  # no effect unless an unexpected exception was raised
         reason = await asyncio.shield(session.ended)
+        if self._line is not None:
+            self._line.rest(self._link.state().commanded_position)
         self._task = self._session = None
         if not self._let_go:
             self._spent = reason
@@ -172,15 +178,14 @@ class Jog:
     def _step(self, session: StreamSession, sequence: int, step_s: float) -> None:
         """Send the next target."""
         assert self._command is not None
-        wanted = self._limits.wanted(self._command.joints, self._command.twist, self._position, self._in_tool)
-        gain = step_s / (SMOOTHING_S + step_s)
-        change = gain * (wanted.velocity - self._velocity)
-        self._velocity += self._limits.gentle_share(change / step_s) * change
+        wanted = self._accelerate(self._command, step_s)
         share, reason = self._limits.share(self._position, self._velocity)
         here = self._link.state().commanded_position
         if np.abs(self._position - here).max() > MAX_LEAD_RAD:
             share, reason = 0.0, reason or self._obstacle(here)
         velocity = share * self._velocity
+        if self._line is not None:
+            self._line.advance(self._position, velocity, step_s)
         self._position = self._position + step_s * velocity
         setpoint = session.setpoint.copy()
         setpoint["joints"], setpoint["joint_velocity"], setpoint["feed_forward"] = (
@@ -192,6 +197,24 @@ class Jog:
         session.take_setpoint(sequence, setpoint)
         self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
 
+    def _accelerate(self, command: JogCommand, step_s: float) -> LimitedVelocity:
+        """Lead the velocity of the joints to the requested one."""
+        gain = step_s / (SMOOTHING_S + step_s)
+        if command.twist is None:
+            self._line = None
+            wanted = self._limits.wanted(command.joints, None, self._position)
+            change = gain * (wanted.velocity - self._velocity)
+        else:
+            line = self._line or JogLine(self._robot.model, self._position, self._velocity)
+            twist = line.in_base(np.array(command.twist)) if command.in_tool else np.array(command.twist)
+            wanted = self._limits.wanted(None, twist, self._position)
+            line.twist = line.twist + gain * (wanted.speed * twist - line.twist)
+            change = self._limits.of_twist(line.corrected(self._position), self._position) - self._velocity
+            # Near a singularity the TCP leaves its line, and another one begins where it is.
+            self._line = None if wanted.reason else line
+        self._velocity += self._limits.gentle_share(change / step_s) * change
+        return wanted
+
     def _obstacle(self, here: Array) -> Reason:
         """The reason why the real-time loop slows the arm down."""
         section = self._streams.section
@@ -199,7 +222,3 @@ class Jog:
         near = self._limits.nearest(here, self._velocity, within_m)
         words = f"the arm does not follow: {near or 'an unknown cause slows it down or holds it'}"
         return Reason(words, near.code or ReasonCode.NOT_FOLLOWING, near.of, near.value, unit=near.unit)
-
-    @property
-    def _in_tool(self) -> bool:
-        return self._command is not None and self._command.in_tool

@@ -45,11 +45,13 @@ class LimitedVelocity:
 
     Attributes:
         velocity: shape (dof,), rad/s or m/s.
+        speed: the share to which the speed limits reduce the request.
         share: velocity as a share of the requested one.
         reason: reason why the share is below 1, "" if it is not.
     """
 
     velocity: Array
+    speed: float
     share: float
     reason: Reason
 
@@ -71,37 +73,39 @@ class JogLimits:
         if joints is not None:
             vector(joints, self._robot.limits.dof, name="joints")
 
-    def wanted(
-        self, joints: Array | None, twist: Array | None, position: Array, in_tool: bool
-    ) -> LimitedVelocity:
+    def wanted(self, joints: Array | None, twist: Array | None, position: Array) -> LimitedVelocity:
         """The joint velocities for a request, reduced to the speed limits.
 
         Args:
-            joints, twist, in_tool: see `JogCommand`.
+            joints: see `JogCommand`.
+            twist: velocity of the TCP along the axes of the base frame, shape (6,), m/s and rad/s.
             position: joint positions, shape (dof,).
 
         Raises:
             InputError: neither joints nor a twist.
         """
-        _, rotation, jacobian = self._robot.model.forward_and_jacobian(position)
+        _, _, jacobian = self._robot.model.forward_and_jacobian(position)
         share, reason = 1.0, UNLIMITED
         if joints is not None:
             velocity = np.array(joints)
         elif twist is not None:
-            asked = np.array(twist)
-            if in_tool:
-                asked = np.concatenate([rotation @ asked[:3], rotation @ asked[3:]])
-            velocity = damped(jacobian, asked)
+            velocity = damped(jacobian, twist)
             done = jacobian @ velocity
-            size = max(float(np.dot(asked, asked)), 1e-300)
-            share = float(np.clip(np.dot(done, asked) / size, 0.0, 1.0))
+            size = max(float(np.dot(twist, twist)), 1e-300)
+            share = float(np.clip(np.dot(done, twist) / size, 0.0, 1.0))
             if share < SLOWED:
                 words = "the arm is near a singularity, where it cannot move in this direction"
                 reason = Reason(words, ReasonCode.SINGULARITY)
         else:
             raise InputError("a jog frame has joints or a twist")
         fast = self._too_fast(velocity, jacobian)
-        return LimitedVelocity(velocity * fast, share * fast, reason)
+        return LimitedVelocity(velocity * fast, fast, share * fast, reason)
+
+    def of_twist(self, twist: Array, position: Array) -> Array:
+        """The joint velocities for a twist in the base frame, within the speed limits, shape (dof,)."""
+        _, _, jacobian = self._robot.model.forward_and_jacobian(position)
+        velocity = damped(jacobian, twist)
+        return velocity * self._too_fast(velocity, jacobian)
 
     def _too_fast(self, velocity: Array, jacobian: Array) -> float:
         """The share of a velocity that is within the speed limits."""
