@@ -81,7 +81,7 @@ class Lifetime:
 
 
 def _settle_memory() -> None:
-    """Exclude all present objects from garbage collection, and enable it again; `app.__main__` has disabled
+    """Exclude all current objects from garbage collection, and enable it again; `app.__main__` has disabled
     it.
 
     A collection of what the imports have left would take a tenth of a second and find almost nothing.

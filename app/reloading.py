@@ -86,7 +86,7 @@ class Reloading:
     """Reloads the configuration.
 
     Args:
-        settings: the present settings.
+        settings: the current settings.
         config: the file from which they were read.
         source: the file that the user edits, if `config` is the supervisor's copy of it. None without a
             supervisor; then new joint limits need a restart.
@@ -102,7 +102,7 @@ class Reloading:
 
     @property
     def settings(self) -> Settings:
-        """The present settings."""
+        """The current settings."""
         return self._settings
 
     @property
@@ -183,7 +183,7 @@ class Reloading:
     def _compare(
         self, settings: Settings, robots: dict[str, RobotDescription], needs_restart: list[str]
     ) -> _Read:
-        """Compare the new configuration with the present one."""
+        """Compare the new configuration with the current one."""
         taken_over: list[str] = []
         new_limits = []
         for name, robot in robots.items():
@@ -203,7 +203,7 @@ class Reloading:
         return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
 
     def _merge(self, new: Settings) -> Settings:
-        """The present settings, with those new values that need no restart."""
+        """The current settings, with those new values that need no restart."""
         web = {key: getattr(new.web, key) for key in LIVE_WEB}
         merged = []
         for name, each in self._settings.each.items():
@@ -266,7 +266,7 @@ async def _require_rest(services: Services) -> None:
 
 
 def _require_within(services: Services, limits: JointLimits) -> None:
-    """Reject new limits that do not include the arm's present position."""
+    """Reject new limits that do not include the arm's current position."""
     position = services.link.state().commanded_position
     try:
         check_positions(limits, position, f"robot {services.robot.name} is outside the new limits: the angle")

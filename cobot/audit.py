@@ -56,7 +56,7 @@ class Audit:
     """The audit file of one service.
 
     Attributes:
-        problem: reason why the file cannot be written at present; "" if it can.
+        problem: reason why the file cannot be written now; "" if it can.
     """
 
     def __init__(self, path: Path, clock: Clock = SYSTEM) -> None:
@@ -165,7 +165,7 @@ class Audit:
 
 @dataclass(slots=True)
 class Trail:
-    """The request or connection that the present task belongs to.
+    """The request or connection that the current task belongs to.
 
     Attributes:
         who: returns the name of the identity, which is unknown until the request is authenticated.
@@ -188,7 +188,7 @@ trail: ContextVar[Trail | None] = ContextVar("trail", default=None)
 
 
 def note(what: str, outcome: str = "ok", **details: object) -> None:
-    """Add an entry for the client whose request the present task serves.
+    """Add an entry for the client whose request the current task serves.
 
     Without a request it does nothing.
     """
@@ -198,7 +198,7 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
 
 
 def report_refusal(what: str, code: str, sentence: str) -> None:
-    """Report to other clients that the present request, which would move or change something, is refused."""
+    """Report to other clients that the current request, which would move or change something, is refused."""
     on = trail.get()
     if on is not None:
         on.tell_refused(what, code, sentence)
@@ -219,21 +219,21 @@ def require(identity: Identity, role: Role, *what: str) -> None:
 
 
 def add_details(**details: object) -> None:
-    """Add details to the entry of the present request."""
+    """Add details to the entry of the current request."""
     on = trail.get()
     if on is not None:
         on.details |= details
 
 
 def would_change() -> None:
-    """Mark the present request as one that moves or changes something, so that a refusal is reported."""
+    """Mark the current request as one that moves or changes something, so that a refusal is reported."""
     on = trail.get()
     if on is not None:
         on.changes = True
 
 
 def leave_out() -> None:
-    """Suppress the entry of the present request, because it changed nothing or its effect has an entry."""
+    """Suppress the entry of the current request, because it changed nothing or its effect has an entry."""
     on = trail.get()
     if on is not None:
         on.left_out = True

@@ -26,7 +26,7 @@ class Ticks(Protocol):
 
 
 class Clock(Protocol):
-    """A source of the present time."""
+    """A source of the current time."""
 
     def now_ns(self) -> int:
         """Time on CLOCK_MONOTONIC, which stamps in shared memory use, in ns."""

@@ -14,7 +14,7 @@ CobotError
 │   ├── ConditionNotMet      it has ended, and not by the condition that was to end it
 │   ├── MotionStopped        a client, a person or a safety function stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
-├── ConflictError        another client has control, or the present state does not permit the call
+├── ConflictError        another client has control, or the current state does not permit the call
 │   └── ChangedError         another client has changed what this client changes
 ├── NotSupportedError    this product cannot honour the call
 ├── DeviceError          a device, a port or a peer rejected the request or disconnected

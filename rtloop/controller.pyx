@@ -33,7 +33,7 @@ cdef class Controller(ModeMachine):
 
     Attributes:
         tool_and_scene: the arm's load and its surroundings.
-        slot: the slot of the present motion.
+        slot: the slot of the current motion.
         stale: whether the measured values no longer change although the arm moves; the loop sets it.
         start_position: start position of a simulated arm, shape (dof,), rad; the loop sets it.
     """
@@ -204,7 +204,7 @@ cdef class Controller(ModeMachine):
         return self.handover.begin_start(command, self.safety.position)
 
     def _replace(self, command, Measured measured, bint fresh):
-        """Begin to load the continuation of the present motion, which continues meanwhile."""
+        """Begin to load the continuation of the current motion, which continues meanwhile."""
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         here_s = self.follower.clock.path_time_s
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
@@ -290,7 +290,7 @@ cdef class Controller(ModeMachine):
         return ACCEPTED
 
     def _reset(self, command, Measured measured, bint fresh):
-        """Leave ESTOP or FAULT and hold the arm at its present position. This cycle may take long, because
+        """Leave ESTOP or FAULT and hold the arm at its current position. This cycle may take long, because
         nothing moves. If the drives are enabled in steps, the result follows later.
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):

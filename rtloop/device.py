@@ -173,7 +173,7 @@ class DeviceWatch:
         return ACCEPTED
 
     def read_input(self, name: str) -> float:
-        """The present value of an input. Real-time safe if the device is.
+        """The current value of an input. Real-time safe if the device is.
 
         Raises:
             BackendError: there is no such input, or the device cannot read it.

@@ -16,7 +16,7 @@ def first_contact(model: RobotModel, position: Array) -> str:
     """Describe the reported joints, the resulting TCP position, and what the user must do.
 
     Args:
-        model: the model, including the present tool.
+        model: the model, including the current tool.
         position: measured position, shape (dof,), rad or m.
     """
     reported = (

@@ -1,4 +1,4 @@
-"""Two states and their transitions: the mode of the arm, and its present guide.
+"""Two states and their transitions: the mode of the arm, and its current guide.
 
 The mode is public: `rtloop.modes` has its transitions, and only `_enter` changes it, except at a restart. The
 guide determines the source of the commands and is internal. It is a `Guide`, whose values document what each
@@ -37,7 +37,7 @@ cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
 
 
 cdef class ModeMachine:
-    """Calculates the command of each cycle, in `safety`, according to the present guide, and ends the guide
+    """Calculates the command of each cycle, in `safety`, according to the current guide, and ends the guide
     when necessary.
 
     Attributes:
@@ -147,7 +147,7 @@ cdef class ModeMachine:
         """Handle cycles that begin so late that later cycles are unreliable.
 
         Args:
-            late_s: delay of the present cycle, s.
+            late_s: delay of the current cycle, s.
         """
         if self._mode == TRAJECTORY or self.c_streams():
             self.safety.count(Intervention.OVERRUN)

@@ -99,7 +99,7 @@ cdef class SettlingMonitor:
         self.settled = False
 
     cdef void c_hold(self) noexcept nogil:
-        """Note that the arm is commanded to hold its present position."""
+        """Note that the arm is commanded to hold its current position."""
         self.misread = False
         self._norm = 0.0
 

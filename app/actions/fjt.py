@@ -62,7 +62,7 @@ WATCH_S = 0.01
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""Duration of a motion to the arm's present position, s. Used for a goal whose only point is that position.
+"""Duration of a motion to the arm's current position, s. Used for a goal whose only point is that position.
 """
 PLAN_S = 30.0
 
@@ -203,7 +203,7 @@ class FollowJointTrajectory:
         return trajectory
 
     def _require_there(self, start: Array, position: Sequence[float]) -> None:
-        """Check that a single point at time 0 is the arm's present position, as in a plan of MoveIt for an
+        """Check that a single point at time 0 is the arm's current position, as in a plan of MoveIt for an
         arm that is already at the goal.
         """
         off = np.abs(np.asarray(position) - start)

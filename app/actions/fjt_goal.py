@@ -273,7 +273,7 @@ def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> T
         for row, name in ((made.position, "position"), (made.velocity, "velocity"), (None, "acceleration")):
             value = message[name]
             if not math.isfinite(value) or (value < 0.0 and value != -1.0):
-                raise GoalError(f"{field}[{index}]: {name} must be above 0, 0 or -1, got {value:g}")
+                raise GoalError(f"{field}[{index}]: {name} must be -1, 0 or a positive number, got {value:g}")
             if value > 0.0 and row is None:
                 raise GoalError(
                     f"{field}[{index}]: accelerations are not measured, so a tolerance has no use"

@@ -116,7 +116,7 @@ async def move_circle(
 
 @service("MotionControl")
 def get_exec_id(robot: Services) -> int:
-    """The number of the present move in the queue. It is reported for at least 0.2 s, even if the arm does
+    """The number of the current move in the queue. It is reported for at least 0.2 s, even if the arm does
     not have to move.
 
     Returns:
@@ -131,7 +131,7 @@ def get_queue_size(robot: Services) -> int:
     """The number of accepted moves that have not ended.
 
     Returns:
-        The number, including the present move.
+        The number, including the current move.
     """
     return robot.queue.size
 
@@ -174,7 +174,7 @@ def get_speed_fraction(robot: Services) -> float:
 
 @service("MotionControl")
 async def set_speed_fraction(robot: Services, fraction: float) -> None:
-    """Set the speed override, for the present motion and all later ones.
+    """Set the speed override, for the current motion and all later ones.
 
     Rejected while another client moves the arm or has control of it, and during a streaming session. A value
     that a program or the holder of a control lease has set ends with the program or the lease.
@@ -187,7 +187,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
 
 @service("MotionControl")
 async def stop_move(robot: Services) -> None:
-    """Stop on the path. The present and the queued moves wait until startMove or clearPath.
+    """Stop on the path. The current and the queued moves wait until startMove or clearPath.
 
     With an empty queue this does nothing. It is rejected while another request moves the arm.
     """
@@ -244,7 +244,7 @@ async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> 
 
 @service("MotionControl")
 async def set_servo_mode(robot: Services, enable: bool) -> None:
-    """Begin a servo session in mode 1, or end the present one. Answers when the session has begun, or has
+    """Begin a servo session in mode 1, or end the current one. Answers when the session has begun, or has
     ended with the arm at rest.
 
     Args:
@@ -257,7 +257,7 @@ async def set_servo_mode(robot: Services, enable: bool) -> None:
 async def set_servo_mode_select(
     robot: Services, qmode: int, watchdog_timeout: float = 0.0, send_period: float = 0.0
 ) -> None:
-    """Begin a servo session in a mode. A present session is ended first. Send points with servoJoint,
+    """Begin a servo session in a mode. A running session is ended first. Send points with servoJoint,
     servoCartesian or the topic joint_cmd.
 
     Args:

@@ -74,7 +74,7 @@ def get_cycletime(robot: Services) -> float:
     """The period of the control cycle.
 
     Returns:
-        s.
+        The period, s.
     """
     return robot.streams.period_s
 

@@ -151,7 +151,7 @@ def is_simulation_enabled(robot: Services) -> bool:
 
 @service(CLASS)
 def set_sim(robot: Services, enable: bool) -> None:
-    """Accepts only the present state; a change is not supported. The setting robot.backend decides whether
+    """Accepts only the current state; a change is not supported. The setting robot.backend decides whether
     the arm is simulated.
 
     Args:

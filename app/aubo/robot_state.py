@@ -1,4 +1,4 @@
-"""RobotState: the present state of the arm.
+"""RobotState: the current state of the arm.
 
 Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame.
 """

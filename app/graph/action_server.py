@@ -33,7 +33,7 @@ KEPT_S = 900.0
 """Time for which the newest `MAX_KEPT` results are kept for clients that ask late, s."""
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
-"""The client for which the present task sends goals. `ActionServer.abandon` ends these goals when the client
+"""The client for which the current task sends goals. `ActionServer.abandon` ends these goals when the client
 disconnects.
 """
 
@@ -48,7 +48,7 @@ class ActionGoal:
     Attributes:
         id: the id that the client chose.
         asker: the client, see `ASKER`.
-        status: its present status.
+        status: its current status.
         result: its result; {} until `ended` is set.
         accepted_ns: time of acceptance, ns since 1970.
         accepted: a future that is done on acceptance, or has the exception that rejected the goal.

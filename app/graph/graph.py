@@ -3,7 +3,7 @@
 Everything runs on one event loop. The topic /cobot/graph describes the graph for networks that mirror it. Its
 messages are std_msgs/msg/String with a JSON object: `topics` with name, type, publishers, subscribers and
 latched; `services` and `actions` with name and type; and `definitions`, the texts of their types. A
-subscriber gets the present description, and a new one after each change.
+subscriber gets the current description, and a new one after each change.
 """
 
 from __future__ import annotations

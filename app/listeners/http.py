@@ -43,7 +43,7 @@ HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
 EVENTS = re.compile(ROBOT + rb"/events(?:[?]|$)")
 """Pattern of requests whose answers are endless."""
 ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
-"""Pattern of a target with scheme and host: the host, and the rest."""
+"""Pattern of an absolute request target. Group 1 is the host, group 2 the rest."""
 
 
 @dataclass(frozen=True, slots=True)

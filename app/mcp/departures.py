@@ -30,11 +30,11 @@ class Departures:
 
     @contextmanager
     def watch(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
-        """Watch a request while it waits and is served: the messages that it receives after its body. Its
-        scope has the event that ends its motion.
+        """Detect that the client cancels this request or disconnects. `scope[GONE]` is then set, which ends
+        the motion. Yields the `receive` to pass to the application.
 
         Args:
-            message: the decoded body.
+            message: the decoded JSON body.
         """
         asked = message if isinstance(message, dict) else {}
         self._hear(scope, asked)

@@ -174,7 +174,7 @@ async def plan_gripper_grasp(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
 
 @takes_fields_of(GripperRelease, "width")
 async def plan_gripper_release(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to open the fingers and release the object at the arm's present position. Nothing moves; answers
+    """Plan to open the fingers and release the object at the arm's current position. Nothing moves; answers
     with a plan_id.
     """
     return await _plan_gripper(ctx, robot, "release", fields)

@@ -39,4 +39,4 @@ class RequestClient:
 
 SERVICE_CLIENT = RequestClient(SERVICE.name)
 CLIENT: ContextVar[RequestClient] = ContextVar("client", default=SERVICE_CLIENT)
-"""The client on whose behalf the present task runs. Tasks that it starts inherit it."""
+"""The client on whose behalf the current task runs. Tasks that it starts inherit it."""

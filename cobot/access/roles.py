@@ -52,7 +52,7 @@ FLEET = "fleet"
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
-"""Identity on whose behalf the present task works, for code too deep to receive it as an argument."""
+"""Identity on whose behalf the current task works, for code too deep to receive it as an argument."""
 
 
 def require(identity: Identity, role: Role) -> None:

@@ -91,7 +91,7 @@ class Client(ForceMoves, Steps, EventConnection):
     def teach_position(
         self, name: str, joints: Sequence[float] | None = None, description: str = "", label: str = ""
     ) -> Json:
-        """Save a named position with these joint angles, rad, or with the present ones if none are given.
+        """Save a named position with these joint angles, rad, or with the current ones if none are given.
 
         Args:
             name: for programs: letters, digits and _ . -
@@ -179,7 +179,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self.change_scene(attach={name: list(touch)})
 
     def detach_object(self, name: str) -> Json:
-        """Detach an object from the hand. It stays at its present pose."""
+        """Detach an object from the hand. It stays at its current pose."""
         return self.change_scene(detach=[name])
 
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
@@ -398,7 +398,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return str(base.copy_with(path=f"{service_of(str(base))}{path}"))
 
     def who_controls(self) -> Json:
-        """The control of the robot and its present motion: `held`, `holder`, `address`, `how`, `what`,
+        """The control of the robot and its current motion: `held`, `holder`, `address`, `how`, `what`,
         `since`, `until`."""
         return self._json("GET", "/robot/control")
 

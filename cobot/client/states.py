@@ -69,7 +69,7 @@ class GripperReading:
 
     @property
     def target_width(self) -> float:
-        """The commanded width, m; before the first command the present one."""
+        """The commanded width, m; before the first command the current one."""
         return self.known_width if isnan(self.commanded_width) else self.commanded_width
 
 

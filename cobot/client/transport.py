@@ -60,7 +60,7 @@ class Transport(Protocol):
         ...
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
-        """Send the present setpoint, a record of `cobot.ipc.layout.setpoint_dtype`.
+        """Send the current setpoint, a record of `cobot.ipc.layout.setpoint_dtype`.
 
         Raises:
             InputError: raised once if the first target was too far from the arm to be followed.

@@ -89,8 +89,8 @@ class Goal:
     def is_active(self) -> bool:
         return bool(self.facts["accepted"]) and self.facts["status"] is None and not self.facts["lost"]
 
-    def told(self, now_s: float) -> dict[str, Any]:
-        """All facts."""
+    def facts_at(self, now_s: float) -> dict[str, Any]:
+        """The facts of the goal, with its running time and the age of its feedback at `now_s`."""
         running_s = (self.ended_s or now_s) - self.sent_s
         age_s = min(now_s - self.feedback_s, 1e9)
         return {**self.facts, "running_s": running_s, "feedback_age_s": age_s}
@@ -219,7 +219,7 @@ class ArmClient:
             "names": self._names if self._missing else [],
             "missing": self._missing,
             **self._rows,
-            "goal": None if goal is None else goal.told(now_s),
+            "goal": None if goal is None else goal.facts_at(now_s),
             "others": self._others() if ready else 0,
             "scaling": self._scaling,
             "gpio": self._gpio,

@@ -29,7 +29,7 @@ from cobot.ros.messages import ros_time
 
 GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
-"""Topics with this ending are latched, as in ROS: late subscribers see the present status of goals."""
+"""Topics with this ending are latched, as in ROS: late subscribers see the current status of goals."""
 DEPTH = 1000
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"

@@ -124,7 +124,7 @@ class NodeSubscription:
 
 Handler = Callable[[Message], Awaitable[Message]]
 CLIENT: ContextVar[bytes] = ContextVar("client", default=b"")
-"""The participant whose request the present task answers."""
+"""The participant whose request the current task answers."""
 
 
 class NodeService:

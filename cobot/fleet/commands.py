@@ -120,7 +120,7 @@ class Deadlines:
             )
         if message.epoch != known.hub.epoch:
             raise ConflictError(
-                f"epoch: {message.epoch} is not the epoch of the present hub; ask the hub for its time and "
+                f"epoch: {message.epoch} is not the epoch of the current hub; ask the hub for its time and "
                 "send a new command"
             )
         latest_s = known.latest(now_s)

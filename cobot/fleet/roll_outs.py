@@ -143,7 +143,7 @@ class RollOuts:
             robots: pairs of cell and robot, in the order of the roll-out.
             wave: number of robots in each wave after the first one.
             watch_s: time for which the robots of a wave are watched before the next one.
-            states: returns the present state of each robot.
+            states: returns the current state of each robot.
 
         Raises:
             NotFoundError: the hub does not have the bundle.

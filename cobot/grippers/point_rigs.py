@@ -99,7 +99,7 @@ class HandRig(PointRig):
 
 
 class DigitalRig(PointRig):
-    """Fingers at one or two valves, which move with a delay, with sensors at both ends."""
+    """Simulated fingers, driven by one or two valves with a delay, with sensors at both ends."""
 
     def __init__(self, options: DigitalOptions) -> None:
         self._options = options

@@ -162,7 +162,7 @@ class Grasp:
     """A request to hold an object.
 
     Attributes:
-        width: width of the object, m; None for any. An object wider than the present width is held from
+        width: width of the object, m; None for any. An object wider than the current width is held from
             inside.
         tolerance_inner, tolerance_outer: how much narrower and wider than `width` the object may be, m.
         speed, force: speed and force of the fingers; None for the driver's default.
@@ -280,5 +280,5 @@ class Gripper(Protocol):
         ...
 
     def state(self) -> GripperState:
-        """The present state."""
+        """The current state."""
         ...

@@ -129,12 +129,12 @@ class VacuumGripper(TwoPositions):
         if self._options.blow_output is not None:
             self._port.set(self._options.blow_output, 0.0)
         if self.goal is FingerGoal.OPEN:
-            self._adopt(FingerGoal.OPEN, max(self._since_s, self._longest_s))
+            self._adopt(FingerGoal.OPEN, max(self._since_s, self._release_s))
 
     def state(self) -> GripperState:
         vacuum = self._has_vacuum()
         self._end_blow()
-        late_s = self.LATE * self._longest_s
+        late_s = self.LATE * self._release_s
         moving = self._since_s < REPORT_S or self._is_under_way(vacuum, late_s)
         fault = ""
         if self.goal is FingerGoal.OPEN and vacuum and not moving:
@@ -154,7 +154,7 @@ class VacuumGripper(TwoPositions):
             return not vacuum and self._since_s < options.grasp_time_s
         if vacuum is not None:
             return (vacuum and self._since_s < late_s) or self._since_s < self._blow_time_s
-        return self._since_s < self._longest_s
+        return self._since_s < self._release_s
 
     def _has_vacuum(self) -> bool | None:
         """Whether there is enough vacuum for a part, with the hysteresis; None without a sensor."""
@@ -186,6 +186,6 @@ class VacuumGripper(TwoPositions):
         return 0.0 if self._options.blow_output is None else self._options.blow_time_s
 
     @property
-    def _longest_s(self) -> float:
+    def _release_s(self) -> float:
         """Duration of a release, s."""
         return max(self._options.release_time_s, self._blow_time_s)

@@ -28,7 +28,7 @@ class DeviceReport:
 
     Attributes:
         status: None if the device reports none.
-        share: present speed of planned motions, as a share from 0 to 1.
+        share: current speed of planned motions, as a share from 0 to 1.
         unacknowledged: sentences with the reason for the reduced speed until a user acknowledges; "" for
             none.
         drives_off: whether a stop of category 1 has switched the drives off; a reset switches them on.
@@ -42,7 +42,7 @@ class DeviceReport:
 
     @property
     def words(self) -> dict[str, object]:
-        """The device's present status as plain JSON values."""
+        """The device's current status as plain JSON values."""
         said = {} if self.status is None else asdict(self.status)
         own = {"unacknowledged": self.unacknowledged, "drives_off": self.drives_off}
         return {**said, "speed_share": self.share, **own}

@@ -30,7 +30,7 @@ class Command(IntEnum):
     RESET = 3  # leave ESTOP or FAULT
     TOOL = 4  # carry the tool in the tool block
     SCENE = 5  # read the scene file again, for streams
-    REPLACE = 6  # continue with the trajectory in a slot, which begins as the rest of the present one
+    REPLACE = 6  # continue with the trajectory in a slot, which begins as the rest of the current one
     ACKNOWLEDGE = 7  # a user has seen the findings of the first contact: full speed
     OUTPUT = 8  # set the output in the output block
     RESET_CELL = 9  # put the simulated cell back to its state at the start
@@ -178,7 +178,7 @@ COMMAND = np.dtype(
 )
 """stops: number of stop requests known to the sender. A START or REPLACE is rejected if rtloop knows of more.
 For a RESET the number of e-stops is added, because it ends only e-stops that its sender knew of.
-value: rate of a SET_RATE; for a REPLACE the path time, s, of the present motion at which the new one begins.
+value: rate of a SET_RATE; for a REPLACE the path time, s, of the current motion at which the new one begins.
 tool: tool version for which a START or REPLACE was planned; it is rejected if the tool has another version.
 For a TOOL: version in the block.
 scene: for a SCENE or a TOOL, the version of the scene file to read."""
@@ -301,7 +301,7 @@ DEVICE = np.dtype(
         ("packets_lost", "u8"),
         ("device_time_s", "f8"),  # NaN: not reported
         ("text", "S400"),
-        ("share", "f8"),  # present speed of planned motions, as a share
+        ("share", "f8"),  # current speed of planned motions, as a share
         ("unacknowledged", "S800"),  # findings of the first contact; "" once acknowledged
         ("drives_off", "u1"),  # 1: after a stop of category 1, until a reset
     ],
@@ -370,7 +370,7 @@ def session_dtype(dof: int) -> np.dtype:
     return np.dtype(
         [
             ("number", "u8"),  # of the session: a new one for each
-            ("open", "u8"),  # 1: in use; 2: a servo session ends after its present points
+            ("open", "u8"),  # 1: in use; 2: a servo session ends after its current points
             ("pid", "u8"),  # the client's process; the session ends with it
             ("stops", "u8"),  # number of stops when the client asked; a later stop rejects the session
             ("stream", "u8"),
@@ -394,7 +394,7 @@ def session_dtype(dof: int) -> np.dtype:
 
 
 def setpoint_dtype(dof: int) -> np.dtype:
-    """A streaming client's present target."""
+    """A streaming client's current target."""
     joints = ("f8", (dof,))
     return np.dtype(
         [

@@ -25,7 +25,7 @@ TO_DO = (
     ),
     ("stop", "try POST /stop and POST /stop?category=1 in a slow motion"),
     ("network", "the device's cable goes to this computer only; tokens if others can reach the service"),
-    ("people", "keep people out of reach; one person has a hand at the emergency stop"),
+    ("people", "keep people out of reach; one person keeps a hand on the emergency stop"),
 )
 """Items that no program can check."""
 NOT_RUNNING = "start `cobot run`, which asks the device; then check again"

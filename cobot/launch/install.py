@@ -83,8 +83,10 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
     """Write the files that are missing or different, make the system read them, and print each step.
 
     Args:
-        prefix: a folder in place of /: only files are written, below it.
-        command: starts cobot; None for the command that is running now.
+        prefix: root folder to write to instead of /. With it, only files are written and no system command
+            runs.
+        command: the command line that starts cobot, without arguments; None for the installation that is
+            running now.
 
     Raises:
         InstallError: no systemd, not root, or an installation that the service's user cannot read.

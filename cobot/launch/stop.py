@@ -26,7 +26,7 @@ from cobot.types import RESTING, LoopMode
 REST_S = 5.0
 """Timeout for the arm to stop, in seconds. A stop takes up to about 2.5 s."""
 STALE_S = 0.25
-"""Age beyond which a state says nothing about the present position of the arm, in seconds."""
+"""Age beyond which a state says nothing about the current position of the arm, in seconds."""
 POLL_S = 0.005
 FOLLOWED_S = 0.25
 """Maximum wait for the service to follow a stop, in seconds. It sends a heartbeat every 0.05 s."""

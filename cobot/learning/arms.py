@@ -24,7 +24,7 @@ class EpisodeArm(Protocol):
     Attributes:
         robot: client of the arm.
         clock: clock of the arm.
-        control: the present streaming session, from `restart` on.
+        control: the current streaming session, from `restart` on.
         width_m: the smallest and the largest width between the fingers, m; None without a gripper.
         max_force_n: largest force at the fingers, N.
     """

@@ -196,7 +196,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return observation, reward, reached, bool(reason), self._info(reason, refused)
 
     def render(self) -> np.ndarray | None:
-        """The present picture of a camera, uint8, shape (height, width, 3); None without a render mode."""
+        """The current picture of a camera, uint8, shape (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         if self._viewer is None:

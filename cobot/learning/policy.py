@@ -28,7 +28,7 @@ SPARE_S = 0.02
 """Margin between the arrival of a chunk and the end of the last one, in seconds. It covers the transfer to
 rtloop and a short blend."""
 FINGERS_S = 0.005
-"""Interval at which the fingers get the width of the present action, in seconds."""
+"""Interval at which the fingers get the width of the current action, in seconds."""
 PATIENCE = 5
 """Maximum number of consecutive late answers. After that the run ends, because such a policy is too slow for
 this arm."""

@@ -24,7 +24,7 @@ RECORD_SEPARATOR = b"\x1e"
 it. A line without it, or without valid JSON, is treated as printed text."""
 
 log_context: ContextVar[dict[str, str]] = ContextVar("log_context", default={})  # noqa: B039  never changed
-"""Ids that are added to each line of the present task, by their names in `IDS`."""
+"""Ids that are added to each line of the current task, by their names in `IDS`."""
 
 
 def printable(text: str, max_characters: int = MAX_MESSAGE) -> str:
@@ -80,7 +80,7 @@ class Line:
 
     @classmethod
     def of(cls, record: logging.LogRecord, process: str) -> Line:
-        """The line for a log record, with the ids of the present context."""
+        """The line for a log record, with the ids of the current context."""
         try:
             message = record.getMessage()
         except Exception as exc:  # noqa: BLE001  a wrong log call must not end its caller

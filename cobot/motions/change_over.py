@@ -12,9 +12,9 @@ class ChangeOver:
     """The rest of a motion that leads to another goal. Picklable.
 
     Attributes:
-        trajectory: equal to the present one, bit for bit, until the change.
-        offset_s: path time of the present trajectory at which this one begins.
-        begin_s, end_s: path times of this trajectory: the arm leaves the present path at the first, and from
+        trajectory: equal to the current one, bit for bit, until the change.
+        offset_s: path time of the current trajectory at which this one begins.
+        begin_s, end_s: path times of this trajectory: the arm leaves the current path at the first, and from
             the second on only the new motion counts.
     """
 

@@ -1,6 +1,6 @@
 """Limits for the motions of unattended programs: a space for the TCP and a maximum speed.
 
-The service checks the whole motion before it begins. In each cycle, rtloop checks the TCP's present and next
+The service checks the whole motion before it begins. In each cycle, rtloop checks the TCP's current and next
 position.
 """
 

@@ -47,7 +47,7 @@ class GripperGrasp(RequestModel):
 
     width: Width | None = Field(
         None,
-        description="Width of the object, m; null: any. If it is wider than the present width, the fingers "
+        description="Width of the object, m; null: any. If it is wider than the current width, the fingers "
         "open inside it.",
     )
     tolerance_inner: Tolerance = Field(0.005, description="How much narrower the object may be, m.")

@@ -39,7 +39,7 @@ REST = WaysOut(
 )
 FOLLOW_JOINT_TRAJECTORY = WaysOut(
     "move there first, or give the first point a time_from_start above 0, so that the arm moves there from "
-    "its present position",
+    "its current position",
     time="raise goal_time_tolerance to {late_s:.3f} s, or set it to 0 to accept any duration",
 )
 

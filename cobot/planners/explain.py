@@ -62,7 +62,7 @@ def explain(
     """Find changes that make a motion work that failed with `error`.
 
     Args:
-        budget_s: no idea is begun after this time; the present one is completed.
+        budget_s: no idea is begun after this time; the current one is completed.
     """
     begun_s = time.monotonic()
     works: list[Remedy] = []

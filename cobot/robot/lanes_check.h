@@ -11,7 +11,7 @@ one distance of the centre from an obstacle gives one of three answers for a lan
     otherwise                                               open: look at the pieces of the piece
 
 "Motion" bounds how far the part moves within the interval of the edge around the configuration: half the
-interval times the present velocity, plus half its square times the largest second derivative. Radii, distances
+interval times the current velocity, plus half its square times the largest second derivative. Radii, distances
 and motions contain a bound for the rounding of float32 (`slack`).
 */
 

@@ -67,7 +67,7 @@ def beyond(tool: Tool, mounted: Tool) -> Tool:
 def check_load(
     model: RobotModel, limits: JointLimits, tool: Tool, scene: Scene, joints: Array, max_payload_kg: float
 ) -> None:
-    """Check that the arm may carry a load, and that its drives can hold it in the present posture.
+    """Check that the arm may carry a load, and that its drives can hold it in the current posture.
 
     Raises:
         InputError, LimitError: as `check_tool`; names the joint, the needed effort and its limit.
@@ -91,7 +91,7 @@ def check_load(
         unit = limits.effort_unit(worst)
         raise LimitError(
             f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {whole.mass:g} kg"
-            f"{held} in the present position, its limit is {limits.max_effort[worst]:.4g} {unit}; move the "
+            f"{held} in the current position, its limit is {limits.max_effort[worst]:.4g} {unit}; move the "
             "arm first"
         )
 

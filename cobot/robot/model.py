@@ -125,12 +125,12 @@ class RobotModel:
         return Pose.from_numbers(self.tcp_in_flange()).inverse()
 
     def tcp_in_file_tcp(self, tool: Tool | None = None) -> Pose:
-        """The pose of the TCP with this tool, or the present one, in the frame of the model file's TCP."""
+        """The pose of the TCP with this tool, or the current one, in the frame of the model file's TCP."""
         file_tcp = Pose.from_numbers(self.file_tcp_in_flange)
         return file_tcp.inverse() @ Pose.from_numbers(self.tcp_in_flange(tool))
 
     def tcp_in_flange(self, tool: Tool | None = None) -> Numbers7:
-        """The pose of the TCP with this tool, or the present one, in the flange's frame."""
+        """The pose of the TCP with this tool, or the current one, in the flange's frame."""
         tcp = (tool or self.tool).tcp
         return self._carrier.tcp_in_flange if tcp is None else tcp
 
@@ -189,7 +189,7 @@ class RobotModel:
 
     def among(self, scene: Scene, tool: Tool | None = None) -> mujoco.MjModel:
         """MuJoCo's model with the scene's objects and the tool's shapes, for distances only. `tool` defaults
-        to the present one.
+        to the current one.
 
         Raises:
             InputError: MuJoCo rejects them.

@@ -116,12 +116,12 @@ class TrajectoryController:
         return ""
 
     def begin(self, key: str, goal: Message) -> None:
-        """Begin an accepted goal; the present one ends."""
+        """Begin an accepted goal; the current one ends."""
         self.end(CANCELED, FjtError.INVALID_GOAL, "Current goal cancelled due to new incoming action.")
         self.follow(key, goal["trajectory"])
 
     def follow(self, key: str, trajectory: Message) -> None:
-        """Follow a trajectory from the present state on."""
+        """Follow a trajectory from the current state on."""
         order = [trajectory["joint_names"].index(name) for name in self.joints]
         times_s, points = [0.0], [self.rows.copy()]
         for point in trajectory["points"]:
@@ -135,11 +135,11 @@ class TrajectoryController:
         self.goal = RunningGoal(key, times_s, points)
 
     def hold(self) -> None:
-        """Hold the present position."""
+        """Hold the current position."""
         self.rows[1:] = 0.0
 
     def end(self, status: int, error: int, text: str) -> None:
-        """End the present goal, if there is one, and hold the position."""
+        """End the current goal, if there is one, and hold the position."""
         goal, self.goal = self.goal, None
         if goal is not None:
             self.hold()

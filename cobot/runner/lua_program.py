@@ -90,7 +90,9 @@ class Program:
             self._bridge.close()
 
     def _functions(self) -> dict[str, Function]:
-        """The functions for `sandbox.lua`. It passes those named program_... to the program unchanged."""
+        """The host functions for `sandbox.lua`, which gives the program each function named program_NAME as
+        NAME.
+        """
         bridge = self._bridge
         return {
             "textmsg": self._textmsg,

@@ -188,7 +188,7 @@ class Grid(RequestModel):
         min_length=1,
         max_length=200,
         description="Name of the places for use as `frame_id` in the steps: poses with it are relative to "
-        "the present place.",
+        "the current place.",
     )
     origin: Origin
     counts: list[int] = Field(min_length=1, max_length=3, description="Number of places in each direction.")

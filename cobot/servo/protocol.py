@@ -87,7 +87,7 @@ class ServoRules:
 
     Attributes:
         active: whether points are accepted.
-        mode, send_period_s, watchdog_s: settings of the present or last session.
+        mode, send_period_s, watchdog_s: settings of the current or last session.
         owner: the only sender whose points are accepted; "" for any.
         session_id: the id that the session is locked to; None until a point gives one.
         point_id: id of the last accepted point.

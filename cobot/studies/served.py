@@ -172,7 +172,7 @@ def settle(request: ServedRequest) -> tuple[Study, Path]:
 
 
 def _document(request: ServedRequest, folder: Path) -> dict[str, Any]:
-    """The document with the robot of the service and its present scene, tool and positions."""
+    """The document with the robot of the service and its current scene, tool and positions."""
     document = dict(request.document)
     require_no_files(document)
     if document["kind"] == "compare":

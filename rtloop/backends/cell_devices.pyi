@@ -18,7 +18,7 @@ class CellDevices:
         """All inputs and outputs."""
 
     def read_input(self, name: str) -> float:
-        """The present value of an input or output."""
+        """The current value of an input or output."""
 
     def set_output(self, name: str, value: float) -> None:
         """Set an output.

@@ -150,7 +150,7 @@ cdef class CellDevices:
         return tuple(reported)
 
     def read_input(self, name):
-        """The present value of an input or output."""
+        """The current value of an input or output."""
         return self._values[self._index_of(name)]
 
     def set_output(self, name, double value):

@@ -6,7 +6,7 @@ In position control the drives get the computed torque in each cycle,
 
 clamped to the effort limits. Every arm then has the frequency w and the damping ratio z in every posture and
 with every payload, so the stability in a cycle of 1 ms does not depend on masses. Springs with a fixed
-stiffness do not have this property: with dampers for the inertia of one posture, or even for the present
+stiffness do not have this property: with dampers for the inertia of one posture, or even for the current
 diagonal of M, light arms and coupled axes diverge. The efforts are those at the gears' output. The drives
 compensate the model's dry friction and damping, so neither slows the arm down.
 

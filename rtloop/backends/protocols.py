@@ -102,7 +102,7 @@ class Backend(Protocol):
         ...
 
     def write(self, command: Array) -> None:
-        """Command the joints' present target, shape (3, dof): rad, rad/s, rad/s²."""
+        """Command the joints' current target, shape (3, dof): rad, rad/s, rad/s²."""
         ...
 
     def disable(self) -> None:
@@ -139,7 +139,7 @@ class Reporting(Protocol):
     """A device that reports its status."""
 
     def status(self) -> DeviceStatus:
-        """The present status. Called some times a second, between two cycles; must not wait for the
+        """The current status. Called some times a second, between two cycles; must not wait for the
         device."""
         ...
 
@@ -149,7 +149,7 @@ class Stepwise(Protocol):
     """A device that needs several cycles to be enabled or to recover from a fault, with its packets answered
     meanwhile.
 
-    For a reset rtloop calls `wait`, `read`, one step and `write` (of the present position) in each cycle,
+    For a reset rtloop calls `wait`, `read`, one step and `write` (of the current position) in each cycle,
     instead of `enable`. `enable` is called once, at the start, before the first cycle.
     """
 
@@ -336,7 +336,7 @@ class ReadsInputs(Protocol):
     """
 
     def read_input(self, name: str) -> float:
-        """The present value of an input; 0 or 1 for a boolean. Real-time safe.
+        """The current value of an input; 0 or 1 for a boolean. Real-time safe.
 
         Raises:
             BackendError: there is no such input, or it cannot be read; the error has the reason.
@@ -367,7 +367,7 @@ class TrajectoryDevice(Protocol):
     def close(self) -> None: ...
 
     def state(self, measured: Measured) -> None:
-        """Fill in the present measured values. Raises BackendError if the device has stopped unexpectedly,
+        """Fill in the current measured values. Raises BackendError if the device has stopped unexpectedly,
         with the reason.
         """
         ...
@@ -375,7 +375,7 @@ class TrajectoryDevice(Protocol):
     def load(self, times_s: Array, rows: Array) -> None:
         """Load a motion without starting it.
 
-        It begins at the arm's present position, and is at rest at both ends.
+        It begins at the arm's current position, and is at rest at both ends.
 
         Args:
             times_s: times of its points, shape (n,), from 0 on.

@@ -29,4 +29,4 @@ class Springs:
         """These springs from now on."""
 
     def torques(self, command: Array) -> Array:
-        """Towards `command`, shape (3, dof), from MuJoCo's present state: shape (dof,), N·m."""
+        """Towards `command`, shape (3, dof), from MuJoCo's current state: shape (dof,), N·m."""

@@ -102,7 +102,7 @@ cdef class Springs:
             self._tcp_damping_roots[i] = sqrt(2.0 * ratio[i]) * self._tcp_stiffness_roots[i]
 
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
-        """The torques towards `command` (position and velocity) from MuJoCo's present state, N·m."""
+        """The torques towards `command` (position and velocity) from MuJoCo's current state, N·m."""
         cdef double velocity_error[MAX_DOF]
         cdef double mobility[MAX_DOF * MAX_DOF]  # M⁻¹
         cdef int i, dof = self._dof

@@ -43,7 +43,7 @@ class ToyDevice:
     """A simulated robot controller: it sends a packet per period and moves to the target of the last answer.
 
     Attributes:
-        faults: its present faults, for tests.
+        faults: its current faults, for tests.
         wire: all positions sent to it, for tests.
         gripper_closed: its only output, which it reports.
     """
@@ -90,7 +90,7 @@ class ToyDevice:
             self._target = position.copy()
 
     def switch_on(self) -> None:
-        """Switch the drives on at the present position.
+        """Switch the drives on at the current position.
 
         Raises:
             BackendError: this is impossible now; the error has the reason.

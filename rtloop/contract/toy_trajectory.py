@@ -23,7 +23,7 @@ class ToyDevice:
     """A simulated robot controller that executes a motion by itself and reports its position on request.
 
     Attributes:
-        faults: its present faults, for tests.
+        faults: its current faults, for tests.
     """
 
     def __init__(self, dof: int, *, realtime: bool = True) -> None:
@@ -71,7 +71,7 @@ class ToyDevice:
         self._stopping = True
 
     def switch_on(self) -> None:
-        """Switch the drives on at the present position."""
+        """Switch the drives on at the current position."""
         self._answer()
         self._stopped = self._cause()
         if self._stopped:

@@ -1,7 +1,7 @@
 """Action chunks: a policy sends its next waypoints, each with the time at which it is to be reached.
 
 The reference follows a cubic spline through the waypoints. When a new chunk replaces the old one, a quintic
-leads from the present reference to the first waypoint that can be reached within the limits. It matches
+leads from the current reference to the first waypoint that can be reached within the limits. It matches
 velocity and acceleration at both ends, so the reference is continuous up to the acceleration.
 """
 
@@ -115,7 +115,7 @@ cdef class ChunkInterpolator:
             self.count = 0  # no waypoint says any longer how the arm came here
 
     cdef const double* c_waypoint(self, int ahead) noexcept nogil:
-        """The waypoint at the end of the present segment, or `ahead` waypoints further, (n,); NULL after the
+        """The waypoint at the end of the current segment, or `ahead` waypoints further, (n,); NULL after the
         last.
         """
         cdef int piece = self.piece + ahead
@@ -124,7 +124,7 @@ cdef class ChunkInterpolator:
         return self.ends + 3 * self.n * (self.count - self.pieces + piece)
 
     cdef double c_step_s(self) noexcept nogil:
-        """Duration of the present segment, s."""
+        """Duration of the current segment, s."""
         return self.knots_s[self.piece + 1] - self.knots_s[self.piece]
 
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil:

@@ -23,7 +23,7 @@ class Interpolator:
         """Start here, shape (3, n), forget all commands, and hold (what moves is brought to rest)."""
 
     def rebase(self, state: Array, target: Array) -> None:
-        """The present reference and the last target in other coordinates; an `aim` has to follow."""
+        """The current reference and the last target in other coordinates; an `aim` has to follow."""
 
     def aim(self, target: Array, velocity: Array | None, duration_s: float) -> None:
         """A new command, shape (n,), to be reached `duration_s` from now: one command period.

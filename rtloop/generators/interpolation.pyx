@@ -51,7 +51,7 @@ cdef class Interpolator:
         """Start in this state without commands, and hold. A moving reference is brought to rest."""
 
     cdef void c_rebase(self, const double* state, const double* target) noexcept nogil:
-        """Express the present reference and the last target in other coordinates. Must be followed by an
+        """Express the current reference and the last target in other coordinates. Must be followed by an
         `aim`.
         """
         memmove(self.ref, state, 3 * self.n * sizeof(double))
@@ -106,7 +106,7 @@ cdef class Hold(Interpolator):
 
 
 cdef class Linear(Interpolator):
-    """Constant velocity from the present reference to the target, during one command period. Then it
+    """Constant velocity from the current reference to the target, during one command period. Then it
     rests.
     """
 

@@ -18,7 +18,7 @@ cdef void to_rest_in_frame(
     """Write the problem in the frame, without the jerk limit.
 
     Args:
-        state: present state of the follower.
+        state: current state of the follower.
         frame: state of the target in `due_s`. It must be slower than the limits.
         max_velocity, max_acceleration: limits outside the frame. In the moving frame they differ between the
             two directions.

@@ -223,7 +223,7 @@ cdef class PoseLimiter:
         """Divide the limits of acceleration and jerk among the axes for the whole pursuit. The shares have
         norm 1.
 
-        Across the direction, the shares must suffice to stop the present motion and that in the frame of the
+        Across the direction, the shares must suffice to stop the current motion and that in the frame of the
         request, and to turn with the request.
         """
         cdef double* shares = self.shares[part]

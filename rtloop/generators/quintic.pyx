@@ -15,7 +15,7 @@ cdef double HORIZON_S = 0.2
 
 
 cdef class Quintic(Interpolator):
-    """Continuous up to the acceleration, from the present reference to the stream's future position.
+    """Continuous up to the acceleration, from the current reference to the stream's future position.
 
     The reference reaches a single target at the end of the period. It meets a stream `HORIZON_S` ahead;
     without noise it passes through each of the stream's targets on the way. Between two commands the limits

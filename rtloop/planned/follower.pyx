@@ -50,13 +50,13 @@ cdef class PathFollower:
     def check_continuation(self, Path path not None, double offset_s):
         """Check whether the arm can continue with another path, which begins at a path time of this one.
 
-        Both must be equal at the arm's place, and as far ahead as the present change of the rate relies on
+        Both must be equal at the arm's place, and as far ahead as the current change of the rate relies on
         the path.
         """
         cdef double here_s = self.clock.path_time_s - offset_s
         if not path.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
             return Rejected(
-                f"it differs from the present motion, which is already at {self.clock.path_time_s:.3f} s"
+                f"it differs from the current motion, which is already at {self.clock.path_time_s:.3f} s"
             )
         return ACCEPTED
 

@@ -1,4 +1,4 @@
-"""Loads a trajectory from the service into the cycle, while the arm continues its present activity."""
+"""Loads a trajectory from the service into the cycle, while the arm continues its current activity."""
 
 from rtloop.planned.path cimport Path
 
@@ -19,7 +19,7 @@ cdef class Handover:
         path: the path into which it loads. It is complete once `step` has returned True.
         number: number of the command that requests it.
         motion_id, slot: the motion that is loaded, and its slot.
-        offset_s: path time of the present motion at which a replacement begins.
+        offset_s: path time of the current motion at which a replacement begins.
     """
 
     def __init__(self, model, capacity, slots):
@@ -38,7 +38,7 @@ cdef class Handover:
         return self._begin(START, command, position, position, 0.0)
 
     def begin_replacement(self, command, position, offset_s):
-        """Begin to load the continuation of the present motion from a path time on."""
+        """Begin to load the continuation of the current motion from a path time on."""
         return self._begin(REPLACEMENT, command, position, None, offset_s)
 
     def _begin(self, Load kind, command, position, start, offset_s):

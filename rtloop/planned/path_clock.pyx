@@ -134,7 +134,7 @@ cdef class PathClock:
         return self.pending and self.waited_s > self.patience_s
 
     cdef double c_committed_s(self) noexcept nogil:
-        """The path time up to which the active profile relies on the path; without a profile, the present
+        """The path time up to which the active profile relies on the path; without a profile, the current
         path time.
         """
         if self.profile_s < 0.0:
@@ -311,7 +311,7 @@ cdef class PathClock:
         problem.acceleration = self.rate_slope
         problem.target_position, problem.target_velocity = 0.0, self.aim
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
-        # Never below the present slope: else a phase in front would first bring it below.
+        # Never below the current slope: else a phase in front would first bring it below.
         steepest *= share
         if crest < 1.0:
             steepest = fmin(steepest, crest * sqrt(

@@ -1,4 +1,4 @@
-"""The signals of the present motion: actions that fire at a path time, and conditions.
+"""The signals of the current motion: actions that fire at a path time, and conditions.
 
 The slot of the trajectory contains them, and a block of shared memory reports their results. Each action
 fires once, in the first cycle whose path time has reached the action's path time.

@@ -178,7 +178,7 @@ cdef class Safety:
         return self._catch(request, excess, ahead, streamed)
 
     cdef bint c_brake(self) noexcept nogil:
-        """Brake from the present state, each joint on its own, as fast as the limits permit.
+        """Brake from the current state, each joint on its own, as fast as the limits permit.
 
         Returns:
             Whether the arm is at rest.

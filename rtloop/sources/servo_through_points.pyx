@@ -274,7 +274,7 @@ cdef class ThroughPoints(ServoSource):
         self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))
 
     cdef void c_make_room(self) noexcept nogil:
-        """Remove the passed pieces. σ then starts at the arm's present piece."""
+        """Remove the passed pieces. σ then starts at the arm's current piece."""
         cdef int first = self.first, kept = self.count - self.first, piece
         cdef Py_ssize_t row = ORDER * self.dof
         cdef double origin = self.ends[first] - self.spans[first]

@@ -189,7 +189,7 @@ cdef class CollisionMonitor:
             problem.acceleration = fmax(-most, fmin(2.0 * acceleration, most))
 
     cdef void _judge(self) noexcept nogil:
-        """Evaluate the distances at the present place and where the arm could come to rest."""
+        """Evaluate the distances at the current place and where the arm could come to rest."""
         cdef const double* here = self._c_here
         cdef double share = 1.0
         cdef double nearest_m, left_m, zone_m

@@ -228,7 +228,7 @@ cdef class TargetFeed(Feed):
             self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)
 
     cdef void c_go_on(self) noexcept nogil:
-        """End the waiting, because there is a target. The source continues from the arm's present state."""
+        """End the waiting, because there is a target. The source continues from the arm's current state."""
         if self.holding:
             self.source.c_begin(self.safety.c_command)
 

@@ -22,7 +22,7 @@ class Overlay:
     """Ramps the force or torque that a session adds.
 
     Attributes:
-        exerted: present value, shape (dof,) or (6,).
+        exerted: current value, shape (dof,) or (6,).
     """
 
     def __init__(self, write: Callable[[Array], None], most: Array, period_s: float) -> None:

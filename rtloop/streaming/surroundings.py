@@ -42,7 +42,7 @@ class Surroundings:
         return self._thread is not None
 
     def read(self) -> CollisionMonitor:
-        """Make a monitor from the files' present content.
+        """Make a monitor from the files' current content.
 
         Raises:
             CobotError: a file is damaged, or MuJoCo rejects its content.

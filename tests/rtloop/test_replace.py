@@ -129,7 +129,7 @@ def test_one_that_differs_where_the_arm_is_is_refused_and_the_motion_goes_on(rig
     whole = begun(rig, 500)
     here = int(np.searchsorted(whole.breakpoints_s, rig.loop.controller.clock.path_time_s)) - 1
     refusal = replace(rig, deviating(whole, here - 5))
-    assert refusal.startswith("it differs from the present motion, which is already at 0.5")
+    assert refusal.startswith("it differs from the current motion, which is already at 0.5")
     assert rig.loop.controller.slot == 0
     rig.run()
     assert rig.result is MotionResult.ARRIVED

@@ -56,7 +56,7 @@ class BodyLimit:
                 self._held_bytes += size
                 if self._held_bytes > self._all_bytes:
                     raise HTTPException(503) from UnavailableError(
-                        f"the bodies of all present requests together exceed {self._all_bytes} bytes: try "
+                        f"the bodies of all current requests together exceed {self._all_bytes} bytes: try "
                         f"again later"
                     )
                 if received <= limit_bytes:

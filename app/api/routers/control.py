@@ -22,7 +22,7 @@ REST_S = 1.5
 
 @router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)
 async def control(request: Request) -> ControlAnswer:
-    """The client that controls the robot: by a lease, or by a present motion."""
+    """The client that controls the robot: by a lease, or by a running motion."""
     return ControlAnswer.model_validate(_state(Call(request).services))
 
 
@@ -45,7 +45,7 @@ async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
 
 @router.endpoint("DELETE /robot/control", Role.OPERATOR, timeout_s=1.5, responses=responses(409))
 async def release_control(request: Request) -> ControlAnswer:
-    """Give control back. A present motion continues."""
+    """Give control back. A running motion continues."""
     services = Call(request).services
     services.control.release()
     return ControlAnswer.model_validate(_state(services))

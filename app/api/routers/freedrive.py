@@ -39,7 +39,7 @@ class Freedrive(RequestModel):
 class FreedriveAnswer(BaseModel):
     """State of freedrive."""
 
-    session: int | None = Field(description="Number of the present session; null while freedrive is off.")
+    session: int | None = Field(description="Number of the current session; null while freedrive is off.")
     left_s: float = Field(description="Time until freedrive ends without a renewal, s.")
     limited_by: str = Field(description='Reason why the arm does not follow the hand; "" if it follows.')
     ended: str = Field(description='Reason for the last end of freedrive; "" if it has never ended.')

@@ -148,7 +148,7 @@ async def gripper(request: Request) -> GripperReportAnswer:
 
 @router.endpoint("POST /robot/gripper/move", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def move_gripper(body: GripperMove, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Move the fingers to a width. Every new command ends the present one."""
+    """Move the fingers to a width. Every new command ends the current one."""
     return await _run("move", body, request, gone, wait)
 
 

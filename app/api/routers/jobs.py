@@ -169,7 +169,7 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
     responses=responses(409, 501, 503),
 )
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
-    """Set the speed override, for the present motion and all later ones. The change is jerk-limited.
+    """Set the speed override, for the current motion and all later ones. The change is jerk-limited.
 
     Rejected while another client moves the arm or has control, and during a streaming session. A value that a
     program or the holder of a lease has set ends with the program or the lease.

@@ -151,7 +151,7 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
-    """The planned path of the present motion of any client; empty without a motion.
+    """The planned path of the current motion of any client; empty without a motion.
 
     A streaming session has no path. If a motion is blended with the next one of the queue, the path is that
     of both.

@@ -32,7 +32,7 @@ class TeachPosition(RequestModel):
         None,
         min_length=1,
         max_length=64,
-        description="Joint positions, rad. Default: the present ones.",
+        description="Joint positions, rad. Default: the current ones.",
     )
     label: Label | None = Field(None, description="Displayed name, in any language. Default: `name`.")
     description: str = Field("", max_length=200, description="For people.")

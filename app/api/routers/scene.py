@@ -49,7 +49,7 @@ async def scene(request: Request) -> SceneAnswer:
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change the scene, completely or not at all.
 
-    After the response, every planned motion keeps `planning.collision_margin_m` from the objects. The present
+    After the response, every planned motion keeps `planning.collision_margin_m` from the objects. The current
     motion is stopped if its remaining path comes closer. The scene is kept across restarts. While the arm
     moves, nothing can be attached or detached, and the carried load cannot change.
     """

@@ -47,7 +47,7 @@ class StartStudy(RequestModel):
     )
     seed: int | None = Field(None, ge=0, lt=2**63, description="Seed of all random numbers. Default: 0.")
     metric: str | None = Field(None, max_length=100, description="The metric that decides the answer.")
-    robot: Part | None = Field(None, description="Further objects, and another tool than the present one.")
+    robot: Part | None = Field(None, description="Further objects, and another tool than the current one.")
     space: Part | None = Field(None, description="Places or parameters.")
     targets: Part | None = Field(None, description="For placement: the places that the arm must reach.")
     method: str | None = Field(None, max_length=100, description="For reach: ik, free or lin.")
@@ -81,7 +81,7 @@ class StartStudy(RequestModel):
 class BestPlacement(BaseModel):
     """The best placement. A pose is x, y, z in m and a quaternion w, x, y, z."""
 
-    base: list[float] = Field(description="Pose of the base in the present base frame.")
+    base: list[float] = Field(description="Pose of the base in the current base frame.")
     tcp: list[float] = Field(description="Pose of the TCP in the frame of the flange.")
 
 
@@ -99,7 +99,7 @@ class StudyAnswer(BaseModel):
     )
     tasks: int = Field(description="Number of tasks.")
     done: int = Field(description="Number of tasks that are done.")
-    rate_hz: float = Field(description="Tasks per second of the present run.")
+    rate_hz: float = Field(description="Tasks per second of the current run.")
     left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
     answer: dict[str, Any] = Field(description="The answer from the results so far, by displayed names.")
     placement: BestPlacement | None = Field(

@@ -89,7 +89,7 @@ class DeviceAnswer(BaseModel):
     status: DeviceStatusAnswer | None = Field(
         description="Status that the device reports; null: it reports none."
     )
-    speed_share: float = Field(description="Present speed, as a share of the planned speed.")
+    speed_share: float = Field(description="Current speed, as a share of the planned speed.")
     unacknowledged: str = Field(
         description='Findings of the first contact that are not acknowledged yet; "" without any.'
     )

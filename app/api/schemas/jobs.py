@@ -70,7 +70,7 @@ class JobAnswer(BaseModel):
     )
     planned_duration_s: float | None = Field(description="Duration of the motion at its planned speed.")
     remaining_s: float | None = Field(
-        description="Remaining time, at the present speed override; null while it is unknown."
+        description="Remaining time, at the current speed override; null while it is unknown."
     )
     note: str = Field(description="How the motion differs from the request; empty if it does not.")
     error: RefusedAnswer | None = Field(

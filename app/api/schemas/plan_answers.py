@@ -61,16 +61,16 @@ class PlanPoint(BaseModel):
 
 
 class MotionPoint(BaseModel):
-    """A point of the present motion."""
+    """A point of the current motion."""
 
     time_s: float = Field(description="Path time, s: time since the start at full speed.")
     joints: list[float] = Field(description="rad")
 
 
 class MotionAnswer(BaseModel):
-    """The path of the present motion, of any client."""
+    """The path of the current motion, of any client."""
 
-    motion_id: int | None = Field(description="Number of the present motion; null without one.")
+    motion_id: int | None = Field(description="Number of the current motion; null without one.")
     duration_s: float = Field(description="Duration of the path at full speed, s.")
     note: str = Field(description="Differences between the motion and the request.")
     path: list[MotionPoint] = Field(
@@ -110,7 +110,7 @@ class PlanDistance(DistanceAnswer):
 
 
 class ClearanceAnswer(BaseModel):
-    """The smallest distances at the arm's present position."""
+    """The smallest distances at the arm's current position."""
 
     model_config = example({"closest_self": CLOSEST_SELF, "closest_environment": CLOSEST_ENVIRONMENT})
 

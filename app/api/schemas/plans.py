@@ -25,7 +25,7 @@ Start = Annotated[
     Field(
         min_length=1,
         max_length=64,
-        description="Joint angles to plan from, rad. Default: the present ones.",
+        description="Joint angles to plan from, rad. Default: the current ones.",
     ),
 ]
 Samples = Annotated[

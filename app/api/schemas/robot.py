@@ -86,7 +86,7 @@ class TakeControl(RequestModel):
     )
     force: bool = Field(
         False,
-        description="true: take control even if another client has it. The present motion ends, and "
+        description="true: take control even if another client has it. The current motion ends, and "
         "the previous holder is informed.",
     )
 
@@ -100,7 +100,7 @@ class ControlAnswer(BaseModel):
     )
     address: str | None = Field(description="Address of the client.")
     how: Literal["explicit", "implicit"] | None = Field(
-        description="explicit: by a lease; implicit: by the present motion, until it ends."
+        description="explicit: by a lease; implicit: by the current motion, until it ends."
     )
     what: str | None = Field(description="The request that moves the arm now.")
     since: datetime | None = Field(description="Time when the client took control, if known.")
@@ -256,10 +256,10 @@ class SequenceStatusAnswer(BaseModel):
     iteration: int | None = Field(description="From 1.")
     n_iterations: int | None = Field(description="Requested number.")
     waypoint: int | None = Field(
-        description="Number of the present waypoint or step, from 1; 0 is the way home."
+        description="Number of the current waypoint or step, from 1; 0 is the way home."
     )
     n_waypoints: int | None = Field(description="Number of waypoints or steps in an iteration.")
-    step: str | None = Field(description="Present step, as in the log, including steps inside other steps.")
+    step: str | None = Field(description="Current step, as in the log, including steps inside other steps.")
     started_at: datetime | None = Field(description="When.")
     finished_at: datetime | None = Field(description="Time of the end; null while the sequence runs.")
     returncode: int | None = Field(

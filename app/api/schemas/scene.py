@@ -51,7 +51,7 @@ class Place(RequestModel):
         "",
         max_length=200,
         description="Frame of the pose: empty for the base, a named frame, or a frame of the model that no "
-        "joint moves. The frame's present pose is used.",
+        "joint moves. The frame's current pose is used.",
     )
 
 
@@ -269,7 +269,7 @@ class FrameAnswer(BaseModel):
 
 
 class SceneAnswer(BaseModel):
-    """The present scene."""
+    """The current scene."""
 
     model_config = _example({"version": 3, "objects": [], "frames": [], "allowed": []})
 
@@ -285,5 +285,5 @@ class ChangedAnswer(BaseModel):
     model_config = _example({"version": 4, "stopped": "", "contacts": []})
 
     version: int = Field(description="New version of the scene.")
-    stopped: str = Field(description="Reason why the present motion was stopped; empty if it was not.")
+    stopped: str = Field(description="Reason why the current motion was stopped; empty if it was not.")
     contacts: list[str] = Field(description="Bodies and objects that the arm touches or nearly touches now.")

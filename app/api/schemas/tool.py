@@ -152,7 +152,7 @@ class TcpFitAnswer(BaseModel):
 
 
 class ToolAnswer(BaseModel):
-    """The present tool, in the flange frame."""
+    """The current tool, in the flange frame."""
 
     model_config = _example(
         {

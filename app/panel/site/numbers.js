@@ -40,7 +40,7 @@ export class Numbers {
     this.given = given;
   }
 
-  // The present content of the fields, for `settle`.
+  // The current content of the fields, for `settle`.
   get sent() {
     return { values: this.values(), texts: this.rows.map(({ field }) => field.value) };
   }

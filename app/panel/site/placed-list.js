@@ -35,7 +35,7 @@ export class PlacedList {
     return element(`${this.kind}-${name}`);
   }
 
-  // Shows the present state of the service. A form that is being edited does not change.
+  // Shows the current state of the service. A form that is being edited does not change.
   offer(all) {
     this.all = all;
     const now = this.chosen ? all.find(({ name }) => name === this.chosen.name) : null;

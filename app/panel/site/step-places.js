@@ -16,7 +16,7 @@ export class Places {
     Object.assign(this, { page, motions, now, freedrive });
   }
 
-  // The present joints and pose; null if they are unknown, and the reason is shown.
+  // The current joints and pose; null if they are unknown, and the reason is shown.
   here() {
     const { state, geometry } = this.now();
     // During hand guiding, the measured position counts and not the commanded one.

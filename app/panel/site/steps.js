@@ -98,7 +98,7 @@ export function remove(content, number) {
 // Whether the list is in the step itself: it cannot be moved there.
 export const isWithin = (id, number) => id === number || id.startsWith(`${number}.`);
 
-// Moves a step to the place before the present `index`.
+// Moves a step to the place before the current `index`.
 export function move(content, number, id, index) {
   const from = placeOf(number);
   const [source, target] = [listAt(content, from.id), listAt(content, id, true)];

@@ -161,7 +161,7 @@ class GripperWorker:
 
     @property
     def problem(self) -> str:
-        """Reason why the newest state is not the gripper's present one; "" if it is."""
+        """Reason why the newest state is not the gripper's current one; "" if it is."""
         since_s, now_s = self._calling_since_s, self._link.clock.now_s()
         if since_s is not None and now_s - since_s > HUNG_S:
             return f"its driver has not returned for {now_s - since_s:.0f} s"

@@ -164,7 +164,7 @@ class Events:
             tell()
 
     def rendered(self, kind: str, robot: str, data: Mapping[str, Any], number: int | None = None) -> str:
-        """The JSON of an event with the present time."""
+        """The JSON of an event with the current time."""
         moment = utc_now(self._clock).isoformat(timespec="microseconds")
         content: dict[str, Any] = {} if number is None else {"id": number, "epoch": self.epoch}
         content |= {"time": moment, "robot": robot or None, "type": kind, "data": data}

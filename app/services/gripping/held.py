@@ -121,7 +121,7 @@ class HeldService:
         return None if name is None or distances[name] > REACH_M else name
 
     def _parts_where_they_are(self) -> dict[str, SceneObject]:
-        """The parts of the cell at their present poses."""
+        """The parts of the cell at their current poses."""
         poses = self._link.cell() or {}
         return {
             name: part_in_scene(self._parts[name], pose)

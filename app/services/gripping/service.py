@@ -1,4 +1,4 @@
-"""Gripper commands as jobs: one at a time; a new one replaces the present one.
+"""Gripper commands as jobs: one at a time; a new one replaces the current one.
 
 The arm may move at the same time. A stop ends the command and keeps the grip, unless `on_stop` is `open`.
 """
@@ -116,7 +116,7 @@ class GripperService:
         return f"gripper {self.type}: {found}" if found else ""
 
     def report(self) -> GripperReport:
-        """The present state of the gripper.
+        """The current state of the gripper.
 
         Raises:
             NotSupportedError: the robot has no gripper.
@@ -134,7 +134,7 @@ class GripperService:
         )
 
     async def run(self, name: str, command: AnyGripperCommand, caller: Caller) -> GripperOutcome:
-        """Execute a command, and return when it has ended. The present command ends first.
+        """Execute a command, and return when it has ended. The current command ends first.
 
         Args:
             name: move, grasp, release or home.
@@ -186,7 +186,7 @@ class GripperService:
         return (await self.run(request.name, request.command, caller)).error
 
     async def stop(self) -> GripperReport:
-        """Stop the fingers where they are; a held object stays held. Ends the present command.
+        """Stop the fingers where they are; a held object stays held. Ends the current command.
 
         Raises:
             NotSupportedError: the robot has no gripper.
@@ -336,7 +336,7 @@ class GripperService:
             await self._stopping.stop_motion(StopReason(why, "gripper"))
 
     async def _watch(self, worker: GripperWorker) -> None:
-        """Watch for stops and e-stops from any source, and end the present command."""
+        """Watch for stops and e-stops from any source, and end the current command."""
         stops, latched = self._ownership.stops, False
         while True:
             await asyncio.sleep(WATCH_S)

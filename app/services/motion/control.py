@@ -22,7 +22,7 @@ class ControlStatus:
         held: whether a client has control.
         holder, address: the client's name and address. None if no client has control, or if a process that
             streams through shared memory has it. For such a process only `what` is known.
-        how: "explicit" with a lease, "implicit" with a present motion.
+        how: "explicit" with a lease, "implicit" with a running motion.
         what: the request that moves the arm now.
         since: time when control was taken, if known.
         until: time when a lease ends, if nothing moves until then.
@@ -55,7 +55,7 @@ class Taken:
 
 
 class ControlService:
-    """Control of one robot, for the client on whose behalf the present task runs."""
+    """Control of one robot, for the client on whose behalf the current task runs."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stopping: StopService) -> None:
         self._link = link
@@ -88,7 +88,7 @@ class ControlService:
 
         Args:
             timeout_s: the lease ends when nothing has moved for this time.
-            force: take control over. The present motion ends, and the former holder is notified.
+            force: take control over. The current motion ends, and the former holder is notified.
             stop_s: timeout for the arm to stop in that case, s.
 
         Raises:

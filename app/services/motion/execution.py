@@ -104,7 +104,7 @@ class MotionService:
         return place_signals(segments, ends_s, way)
 
     async def way(self, trajectory: Trajectory) -> TcpWay:
-        """The path of the TCP along a trajectory, with the present tool."""
+        """The path of the TCP along a trajectory, with the current tool."""
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
@@ -165,7 +165,7 @@ class MotionService:
         planned_s: float,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Let the present motion continue with another trajectory, see `Commands.replace`.
+        """Let the current motion continue with another trajectory, see `Commands.replace`.
 
         Args:
             planned_s: time of planning, on the link's clock.

@@ -31,7 +31,7 @@ class PlanOptions:
     """The options of a plan, in addition to its motion.
 
     Attributes:
-        start: joint angles, rad; None: the arm's present position, at which it must be at rest.
+        start: joint angles, rad; None: the arm's current position, at which it must be at rest.
         samples: number of path points in the answer.
         explain: if planning fails, search for changes that make a plan possible.
     """

@@ -82,7 +82,7 @@ class PlanningService:
         return self._pool.usable == self._pool.size
 
     async def renew(self) -> None:
-        """Replace the workers by new ones that have read the present settings file. Returns when they run or
+        """Replace the workers by new ones that have read the current settings file. Returns when they run or
         cannot be started.
         """
         old = self._pool
@@ -95,7 +95,7 @@ class PlanningService:
 
     @property
     def status(self) -> PlanningStatus:
-        """The present state of the pool."""
+        """The current state of the pool."""
         pool = self._pool
         problem = "" if pool.usable else pool.problem
         state = "ready" if pool.usable else "failed" if problem else "starting"
@@ -139,7 +139,7 @@ class PlanningService:
             log.info("the scene or the tool has changed during planning: planning again")
 
     def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
-        """Wrap a function so that it uses the present scene and tool."""
+        """Wrap a function so that it uses the current scene and tool."""
         if not self.scene.version and not self.tool.version:
             return work
         return partial(in_scene, scene=self.scene, tool=self.tool, work=work)

@@ -50,12 +50,12 @@ class WorkerLost(Exception):
 
 @dataclass(eq=False)
 class _Worker:
-    """A planning process and the state of its present task.
+    """A planning process and the state of its current task.
 
     Attributes:
-        answer: future for the answer to the present task: whether it has returned a value or raised an error,
+        answer: future for the answer to the current task: whether it has returned a value or raised an error,
             and this value or error. None without a task.
-        begun: whether the process has reported that the present task has begun.
+        begun: whether the process has reported that the current task has begun.
         usable: whether the process has loaded its robot and has not ended.
         dismissed: whether the pool itself has ended the process.
         paused: whether the process was suspended at the last check.

@@ -98,7 +98,7 @@ def extend_stretch(
     """See `cobot.planners.blending.prolonged.extend_stretch`.
 
     Args:
-        times_s: the present path time, and the path time before which nothing may change.
+        times_s: the current path time, and the path time before which nothing may change.
     """
     from cobot.planners.blending.prolonged import extend_stretch
     from cobot.planners.rated import with_envelope

@@ -127,7 +127,7 @@ class PlanService:
         )
 
     async def make_gripper(self, request: GripperRequest, samples: int, timeout_s: float) -> Plan:
-        """Plan a gripper command; nothing moves. When the plan is run, the arm must be at its present
+        """Plan a gripper command; nothing moves. When the plan is run, the arm must be at its current
         position.
 
         Raises:
@@ -141,7 +141,7 @@ class PlanService:
         return self._keep(begin, found, deepcopy(self._robot.limits), gripper=request)
 
     def _keep(self, begin: Array, found: Forecast, limits: JointLimits, **fields: Any) -> Plan:
-        """Keep a plan that was made in the present scene with the present tool."""
+        """Keep a plan that was made in the current scene with the current tool."""
         made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
         scene, tool = self._robot.collision.scene.version, self._robot.model.tool.version
         plan = Plan(number, begin, found, limits, made_s, scene, tool, by=acting.get().name, **fields)

@@ -66,7 +66,7 @@ class PositionService:
         """Store a position under a new or an existing name. It is on disk when this returns.
 
         Args:
-            joints: joint positions, rad; None: the arm's present position.
+            joints: joint positions, rad; None: the arm's current position.
 
         Raises:
             InputError, LimitError: the joint positions are invalid.

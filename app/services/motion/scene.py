@@ -56,8 +56,8 @@ class Changed:
     """The result of a change to the scene.
 
     Attributes:
-        stopped: reason why the present motion was stopped; "" if it continues, or there was none.
-        contacts: bodies and objects that the arm touches at its present position.
+        stopped: reason why the current motion was stopped; "" if it continues, or there was none.
+        contacts: bodies and objects that the arm touches at its current position.
     """
 
     scene: Scene
@@ -140,7 +140,7 @@ class SceneService:
         return edit
 
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Add or move a named frame. `pose` is in the present pose of `frame`, and stays there if `frame`
+        """Add or move a named frame. `pose` is in the current pose of `frame`, and stays there if `frame`
         moves later.
         """
         self._require_own_name(name)
@@ -163,7 +163,7 @@ class SceneService:
         return edit
 
     def attach(self, name: str, touch: list[str]) -> Edit:
-        """Attach an object: from now on it moves with the TCP, with its present pose relative to the TCP."""
+        """Attach an object: from now on it moves with the TCP, with its current pose relative to the TCP."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
@@ -280,7 +280,7 @@ class SceneService:
         await self._link.commands.set_tool(load, mounted, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
-        """Stop the present motion if its remaining path now collides. Returns the reason, or ""."""
+        """Stop the current motion if its remaining path now collides. Returns the reason, or ""."""
         state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return ""
@@ -305,7 +305,7 @@ class SceneService:
         return ""
 
     async def _lead_around(self, checker: CollisionChecker, left: Trajectory) -> bool:
-        """Lead the present motion around what is in its way, if the settings permit this and the arm could
+        """Lead the current motion around what is in its way, if the settings permit this and the arm could
         still stop afterwards. Returns whether it did."""
         within_s = self._replan_within_s
         if within_s == 0.0:

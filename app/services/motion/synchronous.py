@@ -189,7 +189,7 @@ class SyncService:
     def _sync(self, number: int) -> _Sync:
         if number not in self._syncs:
             there = ", ".join(map(str, self._syncs)) or "none"
-            raise NotFoundError(f"there is no synchronous motion {number}; the present ones are: {there}")
+            raise NotFoundError(f"there is no synchronous motion {number}; the current ones are: {there}")
         return self._syncs[number]
 
     def _target(self, name: str, joints: Array, a: float, v: float) -> RobotTarget:

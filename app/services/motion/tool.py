@@ -36,7 +36,7 @@ log = logging.getLogger("cobot.tool")
 
 @dataclass(frozen=True, slots=True)
 class ToolChanged:
-    """The result of a change of the tool. `contacts` are the bodies that the arm touches at its present
+    """The result of a change of the tool. `contacts` are the bodies that the arm touches at its current
     position.
     """
 
@@ -96,13 +96,13 @@ class ToolService:
 
     async def change(self, edit: Edit, name: str = "a change of the tool") -> ToolChanged:
         """Change the tool. A change that has begun is completed even if the caller is cancelled. A request
-        for the present tool changes nothing and always succeeds.
+        for the current tool changes nothing and always succeeds.
 
         Args:
             name: displayed name of the request.
 
         Raises:
-            InputError, LimitError: the tool is impossible, or the arm could not hold it in its present pose.
+            InputError, LimitError: the tool is impossible, or the arm could not hold it in its current pose.
             ConflictError: the arm moves, another client moves it, an object is attached to the TCP, or rtloop
                 rejects the tool. The tool is unchanged.
             UnavailableError: rtloop does not answer, or the file cannot be written. The tool is unchanged.

@@ -116,7 +116,7 @@ class SequenceService:
         self._starting = False
         self._steps: RunnerInstructions | None = None
         self._stopped: StopReason | None = None  # why the runner was told to end
-        self._error_line = ""  # the newest error that the present runner has printed
+        self._error_line = ""  # the newest error that the current runner has printed
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()

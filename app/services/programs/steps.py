@@ -72,7 +72,7 @@ class RunnerInstructions:
     def hold(self, waypoint: int) -> None:
         """Hold the runner once it has reached this waypoint, or has passed it without a stop.
 
-        If the runner is held earlier and continues, a waypoint that is still ahead stays set.
+        An earlier hold does not cancel this one.
 
         Raises:
             InputError: there is no such waypoint.

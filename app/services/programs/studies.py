@@ -255,7 +255,7 @@ class StudyService:
             log.error("%s", exc)
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
-        """The present status of a study. For a running study the file is out of date.
+        """The current status of a study. For a running study the file is out of date.
 
         A study counts as running until the next one can be started.
         """

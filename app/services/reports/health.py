@@ -76,7 +76,7 @@ class HealthService:
         self._started_s = link.clock.now_s()
 
     def health(self) -> Health:
-        """The present health."""
+        """The current health."""
         problems: list[str] = []
         robot: dict[str, object] = {"name": self._robot, "mode": None, "reason": "", "settled": None}
         rtloop: dict[str, object] = {"alive": False, "pid": None}

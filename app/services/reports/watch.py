@@ -60,7 +60,7 @@ class StateWatch:
         Args:
             state: None if it cannot be read.
             cycle: number of rtloop's cycles since its start.
-            now_s: the present time, on the link's clock.
+            now_s: the current time, on the link's clock.
         """
         if (replaced := self._replaced()) > self._workers:
             self._workers = replaced

@@ -24,7 +24,7 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 MAX_WAIT_S = 3600.0
-"""Maximum duration of one wait for the client to disconnect, s. It is needed because a timeout may be
+"""Longest single wait before `watch` checks the timeout again, s. It is finite because the timeout may be
 infinite.
 """
 

@@ -96,7 +96,7 @@ class JobRecord:
         motion_id: number of its newest motion, once there is one.
         progress: completed share of that motion's path time, 0 to 1; for a sequence, of its waypoints.
         planned_duration_s: duration of the motion at its planned speed.
-        remaining_s: the remaining time at the present speed override; None while it is unknown.
+        remaining_s: the remaining time at the current speed override; None while it is unknown.
         note: see `Trajectory`.
         started_at: time when its first motion began.
         actions: actions of its newest motion with actions.
@@ -133,7 +133,7 @@ class JobRecord:
 
 @dataclass(eq=False)
 class Job:
-    """A job that has not ended. Its present state is derived from the motion; see `record`.
+    """A job that has not ended. Its current state is derived from the motion; see `record`.
 
     Attributes:
         on_change: called after each change of the state.
@@ -171,7 +171,7 @@ class Job:
 
     @property
     def state(self) -> JobState:
-        """The present state of the job."""
+        """The current state of the job."""
         if self.end_record is not None:
             return self.end_record.state
         if self._override is None:
@@ -234,7 +234,7 @@ class Job:
         """Record the progress of a sequence.
 
         Args:
-            done: number of passed waypoints; the present one counts as a fraction.
+            done: number of passed waypoints; the current one counts as a fraction.
             of: number of all waypoints.
         """
         self._waypoints = done, of

@@ -88,7 +88,7 @@ class JobBook:
 
     @property
     def problem(self) -> str:
-        """Reason why jobs cannot be recorded at present; "" if they can."""
+        """Reason why jobs cannot be recorded now; "" if they can."""
         if self._outlet is None or not self._outlet.error:
             return ""
         reason = os.strerror(self._outlet.error) if self._outlet.error > 0 else "its log has the details"
@@ -97,7 +97,7 @@ class JobBook:
     def new(
         self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
     ) -> Job:
-        """A new job of the client on whose behalf the present task runs. It is in the book once it begins.
+        """A new job of the client on whose behalf the current task runs. It is in the book once it begins.
 
         Args:
             number: id of the job; None: make a new id.
@@ -120,7 +120,7 @@ class JobBook:
         return self._live.get(number)
 
     def find(self, number: str) -> JobRecord | None:
-        """A job with its present state; None if it is unknown or has expired."""
+        """A job with its current state; None if it is unknown or has expired."""
         job = self._live.get(number)
         return self._past.get(number) if job is None else job.record()
 
@@ -211,7 +211,7 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
 
     Args:
         alive: time at which the service last wrote a record of any job.
-        found: the present time.
+        found: the current time.
     """
     ended_at = max(alive, record.started_at or record.created_at)
     sentence = (

@@ -66,7 +66,7 @@ class ControlLease:
 
     @property
     def current(self) -> Lease | None:
-        """The present lease, or None."""
+        """The current lease, or None."""
         self.end_if_revoked()
         lease = self._lease
         if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:

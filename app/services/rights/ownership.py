@@ -64,12 +64,12 @@ class Ownership:
 
     @property
     def moving(self) -> Claim | SequenceClaim | None:
-        """The present motion, otherwise the present sequence."""
+        """The current motion, otherwise the current sequence."""
         return self._claim or self._sequence
 
     @property
     def motion(self) -> tuple[int, Trajectory] | None:
-        """The trajectory and number of the present motion; None if the arm follows no planned path."""
+        """The trajectory and number of the current motion; None if the arm follows no planned path."""
         claim = self._claim
         if claim is None or claim.motion_id is None or claim.trajectory is None:
             return None
@@ -92,7 +92,7 @@ class Ownership:
 
     @property
     def sequence_job(self) -> Job | None:
-        """The job of the present sequence."""
+        """The job of the current sequence."""
         return None if self._sequence is None else self._sequence.job
 
     def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
@@ -128,7 +128,7 @@ class Ownership:
         job.begin(self.speed_override)
 
     def release_sequence(self, error: BaseException | None = None) -> None:
-        """End the claim of the present sequence.
+        """End the claim of the current sequence.
 
         Args:
             error: reason why the sequence was not completed; `MotionStopped` if it was stopped.
@@ -194,7 +194,7 @@ class Ownership:
             )
 
     async def set_speed_fraction(self, fraction: float) -> None:
-        """Set the speed override, for the present motion and all later ones.
+        """Set the speed override, for the current motion and all later ones.
 
         Raises:
             ConflictError: another client moves the arm or has control, or a streaming session runs.
@@ -309,7 +309,7 @@ class Ownership:
             self.interrupt(cause)
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:
-        """Interrupt the present claim. Requests that still wait to be read are not affected."""
+        """Interrupt the current claim. Requests that still wait to be read are not affected."""
         self.speed_override.reset()
         if self._claim is not None:
             self._claim.interrupt(cause)

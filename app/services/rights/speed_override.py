@@ -36,7 +36,7 @@ class SpeedOverride:
         fraction: speed of motions that are not paused, as a fraction of full speed.
         opened: event that is set while motions may begin.
         others: the overrides of robots that move together with this one. They pause and continue together.
-        follows_stream: whether the present streaming session handles pauses and the fraction itself.
+        follows_stream: whether the current streaming session handles pauses and the fraction itself.
     """
 
     def __init__(self, link: RobotLink, changed: Callable[[], None] = lambda: None) -> None:
@@ -60,7 +60,7 @@ class SpeedOverride:
 
     @property
     def paused_s(self) -> float:
-        """Total duration of all pauses, including the present one, s."""
+        """Total duration of all pauses, including the current one, s."""
         return self._paused_s + (self._lasts_s if self.paused else 0.0)
 
     def excused_s(self, paused_s: float) -> float:
@@ -84,7 +84,7 @@ class SpeedOverride:
         return self._link.clock.now_s() - self._since_s
 
     async def set_fraction(self, fraction: float) -> None:
-        """Set the speed, for the present motion and all later ones.
+        """Set the speed, for the current motion and all later ones.
 
         Raises:
             ConflictError: the robot moves together with other robots.
@@ -183,7 +183,7 @@ class SpeedOverride:
         self._settle()
 
     def _settle(self) -> None:
-        """Permit or block motions according to the present pause and fraction."""
+        """Permit or block motions according to the current pause and fraction."""
         held = self._asked or self.fraction == 0.0
         if held == self.paused:
             return

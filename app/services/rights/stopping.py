@@ -164,7 +164,7 @@ class StopService:
             return str(exc)
 
     async def stop_motion(self, reason: StopReason, timeout_s: float = MOTION_STOP_S) -> None:
-        """End the present motion of any client. Returns when the arm is at rest.
+        """End the current motion of any client. Returns when the arm is at rest.
 
         Nothing else ends; a sequence continues after its stopped motion.
 

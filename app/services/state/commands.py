@@ -97,11 +97,11 @@ class Commands:
         tool: int = 0,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Continue the present motion with another trajectory, as the same motion and within the same fence.
+        """Continue the current motion with another trajectory, as the same motion and within the same fence.
 
         Args:
-            trajectory: equal to the present one up to the place of the arm when rtloop has read it.
-            offset_s: path time of the present trajectory at which the new one begins.
+            trajectory: equal to the current one up to the place of the arm when rtloop has read it.
+            offset_s: path time of the current trajectory at which the new one begins.
             stops, tool: see `start`.
             signals: actions and conditions, at path times of the new trajectory. Actions that have fired do
                 not fire again.
@@ -141,7 +141,7 @@ class Commands:
             slot.write(motion_id, trajectory, fence, signals)
 
     async def set_rate(self, rate: float) -> None:
-        """Change the rate of path time per clock time of the present motion, from 0 (pause) to 1.
+        """Change the rate of path time per clock time of the current motion, from 0 (pause) to 1.
 
         Raises:
             ExecutionError: no motion is running.

@@ -69,7 +69,7 @@ class RobotState:
 
         Args:
             record: record of the type `cobot.ipc.state_fields.state_dtype`.
-            now_ns: the present time of CLOCK_MONOTONIC, from which the ages are computed.
+            now_ns: the current time of CLOCK_MONOTONIC, from which the ages are computed.
         """
         octets = record.tobytes()
         self.record = record_of(octets, record.dtype)

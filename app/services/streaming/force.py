@@ -85,7 +85,7 @@ class ForceService:
     one uses `settings`, whose `wrench` may change at any time.
 
     Attributes:
-        settings: the present settings.
+        settings: the current settings.
         reason: reason why force control last ended by itself, "" if it never has.
     """
 
@@ -143,7 +143,7 @@ class ForceService:
             await self._end("another session takes over")
 
     async def take_back(self) -> None:
-        """Continue at the arm's present position after the other session has ended, unless force control was
+        """Continue at the arm's current position after the other session has ended, unless force control was
         disabled or stopped.
 
         Raises:

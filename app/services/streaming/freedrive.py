@@ -43,8 +43,8 @@ TOUCH_SHARE = 0.005
 because estimates are not exact.
 """
 PUSHED_SHARE = 0.02
-"""Maximum external torque at the start, as a share of the effort limit. Above it, the arm would drift without
-a hand.
+"""Maximum external torque when freedrive starts, as a share of the effort limit. Above it, the arm would
+drift without being pushed.
 """
 ROOM_RAD = 0.05
 """Distance from a joint's limit that is kept free, rad or m, because soft springs yield to continued
@@ -60,7 +60,7 @@ class FreedriveState:
     """State of freedrive.
 
     Attributes:
-        session: number of the present session, None while freedrive is off.
+        session: number of the current session, None while freedrive is off.
         left_s: time until it ends without a renewal, s; 0 while it is off.
         limited_by: reason why the arm does not follow the push, "" if it does.
         ended: reason of the last end, "" if it has never ended.
@@ -143,7 +143,7 @@ class FreedriveService:
 
     @property
     def state(self) -> FreedriveState:
-        """The present state of freedrive."""
+        """The current state of freedrive."""
         if self._session is None or self._session.over:
             return FreedriveState(None, 0.0, "", self._ended if self._session is None else self._session.over)
         left_s = max(self._until_s - self._link.clock.now_s(), 0.0)

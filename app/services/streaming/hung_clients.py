@@ -23,7 +23,9 @@ log = logging.getLogger("cobot.streams")
 
 @contextlib.asynccontextmanager
 async def watching_clients(link: RobotLink, timeout_s: float) -> AsyncIterator[None]:
-    """While the context is open, end the sessions of clients whose process was suspended for the timeout."""
+    """While the context is open, end the session of a client whose process has been suspended for
+    `timeout_s`.
+    """
     task = asyncio.create_task(_watch(link, timeout_s), name="hung clients")
     try:
         yield

@@ -59,7 +59,7 @@ class ServoService:
         self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
 
     def restore_limits(self) -> None:
-        """Use the robot's present position limits."""
+        """Use the robot's current position limits."""
         limits = self._robot.limits
         self.rules.limit_positions(limits.min_position.tolist(), limits.max_position.tolist())
 

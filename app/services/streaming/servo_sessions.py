@@ -74,7 +74,7 @@ class ServoSessions:
         return "opening" if self.current is None else "active"
 
     def request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
-        """Leave the present session, and begin another one unless the mode is 0. The task is done when the
+        """Leave the current session, and begin another one unless the mode is 0. The task is done when the
         new one has begun.
 
         Args:

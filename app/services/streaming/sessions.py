@@ -139,7 +139,7 @@ class StreamService:
     """Begins sessions and follows them to their end, even if their clients die.
 
     Attributes:
-        session: the present session, or None.
+        session: the current session, or None.
     """
 
     def __init__(

@@ -111,7 +111,11 @@ class ReaderProxy:
         )
 
     def gaps(self, sequences: list[int]) -> bytes:
-        """Gaps over ascending numbers that will never be sent to this reader."""
+        """GAP submessages for samples that will never be sent to this reader.
+
+        Args:
+            sequences: their sequence numbers, ascending.
+        """
         made = b""
         while sequences:
             base = sequences[0]

@@ -49,7 +49,7 @@ class ToyDevice:
         self.target_m, self._speed_m_s, self.force_n = width_m, speed_m_s, force_n
 
     def width_m(self) -> float:
-        """The present width."""
+        """The current width."""
         self._require_plugged()
         now_s = self.now_s()
         step_m, self._seen_s = self._speed_m_s * max(0.0, now_s - self._seen_s), now_s

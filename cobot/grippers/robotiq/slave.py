@@ -68,7 +68,7 @@ class Fingers:
             self._detection, self.moved_s = Detection.MOVING, None
 
     def advance(self) -> None:
-        """Move the fingers up to the present time."""
+        """Move the fingers up to the current time."""
         now_s = self._now_s()
         passed_s, self._seen_s = now_s - self._seen_s, now_s
         if self._activation() is not Activation.COMPLETE or not self.request.go:
@@ -90,7 +90,7 @@ class Fingers:
             self._detection = Detection.MOVING
 
     def status(self) -> RobotiqStatus:
-        """The present status."""
+        """The current status."""
         self.advance()
         activation = self._activation()
         holds = self._detection in (Detection.STOPPED_CLOSING, Detection.STOPPED_OPENING)

@@ -241,7 +241,7 @@ def _json(text: bytes, path: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as exc:
         raise InputError(f"{shown(path)} of the backup is not JSON: {exc}") from exc
     if not isinstance(document, dict):
-        raise InputError(f"{shown(path)} of the backup is not an object")
+        raise InputError(f"{shown(path)} of the backup is not a JSON object")
     return document
 
 

@@ -107,14 +107,14 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
         place = where(file, _mimic(root, followers[0].name))
         raise _coupled(place, f"{pairs} (mimic)", [node.name for node in followers])
     if coupled := moved_together(spec, chain):
-        raise _coupled(str(file), f"one actuator moves {', '.join(coupled)} by a tendon", coupled[1:])
+        raise _coupled(str(file), f"one actuator drives {', '.join(coupled)} through a tendon", coupled[1:])
     driven = {actuator.target for actuator in spec.actuators}
     if driven and (passive := moved_by_loop(spec, chain, driven)):
         element = next((each for each in root.iter("joint") if each.get("name") == passive.name), None)
         raise ConfigError(
             f"{where(file, element)}: joint {passive.name!r} of the arm has no actuator: a closed loop of "
-            "links moves it, and cobot moves each joint of an arm by itself; describe the arm as one chain "
-            f"of driven joints, or keep it where the file has it with {typed('--without', passive.name)}"
+            "links moves it, but cobot needs one drive per joint. Describe the arm as one chain of driven "
+            f"joints, or fix it at its position in the file: {typed('--without', passive.name)}"
         )
 
 
@@ -129,11 +129,11 @@ def _mimic(root: Element, follower: str) -> Element | None:
 
 
 def _coupled(place: str, what: str, names: list[str]) -> ConfigError:
-    them = "them" if len(names) > 1 else "it"
+    them, their = ("them", "their positions") if len(names) > 1 else ("it", "its position")
     return ConfigError(
-        f"{place}: joints of the arm are coupled: {what}; cobot moves each joint of an arm by itself, except "
-        "slides that follow one another along one axis: describe the coupled ones as one joint, or keep "
-        f"{them} where the file has {them} with {typed('--without', *names)}"
+        f"{place}: joints of the arm are coupled: {what}; cobot needs one drive per joint (exception: slides "
+        "along one axis). Describe the coupled joints as one joint, or fix "
+        f"{them} at {their} in the file: {typed('--without', *names)}"
     )
 
 

@@ -56,7 +56,7 @@ def extend_stretch(
     """Append motions to one that is under way, without changing it before `from_s`; see `begin_stretch`.
 
     Args:
-        now_s: present path time; the result leaves out what is before it.
+        now_s: current path time; the result leaves out what is before it.
         from_s: path time before which nothing changes.
     """
     check_radii(legs, radii_m[:-1])

@@ -25,7 +25,7 @@ MIN_SINE = 1e-3
 
 
 def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """An arc from the present pose of the TCP: through `via` to the goal, about `arc.centre` to the goal, or
+    """An arc from the current pose of the TCP: through `via` to the goal, about `arc.centre` to the goal, or
     by an angle about an axis.
 
     Raises:

@@ -15,7 +15,7 @@ from cobot.types import Array, Pose
 
 
 def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """The straight line from the present pose of the TCP to the goal pose; None if the TCP is already there.
+    """The straight line from the current pose of the TCP to the goal pose; None if the TCP is already there.
 
     Raises:
         PlanningError: as `follow` and `end_of`.

@@ -31,7 +31,7 @@ MAX_SHARE = 0.5
 
 
 def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """Plan from the present pose through all of `request.through` to the goal; None if the arm is already
+    """Plan from the current pose through all of `request.through` to the goal; None if the arm is already
     there.
 
     With a radius the TCP passes the poses without a stop, otherwise it stops at each.

@@ -20,7 +20,7 @@ from cobot.motions.points import (
 from cobot.trajectory import CHANGE_PEAKS, UNCHANGED, Changes, Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint
 
-PRESENT = "the present position"
+PRESENT = "the current position"
 BLEND_SHARE = 0.05
 """Share of each limit that blending out an offset may use, if the motion is long enough."""
 TELL_RAD = 1e-6
@@ -29,7 +29,7 @@ TELL_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class WaypointCourse:
-    """The points as arrays, including the present position if it is one of them.
+    """The points as arrays, including the current position if it is one of them.
 
     Attributes:
         times_s, positions: shape (n,), and (n, dof), rad.
@@ -100,7 +100,7 @@ def through(
     """Quintics through the points at their times, from rest to rest.
 
     A first point at time 0 must be where the arm is; a small offset is blended out over the first points. If
-    the first time is later, the present position is added as a point at time 0. Velocities and accelerations
+    the first time is later, the current position is added as a point at time 0. Velocities and accelerations
     that a point does not give are those of the clamped cubic spline through all points.
 
     Returns:

@@ -255,11 +255,13 @@ class _Problem:
         return [(low, high), (-jerk, jerk)]
 
     def limit_efforts(self) -> None:
-        """Include the efforts: those to hold the arm, to accelerate it along the path, and for the path's
+        """Add the effort limits to the constraints.
+
+        The effort of a joint has three parts: holding the arm, accelerating along the path, and following its
         curvature.
 
         Raises:
-            PlanningError: the arm cannot be held somewhere on the path.
+            PlanningError: at some point of the path the drives cannot hold the arm.
         """
         dynamics, limits = self._robot.model.dynamics, self._limits
         joints, still = self._joints, np.zeros_like(self._joints[0])

@@ -84,7 +84,7 @@ class LocalPool(Executor):
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the present workers."""
+        """Process numbers of the current workers."""
         return list(self._pids)
 
     def submit(

@@ -36,7 +36,7 @@ PARAMETERS = (
     "tcp_z_m",
     "tcp_pitch_rad",
 )
-"""The parameters: the new base in the present base frame, and the new TCP in the present TCP's frame."""
+"""The parameters: the new base in the current base frame, and the new TCP in the current TCP's frame."""
 
 
 class PlacementStudy(RobotStudy):
@@ -44,8 +44,8 @@ class PlacementStudy(RobotStudy):
 
     Attributes:
         space: some of `PARAMETERS`.
-        targets: places to reach, in the present base frame; for the metrics of reach.
-        program: motions with poses in the present base frame; for the metric `duration_s`.
+        targets: places to reach, in the current base frame; for the metrics of reach.
+        program: motions with poses in the current base frame; for the metric `duration_s`.
         metric: share: mean share of the orientations that are reached at the targets; manipulability: its
             mean, with 0 for a target that is not reached; duration_s: duration of the program.
     """
@@ -85,7 +85,7 @@ class PlacementStudy(RobotStudy):
         return answer
 
     def best_placement(self, columns: Columns) -> dict[str, list[float]] | None:
-        """The best placement, as poses x, y, z, w, x, y, z: base in the present base frame, and TCP in
+        """The best placement, as poses x, y, z, w, x, y, z: base in the current base frame, and TCP in
         the flange's frame. None without a finite value, or with samples, which are not placements.
         """
         values = np.asarray(columns.get(self.measure, ()), dtype=float)
@@ -141,7 +141,7 @@ class _Surroundings:
         """Move the solids to their poses relative to a new base; `surround` uses them afterwards.
 
         Args:
-            back: pose of the present base in the frame of the new one.
+            back: pose of the current base in the frame of the new one.
         """
         spec = self.robot.model.spec
         shift = self.world.inverse() @ back @ self.world
@@ -249,12 +249,12 @@ class _PlacementKernel:
 
 
 def _base_of(values: dict[str, Value]) -> Pose:
-    """The new base in the present base frame."""
+    """The new base in the current base frame."""
     return _pose(values, "base", "yaw", [0.0, 0.0, 1.0])
 
 
 def _tip_of(values: dict[str, Value]) -> Pose:
-    """The new TCP in the present TCP's frame."""
+    """The new TCP in the current TCP's frame."""
     return _pose(values, "tcp", "pitch", [0.0, 1.0, 0.0])
 
 

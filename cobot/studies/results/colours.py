@@ -1,4 +1,4 @@
-"""Colours of maps: a scale from dark blue over green to yellow, and grey for places without a value."""
+"""Colours of maps: a scale from dark blue through green to yellow, and grey for places without a value."""
 
 from __future__ import annotations
 

@@ -369,7 +369,7 @@ class FanucBackend:
         self._open_channel.send(encode_command(packet))
 
     def _end_motion(self) -> None:
-        """Answer the newest packet with the last command of the motion: the present command, or the arm's
+        """Answer the newest packet with the last command of the motion: the current command, or the arm's
         position if the arm does not follow commands any more.
         """
         sent = self._transition.sent

@@ -79,7 +79,7 @@ class BringUp:
             self._rmi.disconnect()
 
     def report(self) -> RmiReport:
-        """The present state. It also reports a lost connection."""
+        """The current state. It also reports a lost connection."""
         try:
             if not self._rmi.is_connected:
                 return RmiReport(text="the Remote Motion Interface is not connected; a reset connects it")
@@ -93,7 +93,7 @@ class BringUp:
         return RmiReport(drives, "; ".join(filter(None, (alarms, override))))
 
     def output(self, name: str) -> int:
-        """The present value of an output."""
+        """The current value of an output."""
         kind, number = split(name)
         reply = self._rmi.command(
             "ReadIOPort",

@@ -1,6 +1,6 @@
 """The controller's own limits: a table for each axis, by payload and by the speed of the TCP.
 
-The controller stops with an alarm if a command exceeds the column of the present speed. A planner does not
+The controller stops with an alarm if a command exceeds the column of the current speed. A planner does not
 know that speed in advance, so the smallest value of all columns is used here.
 """
 
@@ -24,8 +24,12 @@ SLACK = 1e-6
 
 
 class LimitsTable:
-    """Attributes: unloaded, loaded: shapes (3, dof, THRESHOLDS), in units of the packets. max_speed: maximum
-    speed of the TCP, mm/s.
+    """The limits reported by the controller.
+
+    Attributes:
+        unloaded, loaded: limits without load and at full payload, shape (3, dof, THRESHOLDS), in the units of
+            the packets. Axis 0 is velocity, acceleration, jerk.
+        max_speed: maximum speed of the TCP, mm/s.
     """
 
     def __init__(self, dof: int) -> None:

@@ -2,7 +2,7 @@
 
 Points with consecutive numbers form a block. Blocks follow each other in the packets' bytes; each begins at a
 multiple of four bytes. Eight boolean points share a byte; an analog point has two bytes. Outputs have a block
-in the status packets, with their present values, and another one in the commands.
+in the status packets, with their current values, and another one in the commands.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class Points:
         return [name for name in self.names if name in self._command.places]
 
     def begin(self, values: Mapping[str, int]) -> None:
-        """Begin with the present values of all outputs, so that none changes when commands begin."""
+        """Begin with the current values of all outputs, so that none changes when commands begin."""
         for name, value in values.items():
             self._command.write(self._bytes, name, value)
 

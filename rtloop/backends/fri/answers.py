@@ -39,7 +39,7 @@ class Answers:
 
     @property
     def are_begun(self) -> bool:
-        """Whether commands have been sent during the controller's present motion."""
+        """Whether commands have been sent during the controller's current motion."""
         return self._entry.sent is not None
 
     def forget(self) -> None:

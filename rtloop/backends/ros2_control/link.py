@@ -116,7 +116,7 @@ class ControllerLink(Protocol):
         ...
 
     def facts(self) -> Facts:
-        """The present facts."""
+        """The current facts."""
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:

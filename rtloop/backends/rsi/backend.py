@@ -302,7 +302,7 @@ class RsiBackend:
         if self._is_unknown:
             yield Rejected(
                 f"RSI was on before cobot, with {state.delay} late answers, and its context reports no "
-                "AxisCorrMon, so the present correction is not known: start the program again while cobot "
+                "AxisCorrMon, so the current correction is not known: start the program again while cobot "
                 "runs"
             )
         yield check_position(state, self._layout, self._limits)

@@ -64,7 +64,7 @@ class Corrections:
         self._resting = 0
 
     def begin(self, reference: Array, correction: Array) -> None:
-        """Begin a session of the controller. `correction`, rad or m, is the present correction."""
+        """Begin a session of the controller. `correction`, rad or m, is the current correction."""
         self.reference = np.array(reference, dtype=float)
         self._goal = self.sent = np.rint(np.asarray(correction) * self._scale).astype(np.int64)
         self._step = np.zeros_like(self.sent)

@@ -61,7 +61,7 @@ def check_settings(
         )
     if not state.correction and state.delay is None:
         return Rejected(
-            "the telegram has neither AxisCorrMon nor Delay, so the present correction is not known: add "
+            "the telegram has neither AxisCorrMon nor Delay, so the current correction is not known: add "
             "DEF_Delay to the Ethernet configuration, or use the one of `cobot backend files rsi`"
         )
     if options.correction == "relative" and not (state.setpoint and state.delay is not None):

@@ -184,7 +184,7 @@ class RtdeLink:
         self._step = step
 
     def _set_up(self, package: Package) -> None:
-        """Process the answer to the present step, and begin the next step."""
+        """Process the answer to the current step, and begin the next step."""
         step, payload = self._step, package.payload
         expected = _ANSWERS[step]
         if package.kind == Kind.DATA:

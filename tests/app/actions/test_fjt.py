@@ -163,7 +163,7 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
         (
             goal([point(HERE, 1.0)], goal_tolerance=[tolerance("joint1", -2.0)]),
             FjtError.INVALID_GOAL,
-            r"goal_tolerance\[0\]: position must be above 0, 0 or -1, got -2",
+            r"goal_tolerance\[0\]: position must be -1, 0 or a positive number, got -2",
         ),
         (
             goal([point(HERE, 1.0)], path_tolerance=[tolerance("joint1", acceleration=1.0)]),

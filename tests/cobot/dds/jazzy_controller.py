@@ -7,7 +7,7 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
     good            as it should be
     reject abort never late silent degrees swapped nan frozen missing slow
     inactive        the controller is deactivated, which ends its goal
-    replace         another goal replaces the present one
+    replace         another goal replaces the current one
     speed SHARE     of the speed slider
     forward         the forward command controller is active instead
     gpio            tells the values of the GPIO controller, as JSON

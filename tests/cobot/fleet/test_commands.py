@@ -112,7 +112,7 @@ def test_an_error_is_the_answer_of_the_retry_too(clock: Clock, book: CommandBook
         ({"issued_s": 1560.0, "expires_s": 1562.0}, "conflict", "60.0 s ahead of the hub's time"),
         ({"expires_s": 1500.0}, "input", "0 s after issued_s, allowed is more than 0 and up to 60 s"),
         ({"expires_s": 1561.0}, "input", "61 s after issued_s"),
-        ({"epoch": "bbbbbbbbbbbbbbbb"}, "conflict", "is not the epoch of the present hub"),
+        ({"epoch": "bbbbbbbbbbbbbbbb"}, "conflict", "is not the epoch of the current hub"),
         ({"issued_s": 1499.0, "action": {"kind": "pause"}}, "conflict", "issued before this cell joined"),
     ],
 )

@@ -104,7 +104,7 @@ def test_what_nobody_goes_by_any_more_is_removed(tmp_path: Path, running: Runnin
     running.create(settings)
     for _ in range(5):
         running.prepare(settings)
-    assert len(list(running.folder.glob("[0-9]*"))) == 6  # the present one, and the one that is prepared
+    assert len(list(running.folder.glob("[0-9]*"))) == 6  # the current one, and the one that is prepared
     running.commit()
     running.prepare(settings)
     assert len(list(running.folder.glob("[0-9]*"))) == 6

@@ -112,7 +112,7 @@ def test_springs_of_the_nominal_stiffness_bring_it_to_rest(arm: Arm, cartesian: 
 
 
 def test_a_damper_for_each_joint_by_itself_would_be_unstable() -> None:
-    """The law was chosen for arms such as this one: with the dampers of 60 rad/s and 0.7 on the present
+    """The law was chosen for arms such as this one: with the dampers of 60 rad/s and 0.7 on the current
     diagonal of its inertia, a cycle of 1 ms would multiply some velocity by less than -1.
     """
     other = pinocchio.buildModelFromXML(urdf("lossy"))

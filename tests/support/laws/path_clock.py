@@ -133,7 +133,7 @@ class PathClock:
         problem.current_velocity = [self.rate]
         problem.current_acceleration = [self.rate_slope]
         problem.target_velocity = [self._aim]
-        # never below the present slope: Ruckig would put a brake phase in front
+        # never below the current slope: Ruckig would put a brake phase in front
         problem.max_acceleration = [max(steepest * fraction, abs(self.rate_slope) * (1.0 + 1e-9))]
         problem.max_jerk = [jerk * fraction]
         return self._calculated()

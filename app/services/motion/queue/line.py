@@ -32,7 +32,7 @@ class QueueLine:
         give_up: called with moves that can no longer be planned, and the error of the first one.
 
     Attributes:
-        end: joint position at the end of the last planned move or, without one, of the present motion; shape
+        end: joint position at the end of the last planned move or, without one, of the current motion; shape
             (dof,), rad.
     """
 

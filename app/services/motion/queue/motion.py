@@ -55,7 +55,7 @@ class QueueMotion:
     """The motions of one robot's queue, one after the other.
 
     Attributes:
-        moves: the moves of the present or the last motion that have not ended, in their order.
+        moves: the moves of the current or the last motion that have not ended, in their order.
     """
 
     def __init__(self, link: RobotLink, motion: MotionService, planner: MovePlanner, jobs: QueueJobs) -> None:
@@ -79,7 +79,7 @@ class QueueMotion:
 
     @property
     def left(self) -> list[QueuedMove]:
-        """The moves of the present motion that have not ended."""
+        """The moves of the current motion that have not ended."""
         return list({move.number: move for move in [*self._runs.left(), *self._joining]}.values())
 
     async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
@@ -241,7 +241,7 @@ class QueueMotion:
         self._dropped = []
 
     def drop(self, claim: Claim, job: Job, error: MotionStopped) -> bool:
-        """Stop the arm on its path because a move of the present motion was cancelled.
+        """Stop the arm on its path because a move of the current motion was cancelled.
 
         The motion then continues with the other moves: see `execute`.
 
@@ -293,7 +293,7 @@ class QueueMotion:
         job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
-        """Extend the present motion with the next moves that are possible.
+        """Extend the current motion with the next moves that are possible.
 
         Errors of the extension are reported when the moves would begin.
         """
@@ -350,7 +350,7 @@ class QueueMotion:
         radii: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch | None:
-        """The present motion extended with the new moves; None if a move was dropped meanwhile."""
+        """The current motion extended with the new moves; None if a move was dropped meanwhile."""
         work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:

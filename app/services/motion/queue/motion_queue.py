@@ -6,7 +6,7 @@ motion, which is extended while the arm moves, see `motion`. A move with a blend
 move renews this wait.
 
 Each move can be removed at any time, without waiting for planning. The moves after it are planned again from
-their new start. If the move is part of the present motion, the arm first stops on its path.
+their new start. If the move is part of the current motion, the arm first stops on its path.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class MotionQueue:
 
     @property
     def current(self) -> int:
-        """The number of the present or next move, `IDLE` without one."""
+        """The number of the current or next move, `IDLE` without one."""
         if moves := self._all:
             return moves[0].number
         last = self._last
@@ -163,7 +163,7 @@ class MotionQueue:
     def cancel(self, job: Job, error: MotionStopped) -> bool:
         """Remove a move, also while it is being planned. The moves after it are planned again.
 
-        The job has ended when this returns, unless the move is part of the present motion. Then the job ends
+        The job has ended when this returns, unless the move is part of the current motion. Then the job ends
         as soon as the arm has stopped on its path.
 
         Returns:

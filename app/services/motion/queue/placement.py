@@ -2,7 +2,7 @@
 
 The motion continues along one trajectory after the other. Path times here count from the start of the motion;
 those for rtloop count from the start of the trajectory. The part of the motion before a new trajectory stays
-as it was. So the path of the TCP is continued from there, and the present move keeps its beginning.
+as it was. So the path of the TCP is continued from there, and the current move keeps its beginning.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ class Placement:
 
 
 class QueueSignals:
-    """The signals of the queue's present motion."""
+    """The signals of the queue's current motion."""
 
     def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
-        """moves: returns the moves of the present motion that have not ended, in their order."""
+        """moves: returns the moves of the current motion that have not ended, in their order."""
         self._motion = motion
         self._unended = moves
         self._motion_id = 0

@@ -28,7 +28,7 @@ class Runs:
     """The run that the real-time loop executes, and the run that will replace it.
 
     Attributes:
-        all: the runs, the present one first; empty between motions.
+        all: the runs, the current one first; empty between motions.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -36,7 +36,7 @@ class Runs:
         self.all: list[QueueRun] = []
 
     def place(self) -> tuple[QueueRun, float]:
-        """The present run, and the path time of the arm on it."""
+        """The current run, and the path time of the arm on it."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             for each in reversed(self.all):
@@ -60,7 +60,7 @@ class Runs:
         return [move for move in self.all[0].moves if move.number not in left]
 
     def left_s(self) -> float:
-        """Path time to the end of the present motion."""
+        """Path time to the end of the current motion."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             return state.path_duration_s - state.path_time_s

@@ -34,7 +34,9 @@ def _ipv4_of(host: str) -> str:
     try:
         return socket.gethostbyname(host)
     except (OSError, UnicodeError) as exc:
-        raise OSError(f"the client {host!r} is not an IPv4 address, nor the name of one: {exc}") from exc
+        raise OSError(
+            f"client {host!r} is neither an IPv4 address nor a host name that resolves to one: {exc}"
+        ) from exc
 
 
 def _is_local(host: str) -> bool:

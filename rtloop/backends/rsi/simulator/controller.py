@@ -47,7 +47,7 @@ class _Session:
 
     Attributes:
         reference: the arm's set position at its beginning, rad.
-        correction: present correction, rad.
+        correction: current correction, rad.
         values: last valid values of the answer, rad.
         delay, row: number of late answers since RSI_ON, and of consecutive ones.
         lenient: number of periods in which changes of velocity are not checked, after a late answer.

@@ -71,10 +71,10 @@ class ControlSession:
             self.out += json.dumps(self.answer(line)).encode() + b"\n"
 
     def tick(self) -> None:
-        """It sends nothing by itself."""
+        """Do nothing: this session only answers requests."""
 
     def close(self) -> None:
-        """What was requested stays."""
+        """Do nothing: requested changes stay in effect."""
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Execute the request of a line; the state after it, or an error."""

@@ -248,7 +248,7 @@ class UrController:
         self.analog_out[index] = 10.0 * share if domain else 0.004 + 0.016 * share
 
     def values(self) -> dict[str, Any]:
-        """The present value of each output of RTDE."""
+        """The current value of each output of RTDE."""
         measured, arm = self.arm.measured, self.arm
         pose = self.pose()
         scaling = 1.0 if self.runtime == RuntimeState.PLAYING or not self.is_running else 0.0

@@ -34,10 +34,10 @@ class DashboardSession:
             self.out += f"{answer}\n".encode()
 
     def tick(self) -> None:
-        """It sends nothing by itself."""
+        """Do nothing: this session only answers requests."""
 
     def close(self) -> None:
-        """Nothing is left."""
+        """Do nothing: this session leaves nothing in the controller."""
 
     def _answer(self, line: str) -> str:
         controller, word = self._controller, line.lower()

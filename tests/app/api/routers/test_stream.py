@@ -84,7 +84,7 @@ def test_a_changed_tool_is_reported_with_the_place_of_the_flange(client: Frames,
         assert run.post("/robot/tool", {"tcp": {"z": 0.2}}).status_code == 200
         told = client.answer()
         with connect(run) as later:
-            assert later.hello["flange"] == told["flange"], "a new client gets the present one"
+            assert later.hello["flange"] == told["flange"], "a new client gets the current one"
     finally:
         assert run.post("/robot/tool", {"tcp": {}}).status_code == 200
     assert told["type"] == "tool"

@@ -262,7 +262,7 @@ def test_a_session_whose_correction_is_not_reported_is_not_taken_over(make: Make
     again = make()
     again.backend._channel, again.backend._clock = driven.channel, driven.channel.clock
     driven.channel.answers.clear()
-    with pytest.raises(BackendError, match="the present correction is not known: start the program again"):
+    with pytest.raises(BackendError, match="the current correction is not known: start the program again"):
         again.backend.open(np.zeros(7))
 
 

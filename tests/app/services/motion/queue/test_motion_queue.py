@@ -181,7 +181,7 @@ def test_a_plan_that_is_late_lets_the_arm_rest_and_go_on(
 
 def test_what_rtloop_refuses_is_gone_to_after_a_rest(queue: Queue, monkeypatch: pytest.MonkeyPatch) -> None:
     async def refuse(*arguments: Any) -> None:
-        raise ExecutionError("it differs from the present motion")
+        raise ExecutionError("it differs from the current motion")
 
     monkeypatch.setattr(queue.link.commands, "replace", refuse)
     since, begun = queue.now, queue.motions
@@ -191,7 +191,7 @@ def test_what_rtloop_refuses_is_gone_to_after_a_rest(queue: Queue, monkeypatch: 
     queue.done()
     assert queue.motions == begun + 2
     assert corners(queue, since, [place])[0] < 1e-4
-    assert "the arm stops before this move: it differs from the present motion" in queue.http.output
+    assert "the arm stops before this move: it differs from the current motion" in queue.http.output
 
 
 @pytest.mark.parametrize("fraction", [0.3, 0.7])

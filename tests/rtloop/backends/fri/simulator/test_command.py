@@ -17,7 +17,7 @@ from rtloop.backends.fri.simulator.server import CabinetServer
         (["--period", "0"], "a send period of 0 ms, FRI has 1 to 100"),
         (["--multiplier", "0"], "a receive multiplier of 0, it has to be 1 or more"),
         (["--client", "nowhere"], "'nowhere' is not HOST:PORT"),
-        (["--client", "[::1]:30200"], "the client '[::1]' is not an IPv4 address, nor the name of one"),
+        (["--client", "[::1]:30200"], "client '[::1]' is neither an IPv4 address nor a host name"),
         (["--address", "::1"], "'::1' is not an IPv4 address"),
         (["--port", "99999"], "'99999' is not a whole number from 0 to 65535"),
         (["--port", "-5"], "'-5' is not a whole number from 0 to 65535"),
