@@ -279,7 +279,7 @@ class _Settling:
         for body in bodies:
             _scale(body, total / present)
         self._said.append(
-            f"all masses scaled from {current:.4g} kg to {total:g} kg in total, as settotalmass in the file "
+            f"all masses scaled from {present:.4g} kg to {total:g} kg in total, as settotalmass in the file "
             "asks"
         )
 

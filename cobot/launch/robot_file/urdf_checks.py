@@ -194,8 +194,8 @@ def _check_tree(file: Path, links: dict[str, Element], joints: dict[str, Element
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
         raise ConfigError(
-            f"{where(file, links[roots[1]])}: the URDF has several root links (links that are not the child of "
-            f"a joint): {listed(roots)}. Exactly one is allowed; connect the others or remove them"
+            f"{where(file, links[roots[1]])}: the URDF has several root links (links that are not the child "
+            f"of a joint): {listed(roots)}. Exactly one is allowed; connect the others or remove them"
         )
     reached, pending = set(roots), list(roots)
     while pending:
