@@ -49,7 +49,10 @@ class Server(uvicorn.Server):
         limits: ConnectionLimits,
         end_streams: Callable[[], None] = lambda: None,
     ) -> None:
-        """end_streams: ends endless answers."""
+        """
+        Args:
+            end_streams: called at the end to close answers that never end by themselves.
+        """
         super().__init__(config)
         self._limits = limits
         self._end_streams = end_streams

@@ -172,7 +172,8 @@ def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] =
 
 
 def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object without equal keys, for `json.loads(object_pairs_hook=...)`, which would use the last one.
+    """A JSON object as a dict, for `json.loads(object_pairs_hook=...)`. A key that occurs twice is rejected;
+    `json` would use its last value.
 
     Raises:
         ValueError: a key occurs twice; the arm's target must not depend on which one counts.

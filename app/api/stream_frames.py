@@ -191,7 +191,7 @@ class JogFrame(RequestModel):
         if self.joints is not None and self.twist is not None:
             raise ValueError("joints and twist do not go together")
         if self.twist is None and "frame" in self.model_fields_set:
-            raise ValueError("frame: goes with twist, which is missing")
+            raise ValueError("frame: is only allowed together with twist, which is missing")
         return self
 
     def command(self) -> JogCommand | None:

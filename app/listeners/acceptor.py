@@ -59,7 +59,7 @@ def crowd_for(limits: ConnectionLimits) -> Crowd:
     if places < limits.connections:
         places = max(places, MIN_PLACES)
         log.warning(
-            "room for %d connections, not %d (web.limits.connections): ulimit -n grants %d descriptors",
+            "at most %d connections, not %d (web.limits.connections): ulimit -n allows %d file descriptors",
             places,
             limits.connections,
             soft,

@@ -57,8 +57,11 @@ def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:
 
 
 def require_valid(model: type[StrictModel], name: str, arguments: dict[str, Any]) -> None:
-    """Raises InputError: an argument is invalid. The error has the tool, the argument, its value and the
-    valid values.
+    """Check the arguments of a tool.
+
+    Raises:
+        InputError: an argument is invalid. The error has the tool, the argument, its value and the valid
+            values.
     """
     try:
         model.model_validate(arguments)

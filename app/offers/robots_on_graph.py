@@ -1,4 +1,4 @@
-"""The graph, with everything that this service offers on it."""
+"""Creates the graph, with all topics, services and actions that this service offers."""
 
 from __future__ import annotations
 

@@ -44,4 +44,6 @@ def _require_pem(name: str, path: Path) -> None:
 
 def _no_password() -> str:
     """Reject an encrypted key, because OpenSSL would ask the terminal for a password and wait."""
-    raise ConfigError("web.tls_key: it is encrypted; give the service one without a passphrase, mode 600")
+    raise ConfigError(
+        "web.tls_key: the key is encrypted; give the service a key without a passphrase, with mode 600"
+    )

@@ -57,7 +57,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return GripperCommands(self)
 
     def joint_states(self) -> Json:
-        """`name`, `position` (rad), `velocity` (rad/s), `effort` (N·m)."""
+        """The measured joints: `name`, `position` (rad), `velocity` (rad/s), `effort` (N·m)."""
         return self._json("GET", "/robot/joint_states")
 
     def pose(self) -> Json:
@@ -148,7 +148,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/robot/tool/calibrate", json={"points": [list(each) for each in points]})
 
     def scene(self) -> Json:
-        """`version`, `objects`, `frames` and `allowed` pairs."""
+        """The scene: `version`, `objects`, `frames` and `allowed` pairs."""
         return self._json("GET", "/scene")
 
     def change_scene(self, **changes: Any) -> Json:

@@ -218,7 +218,7 @@ class Robot(SessionSettings):
         return self._plan.running or int(self._state()["mode"]) == LoopMode.TRAJECTORY
 
     def stopped(self) -> bool:
-        """Whether the arm rests."""
+        """Whether the arm is at rest."""
         return bool(self._state()["settled"])
 
     def estop_released(self) -> bool:

@@ -157,7 +157,7 @@ class Steps(Jobs):
         return wait_until(condition, self.io, require_time(timeout_s, "timeout_s"))
 
     def wait_s(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for a time, s. Time for which the program is paused does not count."""
         wait(require_time(seconds, "wait_s"))
 
     def on_error(

@@ -28,9 +28,9 @@ class DdsActionServer:
     """Serves an action. Goals are named by the text of their id.
 
     Args:
-        on_goal: called with the name and the goal; whether it is accepted. Called before the answer.
-        on_accepted: called with both after that.
-        on_cancel: called with the name of a goal to be cancelled; whether it is.
+        on_goal: called with the name and the goal before the answer. Returns whether the goal is accepted.
+        on_accepted: called with both after the answer.
+        on_cancel: called with the name of a goal to cancel. Returns whether it is cancelled.
     """
 
     def __init__(

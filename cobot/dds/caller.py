@@ -121,10 +121,10 @@ class ActionCaller:
         return all(each.is_ready for each in (self._send, self._result, self._cancel))
 
     async def send(self, goal: Message, goal_id: Message | None = None) -> Message | None:
-        """Send a goal; its id if it is accepted, else None.
+        """Send a goal. Returns its id; None if the goal is rejected.
 
         Args:
-            goal_id: the id that it gets; None: a new one.
+            goal_id: id for the goal; None for a new one.
         """
         self._goal = goal_id = goal_id or {"uuid": base64.b64encode(uuid.uuid4().bytes).decode()}
         answer = await self._send.call({"goal_id": goal_id, "goal": goal})

@@ -114,7 +114,11 @@ class SimulatedControllers:
         return self._time_s
 
     def switch(self, *, activate: set[str], deactivate: set[str]) -> bool:
-        """Activate and deactivate controllers; whether it was done. Two cannot have the same joints."""
+        """Activate and deactivate controllers. Two controllers cannot have the same joints.
+
+        Returns:
+            Whether the controllers were switched.
+        """
         trajectories, forward = self._names
         if not activate | deactivate <= {trajectories, forward}:
             return False

@@ -67,7 +67,7 @@ class ArmWatch:
         self._retry_s = 0.0
 
     def read(self) -> dict[str, Any]:
-        """`state`, `mode`, `reason` and `counters`."""
+        """The data from shared memory: `state`, `mode`, `reason` and `counters`."""
         try:
             if self._memory is None:
                 if time.monotonic() < self._retry_s:

@@ -120,7 +120,7 @@ class Master:
         """
         data = self._ask(function, struct.pack(">HH", address, count), 1 + 2 * count)
         if data[0] != 2 * count:
-            raise self._error("has answered something else than was asked")
+            raise self._error("has sent an answer that does not match the request")
         return list(struct.unpack(f">{count}H", data[1:]))
 
     def write(self, address: int, values: Sequence[int]) -> None:
@@ -128,20 +128,20 @@ class Master:
         head = struct.pack(">HH", address, len(values))
         body = struct.pack(f">B{len(values)}H", 2 * len(values), *values)
         if self._ask(ModbusFunction.WRITE_REGISTERS, head + body, len(head)) != head:
-            raise self._error("has answered something else than was asked")
+            raise self._error("has sent an answer that does not match the request")
 
     def read_bit(self, address: int, function: ModbusFunction = ModbusFunction.READ_COILS) -> bool:
         """Read a coil or a discrete input. Raises the same errors as `read`."""
         data = self._ask(function, struct.pack(">HH", address, 1), 2)
         if data[0] != 1:
-            raise self._error("has answered something else than was asked")
+            raise self._error("has sent an answer that does not match the request")
         return bool(data[1] & 1)
 
     def write_coil(self, address: int, on: bool) -> None:
         """Set a coil. Raises the same errors as `read`."""
         request = struct.pack(">HH", address, COIL_ON if on else 0)
         if self._ask(ModbusFunction.WRITE_COIL, request, len(request)) != request:
-            raise self._error("has answered something else than was asked")
+            raise self._error("has sent an answer that does not match the request")
 
     def _ask(self, function: ModbusFunction, data: bytes, length: int) -> bytes:
         """Send a request. Returns the data of its answer, between function and checksum, if it has this

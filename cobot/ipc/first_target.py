@@ -18,7 +18,10 @@ class FirstTarget:
     """Watches a session until its first target is accepted or rejected."""
 
     def __init__(self, stream: Stream, names: list[str], state: np.ndarray) -> None:
-        """state: record of `cobot.ipc.state_fields.state_dtype`, before anything is sent."""
+        """
+        Args:
+            state: record of `cobot.ipc.state_fields.state_dtype`, before anything is sent.
+        """
         self._stream, self._names = stream, names
         self._jumps = _jumps(state)
         self._target: np.ndarray | None = None

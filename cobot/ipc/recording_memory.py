@@ -71,7 +71,10 @@ class RecordingMemory:
     """
 
     def __init__(self, path: Path, descriptor: int, raw: bytes, *, history: bool) -> None:
-        """raw: the header, already checked. The object takes over the descriptor."""
+        """
+        Args:
+            raw: the header, already checked. The object takes over the descriptor.
+        """
         self.path = path
         header = np.frombuffer(raw, HEADER)[0]
         self.dof = int(header["dof"])

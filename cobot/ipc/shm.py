@@ -153,7 +153,10 @@ class RobotMemory:
     """A robot's mapped memory. Create it with `create` or `attach`, and leave it with `close`."""
 
     def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
-        """raw: the header, already checked."""
+        """
+        Args:
+            raw: the header, already checked.
+        """
         self.path = path
         self.role = role
         self._descriptor = descriptor

@@ -154,8 +154,9 @@ def _serve(channel: socket.socket) -> NoReturn:
 
 
 def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> None:
-    """Give the received descriptors their numbers. Output and errors are one, input is empty, the rest is
-    closed."""
+    """Give the received descriptors their numbers. Output and errors go to the same file, input is
+    empty, and all other descriptors are closed.
+    """
     above = max(*numbers, *received, channel) + 1
     high = [fcntl.fcntl(each, fcntl.F_DUPFD_CLOEXEC, above) for each in received]
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -169,8 +170,9 @@ def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> 
 
 
 def _set_title(command: Sequence[str]) -> None:
-    """Let `ps` show the command. It is written over the arguments and the environment that the kernel has put
-    side by side; the C library uses copies of them from now on."""
+    """Let `ps` show the command. It overwrites the arguments and the environment, which the kernel stores
+    next to each other. Before that, the C library gets its own copy of the environment.
+    """
     for name, value in os.environ.items():
         os.putenv(name, value)
     fields = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()

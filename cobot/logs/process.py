@@ -38,7 +38,10 @@ class ProcessLog(logging.Handler):
     """Passes log lines to a thread that writes them to a descriptor."""
 
     def __init__(self, process: str, form: str, descriptor: int) -> None:
-        """form: "text", "json" or "wire", of `Line`."""
+        """
+        Args:
+            form: "text", "json" or "wire", of `Line`.
+        """
         super().__init__()
         self._process = process
         self._outlet = Outlet[Line](

@@ -43,7 +43,10 @@ class TcpWay:
     """
 
     def __init__(self, trajectory: Trajectory, chain: Chain) -> None:
-        """chain: kinematics of the arm, with the tool's TCP."""
+        """
+        Args:
+            chain: kinematics of the arm, with the tool's TCP.
+        """
         self.duration_s = trajectory.duration_s
         count = min(max(math.ceil(self.duration_s / SAMPLE_S), 1), MAX_SAMPLES) + 1
         self._times_s: Array = np.linspace(0.0, self.duration_s, count)

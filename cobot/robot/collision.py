@@ -59,7 +59,10 @@ class CollisionChecker:
     def __init__(
         self, model: RobotModel, margin_m: float = 0.0, disabled: Iterable[frozenset[str]] = ()
     ) -> None:
-        """disabled: pairs of bodies, by name, that are never checked."""
+        """
+        Args:
+            disabled: pairs of bodies, by name, that are never checked.
+        """
         self.margin_m = margin_m
         self.limits = model.limits
         self.disabled: frozenset[frozenset[str]] = frozenset(disabled)

@@ -162,7 +162,7 @@ def stretch_to_efforts(model: RobotModel, trajectory: Trajectory, limits: JointL
     The effort for moving falls with the square of the duration; the effort for holding stays.
 
     Returns:
-        None if no speed helps, because the arm cannot even be held somewhere on the path.
+        None if slowing down does not help, because somewhere on the path the drives cannot even hold the arm.
     """
     limit = limits.max_effort
     while True:

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 FARTHEST_M = 1.0
 """Largest distance that is computed; farther objects do not matter."""
 TURNS = 17
-"""Angles at which a pair that one joint moves is compared. A prime, so that few symmetric shapes fit it."""
+"""Number of angles at which a pair that one joint moves is compared. It is a prime, so few symmetric shapes
+look the same at all of them.
+"""
 SAME_M = 1e-6
 
 

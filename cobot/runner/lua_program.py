@@ -41,7 +41,7 @@ class Program:
     """One run of one program.
 
     Attributes:
-        watch: ends the program.
+        watch: the object that ends the program.
     """
 
     def __init__(

@@ -68,7 +68,10 @@ class RosBridge:
     """
 
     def __init__(self, url: str, watch: ProgramWatch) -> None:
-        """url: root of the service."""
+        """
+        Args:
+            url: root of the service.
+        """
         parts = urlsplit(url)
         self._url = f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}{PATH}"
         self._watch = watch

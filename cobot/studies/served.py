@@ -110,7 +110,7 @@ def _tell(**content: Any) -> None:
 
 
 def finite(value: Any) -> Any:
-    """The value with each number that JSON does not have replaced by null."""
+    """The value, with NaN and infinite numbers replaced by None, because JSON has no such numbers."""
     if isinstance(value, dict):
         return {name: finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

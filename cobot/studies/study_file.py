@@ -39,8 +39,8 @@ def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "st
     """Make a study from the content of a file.
 
     Args:
-        folder: for relative paths.
-        name: of the document, for errors.
+        folder: folder to which relative paths refer.
+        name: name of the document, for errors.
 
     Raises:
         ConfigError: see `load_study`.

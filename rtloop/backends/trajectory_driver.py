@@ -106,8 +106,10 @@ class TrajectoryDriver:
     """
 
     def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
-        """threaded: whether a thread polls the device. If not, the cycle does so in robot time, for the
-        contract.
+        """
+        Args:
+            threaded: whether a thread polls the device. If not, the cycle does so in robot time, for the
+                contract.
         """
         self.device, self._dof, self._period_s = device, dof, period_s
         self._state_period_s = float(getattr(device, "state_period_s", STATE_PERIOD_S))

@@ -49,7 +49,10 @@ class ToyDevice:
     """
 
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
-        """realtime: whether its periods take real time; if not, each `receive` is one period."""
+        """
+        Args:
+            realtime: whether its periods take real time; if not, each `receive` is one period.
+        """
         self.faults: set[str] = set()
         self.wire: list[Array] = []
         self._period_s, self._realtime = period_s, realtime
@@ -149,7 +152,10 @@ class ToyArm:
     )
 
     def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice | None = None) -> None:
-        """device: the device to use, for tests."""
+        """
+        Args:
+            device: the device to use, for tests.
+        """
         self._options = settings.backend_options(ToyOptions)
         self._period_s = settings.rt.period_s
         self._is_new = device is None

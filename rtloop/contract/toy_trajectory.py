@@ -27,7 +27,10 @@ class ToyDevice:
     """
 
     def __init__(self, dof: int, *, realtime: bool = True) -> None:
-        """realtime: whether it uses a clock; if not, each `look` takes `STATE_PERIOD_S`."""
+        """
+        Args:
+            realtime: whether it uses a clock; if not, each `look` takes `STATE_PERIOD_S`.
+        """
         self.faults: set[str] = set()
         self._realtime = realtime
         self._time_s = time.monotonic()
@@ -119,7 +122,10 @@ class ToyArm:
     state_period_s = STATE_PERIOD_S
 
     def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice | None = None) -> None:
-        """device: the device to use, for tests."""
+        """
+        Args:
+            device: the device to use, for tests.
+        """
         self._options = settings.backend_options(ToyOptions)
         self._is_new = device is None
         self._device = device or ToyDevice(limits.dof)

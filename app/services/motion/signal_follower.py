@@ -42,7 +42,10 @@ class SignalFollower:
     def __init__(
         self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper, job: str = ""
     ) -> None:
-        """job: id of the motion's job, for events; "" without a job."""
+        """
+        Args:
+            job: id of the motion's job, for events; "" without a job.
+        """
         self._link = link
         self._placed = placed
         self._motion_id = motion_id

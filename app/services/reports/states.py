@@ -22,7 +22,7 @@ DIGITS = 6
 
 
 class StateTexts:
-    """The texts for one robot."""
+    """The events of type `state` of one robot, as JSON texts."""
 
     def __init__(self, events: Events, link: RobotLink, limits: JointLimits) -> None:
         self.robot = link.memory.robot

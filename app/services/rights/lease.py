@@ -40,8 +40,8 @@ class Lease:
 
 
 class ControlLease:
-    """The lease of one robot. A lease that has expired, or whose access token is
-    invalid, ends when it is next read.
+    """The lease of one robot. A lease that has expired, or whose access token is invalid, ends when it is
+    next read.
 
     Args:
         moving: returns whether a motion or a sequence runs. Meanwhile the lease does not expire.

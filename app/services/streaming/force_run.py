@@ -123,7 +123,7 @@ class ForceRun:
             sample = self._sample(0.0 if override.paused else override.fraction * step_s)
             if self._active_s() > most_s:
                 stage.close()
-                raise NotMet("max_time", f"its end was not reached within {most_s:g} s")
+                raise NotMet("max_time", f"the motion has not reached its end within {most_s:g} s")
             if override.paused:
                 continue
             self._account(aim, sample)

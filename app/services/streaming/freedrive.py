@@ -80,7 +80,10 @@ class Guidance:
     """
 
     def __init__(self, robot: RobotDescription, stiffness: Array) -> None:
-        """stiffness: stiffness of the springs in freedrive, shape (dof,), N·m/rad."""
+        """
+        Args:
+            stiffness: stiffness of the springs in freedrive, shape (dof,), N·m/rad.
+        """
         self._bounds = robot.limits
         self._limits = JogLimits(robot)
         self._damping = stiffness * FOLLOW_S

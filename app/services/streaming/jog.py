@@ -84,7 +84,10 @@ class Jog:
         streams: StreamService,
         ended: Callable[[Reason], None],
     ) -> None:
-        """ended: called with the reason when a jog has ended and the arm is at rest."""
+        """
+        Args:
+            ended: called with the reason when a jog has ended and the arm is at rest.
+        """
         self._robot, self._link = robot, link
         self._streams = streams
         self._ended = ended

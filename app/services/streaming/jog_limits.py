@@ -60,7 +60,10 @@ class JogLimits:
     """Limits of a jog of one robot. They use the model's scratch memory, like the service's kinematics."""
 
     def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
-        """stream: limits of the session's joints; None: those of the robot."""
+        """
+        Args:
+            stream: limits of the session's joints; None: those of the robot.
+        """
         self._robot = robot
         self._rates = stream or robot.limits
 

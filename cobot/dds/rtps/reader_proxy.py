@@ -49,7 +49,10 @@ class ReaderProxy:
         joined: int,
         last: int,
     ) -> None:
-        """last: number of the writer's latest sample."""
+        """
+        Args:
+            last: number of the writer's latest sample.
+        """
         self._envelope = header + submessages.info_destination(guid[:12])
         self._writer = writer
         self._guid_entity = guid[12:]

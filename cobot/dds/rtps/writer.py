@@ -53,7 +53,10 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         *,
         gathers: bool = False,
     ) -> None:
-        """gathers: whether samples wait for others that are written at the same time."""
+        """
+        Args:
+            gathers: whether samples wait for others that are written at the same time.
+        """
         super().__init__(wire, announcement)
         self.accepts = accepts or (lambda reader: True)
         self._gathers = gathers

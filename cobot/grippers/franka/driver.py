@@ -59,7 +59,10 @@ class FrankaHand:
     def __init__(
         self, options: FrankaHandOptions, port: IoPort, connect: Callable[[], HandLink] | None = None
     ) -> None:
-        """connect: creates a connection instead of that to `options.address`, for tests."""
+        """
+        Args:
+            connect: creates a connection instead of that to `options.address`, for tests.
+        """
         self._options = options
         self._link = ProcessLink(options.address) if connect is None else connect()
         self._busy = False

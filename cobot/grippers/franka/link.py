@@ -155,7 +155,7 @@ class _Helper:
         self._buffer = b""
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Send a call."""
+        """Send a method's name and arguments to the process. Read the result with `answer`."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps([name, *arguments]).encode() + b"\n")
@@ -163,7 +163,7 @@ class _Helper:
             raise self._error("its process has ended") from exc
 
     def answer(self, timeout_s: float, *, waits: bool = True) -> Any:
-        """The next answer.
+        """The next answer of the process.
 
         Args:
             waits: whether a missing answer is an error. If not, the result is then None.

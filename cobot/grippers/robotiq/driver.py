@@ -134,7 +134,10 @@ class RobotiqGripper:
         clock: Now = SYSTEM,
         connect: Callable[[], Any] | None = None,
     ) -> None:
-        """connect: creates a connection instead of that to `options.device`, for tests."""
+        """
+        Args:
+            connect: creates a connection instead of that to `options.device`, for tests.
+        """
         self._options = options
         self._clock = clock
         model = MODELS[options.model]

@@ -209,7 +209,7 @@ def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
         trial.unlink(missing_ok=True)
     if found != robots:
         raise InputError(
-            f"{SETTINGS} of the backup is of the robots {', '.join(found)}, not {', '.join(robots)}"
+            f"{SETTINGS} of the backup has the robots {', '.join(found)}; this cobot has {', '.join(robots)}"
         )
 
 

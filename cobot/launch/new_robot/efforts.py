@@ -14,7 +14,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
 FRICTION_SHARE = 0.3
-"""Maximum share of friction and damping at full speed in the effort that is left after holding the arm.
+"""Maximum share of friction and damping at full speed in the effort that holding the arm leaves.
 Planned motions use the rest."""
 MIN_SHARE = 0.05
 """Share of the whole effort that friction and damping may always take, even if no effort is left after

@@ -134,7 +134,7 @@ def mesh_error(file: Path, mesh: Element, link: str, reason: str) -> ConfigError
 
 
 def odd_size(size_m: float) -> str:
-    """A sentence if a length in a robot's file is implausible; else ""."""
+    """The reason why a length in a robot's file is implausible; "" if it is plausible."""
     if size_m >= LARGE_M:
         return (
             f"is {size_m:.4g} m long, which looks like millimetres: URDF uses metres; give the mesh "

@@ -27,7 +27,7 @@ MULTIPLYING = ("replicate", "composite")
 SOFT = ("flexcomp", "flex")
 JOINTS = ("joint", "freejoint")
 ALLOCATING = re.compile("nkey|nuser")
-"""Attributes of <size> that are numbers of values, for which MuJoCo allocates memory."""
+"""Attributes of <size> that decide how much memory MuJoCo allocates."""
 TEXTS = re.compile(
     r"name|.*(class|joint|body|geom|site|file|mesh)\d?|material|texture|target|prefix|model|tendon"
 )

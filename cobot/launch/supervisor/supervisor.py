@@ -170,7 +170,7 @@ class Supervisor:
         """Handle SIGHUP: the service reads the configuration again. If the terminal of this process has gone,
         the supervisor ends instead, because the operator no longer watches the arm."""
         if self._in_terminal and not has_terminal():
-            log.info("the terminal has gone")
+            log.info("the terminal has been closed")
             self._signals.stopping = True
             return
         service = next((child for child in children if child.name == SERVICE), None)

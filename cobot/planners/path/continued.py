@@ -53,7 +53,7 @@ def continued(
 
 
 def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
-    """The joints, shape (n, dof), with their distance from the required end spread over the whole path."""
+    """The joint positions, shape (n, dof), changed gradually along the path so that they end at `end`."""
     arm, drift = robot.model.kinematics(path.free), end - rows[-1]
     if np.abs(drift).max() > SAME_RAD:
         if not arm.redundant:

@@ -36,8 +36,9 @@ MIN_SHARE = 1e-9
 """Distance between places, as a share of the path. If joints turn too far within it, the path is singular
 there, because the joints would jump."""
 SHARE_RAD = 0.1
-"""Contribution of the whole TCP path to the parameter, next to that of the joints, so that it always
-increases."""
+"""Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance, rad.
+With it the parameter increases even where no joint moves.
+"""
 SWINGING = 1.5
 """If a curve through the places is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500

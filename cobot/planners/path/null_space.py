@@ -54,8 +54,11 @@ class Particles:
         factor: int = 1,
         end: Array | None = None,
     ) -> None:
-        """count: number of configurations. factor: multiplies the number of places. end: joints in which all
-        ways end, shape (dof,); None: any.
+        """
+        Args:
+            count: number of configurations.
+            factor: multiplies the number of places.
+            end: joints in which all ways end, shape (dof,); None: any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)

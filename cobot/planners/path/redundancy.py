@@ -98,7 +98,10 @@ class RedundancyGraph:
         mesh: Mesh,
         end: Array | None = None,
     ) -> None:
-        """end: joints in which all ways end, shape (dof,), at the end of the path; None: any."""
+        """
+        Args:
+            end: joints in which all ways end, shape (dof,), at the end of the path; None: any.
+        """
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
         self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh

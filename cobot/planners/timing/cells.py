@@ -34,8 +34,11 @@ def bases(x: float, count: int) -> Array:
 
 @lru_cache(maxsize=32)
 def acceleration_stations(cells: int) -> tuple[Array, Array]:
-    """Places at the beginning and middle of each cell, and at the end: their cells, shape (n,), and bases,
-    shape (n, 3, 3)."""
+    """The places where accelerations are limited: the beginning and middle of each cell, and the end.
+
+    Returns:
+        The cell of each place, shape (n,), and its basis, shape (n, 3, 3).
+    """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
     return index, np.concatenate([bases(0.0, cells), bases(MIDDLE, cells), bases(1.0, 1)])
@@ -96,13 +99,15 @@ def times_of(rate: Array) -> tuple[Array, Array, Array]:
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
-    """Quintics through positions and derivatives by τ, shape (n, dof) each, at the knots."""
+    """Quintics through positions and their derivatives with respect to τ at the knots, shape (n, dof)
+    each.
+    """
     return from_hermite(times, *states(positions, first, second, squares, slopes))
 
 
 def states(
     positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations, shape (n, dof), by time."""
+    """Positions, velocities and accelerations with respect to time, shape (n, dof) each."""
     velocity = first * np.sqrt(squares)[:, None]
     return positions, velocity, second * squares[:, None] + 0.5 * first * slopes[:, None]

@@ -182,7 +182,10 @@ class _Problem:
     cells."""
 
     def __init__(self, robot: RobotDescription, coordinates: Coordinates, points: Array) -> None:
-        """points: the control points of s(τ)."""
+        """
+        Args:
+            points: the control points of s(τ).
+        """
         self._robot, self._coordinates = robot, coordinates
         self._path, self._limits = coordinates.path, coordinates.limits
         self._cells = len(points) - 3

@@ -125,7 +125,9 @@ def _within_efforts(
     if not request.check_limits:
         return motion
     if slower is None:
-        raise LimitError(f"{excess}; no speed helps, because holding the arm takes too much") from excess
+        raise LimitError(
+            f"{excess}; slowing down does not help, because already holding the arm needs too much effort"
+        ) from excess
     raise _with_way_out(excess, asked_s, slower, request) from excess
 
 

@@ -62,7 +62,7 @@ def parts(
             "simplify it"
         )
     if len(hulls) > most:
-        raise LimitError(f"mesh: it has {len(hulls)} convex parts, at most {most} are allowed")
+        raise LimitError(f"mesh: has {len(hulls)} convex parts, at most {most} are allowed")
     if not others:
         return np.zeros((0, 6)), hulls
     return _fitting(vertices[np.concatenate(others)], tolerance_m, most - len(hulls)), hulls

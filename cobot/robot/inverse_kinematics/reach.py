@@ -201,7 +201,7 @@ def missing(
 
 
 def allowed(model: RobotModel) -> str:
-    """The tolerance in words, of an arm that has one."""
+    """The end of a message, with the tolerance of an arm with fewer than six joints; "" for other arms."""
     if not model.inverse_kinematics.lacking:
         return ""
     return f", allowed are {1e3 * NEAR_M:g} mm and {np.degrees(NEAR_RAD):g} degrees"

@@ -15,7 +15,10 @@ class RmiWorker:
     """Runs jobs one after the other, on a thread of its own without real-time priority."""
 
     def __init__(self, *, threaded: bool = True) -> None:
-        """threaded: whether jobs run in the thread. If not, each runs at once, for tests in robot time."""
+        """
+        Args:
+            threaded: whether jobs run in the thread. If not, each runs at once, for tests in robot time.
+        """
         self._executor = ThreadPoolExecutor(1, "fanuc-rmi", leave_real_time) if threaded else None
 
     def begin(self, job: Callable[[], ResultT]) -> Future[ResultT]:

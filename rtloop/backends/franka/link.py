@@ -85,7 +85,10 @@ class Link:
     """
 
     def __init__(self, address: str, realtime: str, library: Any, knock: Callable[[str], Knocking]) -> None:
-        """library: None for the installed one."""
+        """
+        Args:
+            library: None for the installed one.
+        """
         self.library: Any = library or _installed()
         self._address, self._realtime, self._knock = address, realtime, knock
         self._knocking: Knocking | None = None

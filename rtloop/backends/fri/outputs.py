@@ -19,7 +19,11 @@ KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.
 
 
 def point_of(value: IoValue, name: str = "") -> IoPoint:
-    """name: public name; default: the name in the value."""
+    """An input or output of the controller as a point of cobot.
+
+    Args:
+        name: public name; default: the name in the value.
+    """
     is_output = value.direction == IoDirection.OUTPUT
     return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 

@@ -43,7 +43,7 @@ class GpioPoints:
         """
         if name not in self._options.outputs:
             known = ", ".join(self._options.outputs) or "none"
-            raise BackendError(f"{name} is not an output in robot.backend.outputs: it has {known}")
+            raise BackendError(f"{name} is not an output; robot.backend.outputs has: {known}")
         return self._options.outputs[name]
 
     def _kind(self, name: str) -> IoKind:

@@ -51,7 +51,10 @@ class Corrections:
         *,
         relative: bool,
     ) -> None:
-        """max_correction: maximum corrections, degrees or mm, shape (dof,)."""
+        """
+        Args:
+            max_correction: maximum corrections, degrees or mm, shape (dof,).
+        """
         self._layout, self._limits = layout, limits
         self._scale = layout.scale * MICRO
         self._relative, self._period_s = relative, period_s

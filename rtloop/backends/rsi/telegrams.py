@@ -149,7 +149,11 @@ def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
 def encode_sen(
     layout: TelegramLayout, ipoc: int, corrections: Sequence[int], outputs: Sequence[bool]
 ) -> bytes:
-    """corrections: correction of each joint, in millionths of a degree or mm."""
+    """A telegram to the controller.
+
+    Args:
+        corrections: correction of each joint, in millionths of a degree or mm.
+    """
     parts = [f'<Sen Type="{layout.sen_type}">']
     for tag, joints in layout.corrections:
         words = (f'{layout.axes[index]}="{corrections[index] / MICRO:.{DECIMALS}f}"' for index in joints)

@@ -35,7 +35,10 @@ class ControllerArm:
     def __init__(
         self, settings: Settings, limits: JointLimits, position: Array, springs: Springs | None = None
     ) -> None:
-        """springs: the drives have an impedance at the joints or at the TCP; None: position control."""
+        """
+        Args:
+            springs: the drives have an impedance at the joints or at the TCP; None: position control.
+        """
         rt = settings.rt.model_copy(update={"period_s": STEP_S})
         self._drives = MujocoBackend(settings.model_copy(update={"rt": rt}), limits)
         self._model, self._data = self._drives._model, self._drives._data

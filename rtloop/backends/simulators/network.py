@@ -66,7 +66,9 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """The due packets. Those that have waited longest come last, because others were faster."""
+        """The due packets. Those that have waited longest come last, because later packets have overtaken
+        them.
+        """
         due = [entry for entry in way if entry[0] <= self._period]
         if due:
             left = [entry for entry in way if entry[0] > self._period]

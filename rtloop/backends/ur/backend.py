@@ -86,7 +86,10 @@ class UrBackend:
     def __init__(
         self, settings: Settings, limits: JointLimits, *, transport: UrTransport | None = None
     ) -> None:
-        """transport: replacement of the network and its clock, for tests."""
+        """
+        Args:
+            transport: replacement of the network and its clock, for tests.
+        """
         if limits.dof != AXES:
             raise BackendError(
                 f"an arm of Universal Robots has {AXES} joints, this robot has {limits.dof}: select "

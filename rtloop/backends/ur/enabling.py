@@ -213,7 +213,9 @@ def _hindered(state: Mapping[str, Any]) -> str:
 
 
 def error_messages(stream: bytes) -> list[str]:
-    """Errors in what the primary interface has sent: of the compiler, of a running program, error codes."""
+    """The last errors in the bytes from the primary interface: compiler errors, errors of a running program,
+    and error codes.
+    """
     found, begin = [], 0
     while len(stream) - begin >= 5:
         length, kind = struct.unpack_from(">iB", stream, begin)

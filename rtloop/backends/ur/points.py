@@ -86,7 +86,10 @@ class UrOutputs:
     """Outputs to be set: enforced until the controller reports them, then released."""
 
     def __init__(self, send: Callable[[str, Mapping[str, Any]], bool]) -> None:
-        """send: sets the variables of a group, and returns whether they were sent."""
+        """
+        Args:
+            send: sets the variables of a group, and returns whether they were sent.
+        """
         self._send = send
         self._wanted: dict[str, _Wanted] = {}
 

@@ -46,7 +46,11 @@ def script(options: UrOptions, host: str, port: int, token: int, period_s: float
 
 
 def encode_position(position: Sequence[float], periods: int) -> bytes:
-    """periods: number of periods since the previous message."""
+    """A message with a commanded position to the program.
+
+    Args:
+        periods: number of periods since the previous message.
+    """
     numbers = [round(SCALE * value) for value in position]
     return _MESSAGE.pack(POSITION, *numbers, max(1, min(periods, MAX_PERIODS)))
 

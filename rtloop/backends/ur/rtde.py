@@ -111,7 +111,7 @@ class Recipe:
         self._counts = [count for _, count in formats]
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """A data package."""
+        """Encode a data package."""
         flat: list[Any] = []
         for name, count in zip(self.names, self._counts, strict=True):
             if count == 1:

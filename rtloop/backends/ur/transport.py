@@ -63,11 +63,11 @@ class UrTransport(Protocol):
         ...
 
     def listen(self, port: int) -> ByteListener:
-        """OSError: the port is taken."""
+        """Listen on a port. Raises OSError if another program uses it."""
         ...
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
-        """Wait until one of them has something to receive."""
+        """Wait until one of the streams has something to receive, or the timeout is over."""
         ...
 
 
@@ -137,7 +137,7 @@ class TcpListener:
 
 
 class TcpTransport:
-    """The network."""
+    """TCP connections of this computer."""
 
     def __init__(self) -> None:
         import time

@@ -509,7 +509,7 @@ def test_what_is_too_heavy_for_a_drive_is_slowed_down_or_refused_by_name(
         held = await stand.send(goal([point(beyond, 3.0)]), Handle())
         assert held["error_code"] == FjtError.INVALID_GOAL
         assert "joint6 needs 42" in held["error_string"]
-        assert "no speed helps" in held["error_string"]
+        assert "slowing down does not help" in held["error_string"]
         assert (await stand.send(goal([point(out, 3.0)]), Handle()))["error_code"] == 0
         late = await stand.send(goal([point(end, 0.8)], goal_time_tolerance=duration(0.1)), Handle())
         assert late["error_code"] == FjtError.INVALID_GOAL

@@ -58,7 +58,7 @@ def test_one_without_the_other_is_refused(made: Path, text: str) -> None:
         (("good.pem", "text.pem"), r"text\.pem: holds no key in PEM form"),
         (("good.pem", "other.key"), r"other\.key is not the key of .*good\.pem"),
         (("broken.pem", "good.key"), r"broken\.pem"),
-        (("good.pem", "locked.key"), "it is encrypted; give the service one without a passphrase"),
+        (("good.pem", "locked.key"), "the key is encrypted; give the service a key without a passphrase"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_file(made: Path, files: tuple[str, str], sentence: str) -> None:

@@ -46,7 +46,10 @@ class QueueSignals:
     """The signals of the queue's current motion."""
 
     def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
-        """moves: returns the moves of the current motion that have not ended, in their order."""
+        """
+        Args:
+            moves: returns the moves of the current motion that have not ended, in their order.
+        """
         self._motion = motion
         self._unended = moves
         self._motion_id = 0

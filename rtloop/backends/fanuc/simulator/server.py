@@ -144,7 +144,9 @@ class ControllerServer:
         control_port: int = 0,
         patience_s: float = 0.0,
     ) -> None:
-        """patience_s: maximum wait for a late answer, s, before it counts as missing.
+        """
+        Args:
+            patience_s: maximum wait for a late answer, s, before it counts as missing.
 
         Raises:
             OSError: an address or port cannot be used.

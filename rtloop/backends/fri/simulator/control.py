@@ -48,7 +48,10 @@ class ControlServer(LineServer):
     def __init__(
         self, port: int, cabinet: Cabinet, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
-        """more: adds data of the server to each answer."""
+        """
+        Args:
+            more: adds data of the server to each answer.
+        """
         super().__init__(port)
         self._cabinet, self._network, self._more = cabinet, network, more
 

@@ -49,7 +49,10 @@ class RsiControlServer(LineServer):
     def __init__(
         self, port: int, controller: RsiController, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
-        """more: adds data of the server to each answer."""
+        """
+        Args:
+            more: adds data of the server to each answer.
+        """
         super().__init__(port)
         self._controller, self._network, self._more = controller, network, more
 

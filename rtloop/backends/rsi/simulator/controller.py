@@ -82,7 +82,10 @@ class RsiController:
     def __init__(
         self, arm: ControllerArm, layout: TelegramLayout, max_correction: Array, options: ControllerOptions
     ) -> None:
-        """max_correction: limits of AXISCORR and AXISCORRMON, degrees or mm, shape (dof,)."""
+        """
+        Args:
+            max_correction: limits of AXISCORR and AXISCORRMON, degrees or mm, shape (dof,).
+        """
         self.arm, self.layout, self.options = arm, layout, options
         self.period_s = options.period_ms * 1e-3
         self.max_correction = max_correction / layout.scale

@@ -59,7 +59,10 @@ class ControlSession:
         network: DataNetwork,
         more: Callable[[UrControlRequest], dict[str, Any]],
     ) -> None:
-        """more: applies what concerns the server, and adds its data to each answer."""
+        """
+        Args:
+            more: applies what concerns the server, and adds its data to each answer.
+        """
         self._controller, self._network, self._more = controller, network, more
         self.out, self.is_over = bytearray(), False
         self._buffer = b""

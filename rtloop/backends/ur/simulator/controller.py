@@ -242,7 +242,11 @@ class UrController:
         self.registers.update({name: value for name, value in values.items() if "register" in name})
 
     def set_analog(self, index: int, share: float, domain: int) -> None:
-        """domain: 0 for a current, 1 for a voltage."""
+        """Set an analog output of the controller.
+
+        Args:
+            domain: 0 for a current, 1 for a voltage.
+        """
         share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
         self.analog_types = self.analog_types & ~(4 << index) | domain << 2 + index
         self.analog_out[index] = 10.0 * share if domain else 0.004 + 0.016 * share

@@ -28,7 +28,7 @@ class _Socket:
         self.stream, self.buffer = stream, bytearray()
 
     def fill(self) -> None:
-        """ConnectionError: it is closed."""
+        """Receive bytes into the buffer. Raises ConnectionError if the connection is closed."""
         self.buffer += self.stream.receive()
 
 

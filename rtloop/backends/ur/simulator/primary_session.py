@@ -20,7 +20,10 @@ class PrimarySession:
     """A `UrSession`."""
 
     def __init__(self, controller: UrController, *, is_primary: bool = True) -> None:
-        """is_primary: whether the client gets messages, in addition to the state."""
+        """
+        Args:
+            is_primary: whether the client gets messages, in addition to the state.
+        """
         self._controller, self._is_primary = controller, is_primary
         self.out, self.is_over = bytearray(), False
         self._text = b""

@@ -201,7 +201,7 @@ class Script:
                     raise ScriptError(f"line {node.lineno}: name '{name}' is not defined")
 
     def step(self) -> bool:
-        """Run all threads until each waits; whether the program goes on.
+        """Run all threads until each waits. Returns whether the program continues.
 
         Raises:
             ScriptError: a statement has failed.

@@ -132,13 +132,13 @@ def broken(settings: Settings, **changes: Any) -> bytes:
         ({"files": {"robots/arm/programs/a/1.json": b"{}"}}, "another program, or another version"),
         ({"files": {"robots/arm/tool.json": b"{"}}, "is not JSON"),
         ({"files": {"robots/arm/tool.json": b"[" * 100_000}}, "is not JSON"),
-        ({"files": {"robots/arm/tool.json": b"[]"}}, "is not an object"),
+        ({"files": {"robots/arm/tool.json": b"[]"}}, "is not a JSON object"),
         ({"files": {"robots/arm/tool.json": b'{"mass": "heavy"}'}}, "is not valid: mass"),
         ({"files": {"robots/arm/scene.json": b'{"objects": 1}'}}, "is not valid: objects"),
         ({"files": {"robots/arm/positions.json": b'{"a": 1}'}}, "is not valid"),
         ({"files": {"settings.yaml": b"robot: {name: [}"}}, "settings.yaml of the backup"),
         ({"files": {"settings.yaml": b"robot: {nome: arm}\n"}}, "settings.yaml of the backup"),
-        ({"files": {"settings.yaml": b"robot: {name: other}\n"}}, "is of the robots other, not arm"),
+        ({"files": {"settings.yaml": b"robot: {name: other}\n"}}, "has the robots other; this cobot has arm"),
     ],
 )
 def test_a_backup_that_does_not_fit_changes_nothing(config: Path, changes: dict[str, Any], said: str) -> None:

@@ -371,7 +371,9 @@ def test_a_load_that_cannot_even_be_held_on_the_way_is_refused_at_any_speed() ->
     end = home(of.robot) + np.array([0.0, -0.4, 0.0, 0.4, 0.0, -0.4, 0.0])
     asked = WaypointRequest(home(of.robot), points_at([2.0], [end.tolist()]), 0.01, retime=True)
     assert plan_waypoints(of.robot, asked).duration_s == 2.0
-    with pytest.raises(LimitError, match=r"joint6 needs 42.\d+ N·m, its limit is 40 N·m; no speed helps"):
+    with pytest.raises(
+        LimitError, match=r"joint6 needs 42.\d+ N·m, its limit is 40 N·m; slowing down does not help"
+    ):
         plan_waypoints(carrying(of.robot, TOOL), asked)
 
 
