@@ -164,7 +164,7 @@ def get_fc_sensor_thresholds(robot: Services) -> list[float]:
     """The thresholds that fcSetSensorThresholds has set.
 
     Returns:
-        N and N·m, 6 values; 0 for none.
+        the thresholds, N and N·m, 6 values; 0 for none.
     """
     return _finite(robot.force.settings.thresholds)
 
@@ -185,7 +185,7 @@ def get_fc_sensor_limits(robot: Services) -> list[float]:
     """The limits that fcSetSensorLimits has set.
 
     Returns:
-        N and N·m, 6 values; 0 for none.
+        the limits, N and N·m, 6 values; 0 for none.
     """
     return _finite(robot.force.settings.limits)
 

@@ -33,7 +33,7 @@ def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
         p2: the second pose, in the same form.
 
     Returns:
-        [x, y, z, rx, ry, rz], m and rad.
+        the pose [x, y, z, rx, ry, rz], m and rad.
     """
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
     turn = _turned(first) @ _turned(second)
@@ -66,7 +66,7 @@ def pose_trans(robot: Services, pose_from: list[float], pose_from_to: list[float
         pose_from_to: a pose in the frame pose_from, in the same form.
 
     Returns:
-        [x, y, z, rx, ry, rz], m and rad.
+        the pose [x, y, z, rx, ry, rz], m and rad.
     """
     return numbers_of(pose_of(pose_from, "pose_from") @ pose_of(pose_from_to, "pose_from_to"))
 
@@ -79,7 +79,7 @@ def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
         pose: [x, y, z, rx, ry, rz], m and rad.
 
     Returns:
-        [x, y, z, rx, ry, rz], m and rad.
+        the pose [x, y, z, rx, ry, rz], m and rad.
     """
     return numbers_of(pose_of(pose).inverse())
 
@@ -93,7 +93,7 @@ def pose_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
         p2: the second pose, in the same form.
 
     Returns:
-        m.
+        the distance, m.
     """
     return float(np.linalg.norm(pose_of(p2, "p2").position - pose_of(p1, "p1").position))
 
@@ -122,7 +122,7 @@ def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: f
         alpha: 0 is p1, 1 is p2; other values extrapolate, from -1000 to 1000.
 
     Returns:
-        [x, y, z, rx, ry, rz], m and rad.
+        the pose [x, y, z, rx, ry, rz], m and rad.
     """
     if abs(alpha) > MAX_ALPHA:
         raise LimitError(f"alpha is from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")

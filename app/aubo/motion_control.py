@@ -144,7 +144,7 @@ def get_duration(robot: Services, exec_id: int) -> float:
         exec_id: number of the move, as in getExecId.
 
     Returns:
-        s.
+        the duration, s.
     """
     duration_s = robot.queue.duration_s(exec_id)
     if duration_s is None:

@@ -34,7 +34,7 @@ def get_dof(robot: Services) -> int:
     """The number of joints.
 
     Returns:
-        The number.
+        the number of joints.
     """
     return robot.robot.limits.dof
 
@@ -74,7 +74,7 @@ def get_cycletime(robot: Services) -> float:
     """The period of the control cycle.
 
     Returns:
-        The period, s.
+        the period, s.
     """
     return robot.streams.period_s
 
@@ -84,7 +84,7 @@ def get_joint_min_positions(robot: Services) -> list[float]:
     """The minimum position of each joint.
 
     Returns:
-        rad.
+        the positions, rad.
     """
     return as_list(_limits(robot).min_position)
 
@@ -94,7 +94,7 @@ def get_joint_max_positions(robot: Services) -> list[float]:
     """The maximum position of each joint.
 
     Returns:
-        rad.
+        the positions, rad.
     """
     return as_list(_limits(robot).max_position)
 
@@ -104,7 +104,7 @@ def get_joint_max_speeds(robot: Services) -> list[float]:
     """The maximum velocity of each joint.
 
     Returns:
-        rad/s.
+        the velocities, rad/s.
     """
     return as_list(_limits(robot).max_velocity)
 
@@ -114,7 +114,7 @@ def get_joint_max_accelerations(robot: Services) -> list[float]:
     """The maximum acceleration of each joint.
 
     Returns:
-        rad/s².
+        the accelerations, rad/s².
     """
     return as_list(_limits(robot).max_acceleration)
 
@@ -124,7 +124,7 @@ def get_joint_max_torques(robot: Services) -> list[float]:
     """The maximum torque of each joint.
 
     Returns:
-        N·m.
+        the torques, N·m.
     """
     return as_list(_limits(robot).max_effort)
 
@@ -134,7 +134,7 @@ def get_tcp_max_speeds(robot: Services) -> list[float]:
     """The maximum velocities of the tool's tip along lines and arcs, linear and angular.
 
     Returns:
-        [m/s, rad/s].
+        both velocities: [m/s, rad/s].
     """
     limits = robot.settings.envelope.cartesian
     return [limits.max_linear_velocity, limits.max_angular_velocity]
@@ -145,7 +145,7 @@ def get_tcp_max_accelerations(robot: Services) -> list[float]:
     """The maximum accelerations of the tool's tip along lines and arcs, linear and angular.
 
     Returns:
-        [m/s², rad/s²].
+        both accelerations: [m/s², rad/s²].
     """
     limits = robot.settings.envelope.cartesian
     return [limits.max_linear_acceleration, limits.max_angular_acceleration]
@@ -265,7 +265,7 @@ def get_gravity(robot: Services) -> list[float]:
     """The gravitational acceleration.
 
     Returns:
-        [x, y, z] in the base frame, m/s².
+        the vector [x, y, z] in the base frame, m/s².
     """
     return as_list(robot.robot.model.gravity)
 

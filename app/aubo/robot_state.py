@@ -32,7 +32,7 @@ async def get_joint_positions(robot: Services) -> list[float]:
     """The angles of the joints, as measured.
 
     Returns:
-        rad, one for each joint.
+        the angles, rad, one for each joint.
     """
     return as_list((await record(robot))["position"])
 
@@ -42,7 +42,7 @@ async def get_joint_speeds(robot: Services) -> list[float]:
     """The velocities of the joints, as measured.
 
     Returns:
-        rad/s, one for each joint.
+        the velocities, rad/s, one for each joint.
     """
     return as_list((await record(robot))["velocity"])
 
@@ -52,7 +52,7 @@ async def get_joint_torque_sensors(robot: Services) -> list[float]:
     """The torques of the joints, as measured, gravity included.
 
     Returns:
-        N·m, one for each joint.
+        the torques, N·m, one for each joint.
     """
     return as_list((await record(robot))["effort"])
 
@@ -62,7 +62,7 @@ async def get_joint_external_torques(robot: Services) -> list[float]:
     """The torques that the surroundings exert on the joints, estimated.
 
     Returns:
-        N·m, one for each joint.
+        the torques, N·m, one for each joint.
     """
     return as_list((await record(robot))["external_effort"])
 
@@ -72,7 +72,7 @@ async def get_target_joint_positions(robot: Services) -> list[float]:
     """The commanded angles of the joints.
 
     Returns:
-        rad, one for each joint.
+        the angles, rad, one for each joint.
     """
     return as_list((await record(robot))["commanded_position"])
 
@@ -82,7 +82,7 @@ async def get_target_joint_speeds(robot: Services) -> list[float]:
     """The commanded velocities of the joints.
 
     Returns:
-        rad/s, one for each joint.
+        the velocities, rad/s, one for each joint.
     """
     return as_list((await record(robot))["commanded_velocity"])
 
@@ -92,7 +92,7 @@ async def get_target_joint_accelerations(robot: Services) -> list[float]:
     """The commanded accelerations of the joints.
 
     Returns:
-        rad/s², one for each joint.
+        the accelerations, rad/s², one for each joint.
     """
     return as_list((await record(robot))["commanded_acceleration"])
 
@@ -102,7 +102,7 @@ async def get_target_joint_torques(robot: Services) -> list[float]:
     """The commanded torques of the drives.
 
     Returns:
-        N·m, one for each joint.
+        the torques, N·m, one for each joint.
     """
     return as_list((await record(robot))["desired_effort"])
 

@@ -205,7 +205,7 @@ def frame_get_pose(robot: Services, name: str, ref_frame: str = WORLD) -> list[f
         ref_frame: the other frame; empty for world.
 
     Returns:
-        [x, y, z, rx, ry, rz], m and rad.
+        the pose [x, y, z, rx, ry, rz], m and rad.
     """
     return numbers_of(robot.sync.frames.between(name, ref_frame))
 

@@ -70,7 +70,7 @@ def get_control_software_build_date(robot: Services) -> str:
     """The modification time of the newest Python file of this software.
 
     Returns:
-        ISO 8601, UTC.
+        the time in the form of ISO 8601, UTC.
     """
     del robot
     newest = max(path.stat().st_mtime for path in _sources())
@@ -82,7 +82,7 @@ def get_control_system_time(robot: Services) -> Int64:
     """The computer's time.
 
     Returns:
-        ns since 1970-01-01, UTC.
+        the time, ns since 1970-01-01, UTC.
     """
     del robot
     return time.time_ns()

@@ -94,8 +94,8 @@ class Client(ForceMoves, Steps, EventConnection):
         """Save a named position with these joint angles, rad, or with the current ones if none are given.
 
         Args:
-            name: for programs: letters, digits and _ . -
-            label: for people, in any language; "" to show them `name`.
+            name: name in programs: letters, digits and _ . -
+            label: displayed name, in any language; "" to show them `name`.
         """
         body: Json = {"name": name, "description": description}
         if label:
@@ -250,7 +250,7 @@ class Client(ForceMoves, Steps, EventConnection):
         """Create an access token in the name of an administrator; only this answer has it, as `token`.
 
         Args:
-            name: of a person or a program.
+            name: name of a person or a program.
             role: "observer", "agent", "operator", "programmer" or "admin".
             days: lifetime; None for a token that never expires.
         """

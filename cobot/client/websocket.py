@@ -37,7 +37,7 @@ class WebSocketTransport:
     The service does not answer targets. If one is wrong, the next call that sends a target raises the error.
 
     Args:
-        url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
+        url: URL of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
         token, verify: see `cobot.client.Client`.
 
     Raises:

@@ -43,7 +43,7 @@ class SampleInbox:
     """Hands the samples of one reader to a callback in the event loop, in the order in which they came.
 
     Args:
-        name: of the topic or service.
+        name: name of the topic or service.
         deliver: called in the event loop. If it returns an awaitable, that is awaited before the next sample.
         most: maximum number of waiting samples; further ones are lost and counted.
     """

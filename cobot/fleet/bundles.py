@@ -238,7 +238,7 @@ class RobotBundles:
         """Restore what a bundle has replaced.
 
         Args:
-            role: of the person at the hub.
+            role: role of the person at the hub.
 
         Raises:
             NotFoundError: the bundle is not the latest one.

@@ -132,7 +132,7 @@ class Signer:
     """Signs commands of the hub.
 
     Args:
-        folder: of the fleet.
+        folder: folder of the fleet.
 
     Attributes:
         hosts: the names and addresses in the hub's certificate.

@@ -174,7 +174,7 @@ class Episode:
         rate_hz: nominal rate of the frames.
         times_s: shape (n,).
         position, velocity, action: rad, rad/s, rad, shape (n, dof).
-        pictures: by the cameras' names, uint8, shape (n, height, width, 3).
+        pictures: the pictures of each camera, by its name: uint8, shape (n, height, width, 3).
         gripper: one reading for each frame; empty for a robot without a gripper.
     """
 

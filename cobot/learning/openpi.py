@@ -97,7 +97,7 @@ class PolicyConnection:
 
     Args:
         address: ws://HOST:PORT, or HOST:PORT.
-        api_key: for a server that requires one.
+        api_key: key for a server that requires one.
         timeout_s: time limit for an answer.
 
     Raises (constructor):

@@ -76,7 +76,7 @@ class MotionRequest:
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
         planner: its name; `cobot.motions.planners` lists the fields that each planner uses.
         via: shape (3,), m in the base frame: a point on the arc.
-        seed: for planners that draw random samples.
+        seed: seed for planners that draw random samples.
         timeout_s: time limit of a search.
         algorithm: algorithm of planner ompl.
         synchronization: synchronization of the joints.

@@ -81,7 +81,7 @@ class Capabilities:
         Args:
             backend: its name, for people.
             what: the request, as the beginning of a sentence.
-            names: of `FLAGS`; one of them suffices.
+            names: names of `FLAGS`; one of them suffices.
         """
         if any(getattr(self, name) for name in names):
             return ""
@@ -141,11 +141,11 @@ class DeviceStatus:
     """The status of a device as it reports it; "" and None for what it does not report.
 
     Attributes:
-        connection: for example "connected", or the state of its session.
+        connection: state of the connection, for example "connected", or the state of its session.
         quality: quality of the connection.
         operation_mode: T1 (manual, reduced speed), T2 (manual) or AUT.
         safety_stop: the reason why it cannot move, "" for none.
-        drives, brakes: for example "on", "released".
+        drives, brakes: their states, for example "on", "released".
         speed_scaling: the device's own speed override, from 0 to 1, which the path clock follows.
         packets_lost: since the connection was opened.
         device_time_s: time of its own clock.

@@ -76,7 +76,7 @@ class Scene:
 
     Attributes:
         version: 0 is the empty scene before any change.
-        objects: by name.
+        objects: the objects by name.
         frames: named frames in the base frame.
         allowed: pairs of bodies or objects that may touch.
         loads: how often `load` has changed.

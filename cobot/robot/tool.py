@@ -34,7 +34,7 @@ class Tool:
 
     Attributes:
         version: 0 is the model's own tool before any change.
-        mass: of tool and load, kg, in addition to the model file's.
+        mass: mass of tool and load, kg, in addition to the model file's.
         centre: centre of that mass, m.
         inertia: about the centre of mass, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz; None: point
             mass.

@@ -212,7 +212,7 @@ class Record:
 
     Args:
         make: creates the native message.
-        fields: by name: the name of the native attribute, and the field.
+        fields: for each name, the name of the native attribute, and the field.
     """
 
     def __init__(

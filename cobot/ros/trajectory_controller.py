@@ -60,7 +60,7 @@ class RunningGoal:
 
     Attributes:
         key: identifies it for its client.
-        times_s: of its points, from the start of the execution on.
+        times_s: times of its points, from the start of the execution on.
         points: rows of each point, as many as it states.
         done_s: executed part.
     """
@@ -79,7 +79,7 @@ class TrajectoryController:
         joints: names, in its own order.
         rows: position, velocity and acceleration, shape (3, dof).
         active: whether it is activated.
-        rate: of the path's time to the clock's, as with a speed slider.
+        rate: ratio of the path's time to the clock's, as with a speed slider.
         on_end: called with the key, the status and the result of a goal that has ended.
     """
 

@@ -53,8 +53,8 @@ class Interpreter:
 
     Args:
         library: contains the sequences that can be called.
-        log: gets a line for each step.
-        report: gets the start and the end of each motion and each other step.
+        log: called with a line for each step.
+        report: called at the start and the end of each motion and each other step.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Interpreter:
         """Run a sequence file of the library once, within a program.
 
         Args:
-            place: of the program, for the progress.
+            place: place of the program, for the progress.
 
         Raises:
             CobotError: the file is not valid, or a step has failed. The message begins with the place.

@@ -57,8 +57,8 @@ class Program:
         """
         Args:
             url: URL of the service or of one of its robots, see `cobot.addresses`.
-                        log: gets the output of the program.
-            report: gets the start and the end of each motion and each other step.
+                        log: called with the output of the program.
+            report: called at the start and the end of each motion and each other step.
             call: runs a sequence file.
             paused_s: total time for which the program has been paused.
         """

@@ -57,7 +57,7 @@ class LuaSteps:
 
     Args:
         unless_ended: calls a function that waits for the service, unless the program must end.
-        report: gets the start and the end of each step. It may wait until a step is permitted.
+        report: called at the start and the end of each step. It may wait until a step is permitted.
         table: converts JSON to a Lua value.
         failure: returns the latest error that the program got.
         call: runs a sequence file.

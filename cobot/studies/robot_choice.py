@@ -76,7 +76,7 @@ class RobotChoice(StrictModel):
 
     Attributes:
         settings: file of the settings; None: those shipped with cobot.
-        name: of a robot of the settings; None: the default one.
+        name: name of a robot of the settings; None: the default one.
         scene: file with a scene, as the service keeps it.
         objects: further objects, by name.
         tool_file: file with the tool, as the service keeps it; for a robot without `tool`.

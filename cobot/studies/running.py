@@ -58,7 +58,7 @@ class StudyResult:
     """The results so far.
 
     Attributes:
-        answer: by names for people; partial if not all tasks are done.
+        answer: the results by readable names; partial if not all tasks are done.
         computed: number of tasks that this run has computed.
         duration_s: duration of this run.
         kernel_share: the time that the workers spent in tasks, as a share of their whole time.

@@ -67,7 +67,7 @@ class JobError:
 
     Attributes:
         detail: the sentence.
-        code, findings, details: of the error, see `CobotError`.
+        code, findings, details: code, findings and details of the error, see `CobotError`.
     """
 
     detail: str

@@ -180,7 +180,7 @@ class Ownership:
         """Check that no other client moves the arm or has control.
 
         Args:
-            what: for the error, what only the client that moves the arm can do.
+            what: what only the client that moves the arm can do.
 
         Raises:
             ConflictError: another client does.

@@ -83,7 +83,7 @@ def make_backup(settings: Settings, source: Path | None) -> bytes:
     """Make the archive.
 
     Args:
-        settings: of all robots.
+        settings: settings of all robots.
         source: the user's settings file; None without one.
 
     Raises:

@@ -31,7 +31,7 @@ def make_bundle(settings: Settings, live: Mapping[str, bytes]) -> bytes:
     """Make the archive.
 
     Args:
-        settings: of all robots.
+        settings: settings of all robots.
         live: parts that only a running service has, by name; empty without one.
     """
     files = {

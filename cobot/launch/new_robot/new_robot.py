@@ -57,7 +57,7 @@ class _Source:
 
     Attributes:
         rates: velocity and effort of its joints, 0 for unknown.
-        names: of all its joints.
+        names: names of all its joints.
         stated: inertials of a URDF that were set aside; None for MJCF.
     """
 

@@ -79,7 +79,7 @@ class JointTree:
     """The hinges and slides of a file, except those that are kept fixed.
 
     Attributes:
-        nodes: by name, in the file's order.
+        nodes: the joints by name, in the file's order.
         roots: the first joints after the world.
     """
 

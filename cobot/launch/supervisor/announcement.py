@@ -20,7 +20,7 @@ def announce(settings: Settings, url: str, access: str, memories: Mapping[str, R
     """Log where the service is, which clients may use it, and what runs.
 
     Args:
-        url: of the service, "" if there is none.
+        url: URL of the service, "" if there is none.
         access: the clients that may use the service, as a text for people.
         memories: shared memory of the robots whose cycles have begun.
     """

@@ -57,7 +57,7 @@ class Particles:
         """
         Args:
             count: number of configurations.
-            factor: multiplies the number of places.
+            factor: factor for the number of places.
             end: joints in which all ways end, shape (dof,); None: any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)

@@ -44,7 +44,7 @@ class Mesh:
     """Resolution of the graph.
 
     Attributes:
-        factor: multiplies the number of places.
+        factor: factor for the number of places.
         angles: arm angles per full turn.
         window: largest change of the arm angle between places, in these steps.
         step_rad: largest joint step between places.

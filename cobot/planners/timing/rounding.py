@@ -67,7 +67,7 @@ def _change(positions: Array, weight: float) -> Array:
     """The change of each row by smoothing; solving for the change is far more accurate than for the sum.
 
     Args:
-        weight: of the differences; variations with a period below 2 π weight^(1/8) rows are removed.
+        weight: weight of the differences; variations with a period below 2 π weight^(1/8) rows are removed.
     """
     from scipy.linalg import solveh_banded
 

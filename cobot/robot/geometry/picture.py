@@ -76,7 +76,7 @@ def draw(
     of the visuals exceed `MAX_DRAWN_BYTES`, all bodies are drawn as the collision checks see them.
 
     Args:
-        positions: of the joints, rad (m for a linear joint).
+        positions: positions of the joints, rad (m for a linear joint).
         others: triangles of parts that the robot's model does not have.
 
     Raises:

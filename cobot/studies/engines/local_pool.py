@@ -60,7 +60,7 @@ class LocalPool(Executor):
 
     Args:
         workers: number of processes; None: one per core that this process may use.
-        niceness: of the workers, 0 to 19.
+        niceness: niceness of the workers, 0 to 19.
 
     Raises:
         ValueError: `workers` is not positive.

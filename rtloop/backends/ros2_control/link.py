@@ -170,7 +170,7 @@ class ClientProcess:
         """Start the process.
 
         Args:
-            descriptors: of this process, which it inherits.
+            descriptors: descriptors of this process, which it inherits.
         """
         command = [sys.executable, "-P", "-m", "cobot.dds.arm_client", json.dumps(settings)]
         self._process = subprocess.Popen(

@@ -46,7 +46,7 @@ class Enabling:
         """
         Args:
             state: the newest data of RTDE.
-            version: of the controller's software.
+            version: version of the controller's software.
             local: address of this computer on the connection.
 
         Raises:

@@ -71,8 +71,8 @@ class _Wanted:
 
     Attributes:
         group: first of its variables.
-        values: of the variables.
-        point: with the value that is to be reported.
+        values: values of the variables.
+        point: the point with the value that is to be reported.
     """
 
     group: str

@@ -45,7 +45,7 @@ _KINDS = frozenset(Kind)
 
 
 class RtdeError(Exception):
-    """Bytes that are not RTDE, or not what was agreed."""
+    """The controller has sent bytes that are not RTDE, or a package that does not fit the session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +91,8 @@ class Recipe:
     """Names and types of the variables of a data package.
 
     Attributes:
-        number: by which packages refer to it, 1 to 255; 0 was rejected.
-        names, types: of the variables, in order.
+        number: number by which packages refer to it, 1 to 255; 0 was rejected.
+        names, types: names and types of the variables, in order.
     """
 
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:

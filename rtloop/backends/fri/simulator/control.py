@@ -50,7 +50,7 @@ class ControlServer(LineServer):
     ) -> None:
         """
         Args:
-            more: adds data of the server to each answer.
+            more: function that adds data of the server to each answer.
         """
         super().__init__(port)
         self._cabinet, self._network, self._more = cabinet, network, more

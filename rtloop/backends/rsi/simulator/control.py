@@ -51,7 +51,7 @@ class RsiControlServer(LineServer):
     ) -> None:
         """
         Args:
-            more: adds data of the server to each answer.
+            more: function that adds data of the server to each answer.
         """
         super().__init__(port)
         self._controller, self._network, self._more = controller, network, more

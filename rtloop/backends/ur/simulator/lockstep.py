@@ -105,7 +105,7 @@ class UrLockStep:
     Attributes:
         controller: at the other end.
         cable: between the two.
-        network: of the data packages.
+        network: network of the data packages.
         busy: whether one wait in `EVERY` finds two packages in place of one.
         positions: joint positions that the program was sent.
     """

@@ -32,7 +32,7 @@ class Function:
     """A function of the language.
 
     Attributes:
-        call: with the arguments; a generator function if it `waits`.
+        call: function that is called with the arguments; a generator function if it `waits`.
         waits: whether it takes time.
     """
 
@@ -149,7 +149,7 @@ class Script:
     """A program, which is stepped once per control period.
 
     Attributes:
-        name: of the program.
+        name: name of the program.
         is_secondary: whether it runs next to another program.
         line: that runs now or has failed.
     """
