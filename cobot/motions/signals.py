@@ -23,7 +23,8 @@ class PathPlace:
     """A place on the path of a motion.
 
     Attributes:
-        unit: unit of `value`: the length of the path of the TCP, m; path time, s; or the share of that length.
+        unit: unit of `value`: the length of the path of the TCP, m; path time, s; or the share of that
+            length.
         from_end: whether it is measured back from the end of the path.
     """
 

@@ -46,7 +46,8 @@ class Stretch:
             ones.
         used_m: for the latest motions, the used blend radius of the corner before each; 0: the arm stops or
             starts there.
-        legs, radii_m, corners: legs, blend radii and corners since the last stop. Each radius belongs to the end of a motion.
+        legs, radii_m, corners: legs, blend radii and corners since the last stop. Each radius belongs to the
+            end of a motion.
         progress: path parameter over the time since `since_s`, valid from `valid_s` on; None if no motion can
             follow without a stop.
         offset_s: path time of the replaced trajectory at which this one begins.

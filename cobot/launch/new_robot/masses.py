@@ -38,8 +38,8 @@ class Wishes:
     """The options of the user for masses.
 
     Attributes:
-        density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or in MJCF the densities of
-            the file.
+        density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or in MJCF the
+            densities of the file.
         masses: kg, by link.
     """
 

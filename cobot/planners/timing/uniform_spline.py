@@ -69,7 +69,8 @@ def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Arr
 
 
 def moving_average(values: Array, count: int) -> Array:
-    """The moving average over `count` rows, as if the values were at rest before the first and after the last row. It has `count` - 1 more rows.
+    """The moving average over `count` rows, as if the values were at rest before the first and after the last
+    row. It has `count` - 1 rows more than the values.
 
     It keeps every bound of the values' differences, and divides their next difference by `count`.
     """

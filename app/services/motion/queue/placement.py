@@ -28,8 +28,8 @@ class Placement:
 
     Attributes:
         offset_s: path time of the motion at which the trajectory begins.
-        times_s: for the number of each move with signals, the path times of its beginning and of the end of each
-            leg.
+        times_s: for the number of each move with signals, the path times of its beginning and of the end of
+            each leg.
         placed: for the number of each move with signals, the places of its signals.
         way: path of the TCP from the beginning of the first of these moves; None if there are none.
         signals: all signals in the form for rtloop, at path times of the trajectory.
