@@ -43,6 +43,7 @@ UNUSED_S = 900.0
 """Time without a request after which a panel is closed."""
 MAX_OPEN_S = 12 * 3600.0
 """Time after which a panel is closed, and must be opened again from the page of the fleet."""
+NOT_OPEN = "this panel is not open any more; open it again from the page of the fleet"
 ANSWER_S = 10.0
 """Timeout for an answer of a cell. A cell answers after 1 s, also without content."""
 
@@ -61,6 +62,8 @@ class OpenPanel:
 
     Attributes:
         find: finds the person; None once the token is not valid any more.
+        used_s: time of the last request, also of one for a piece of a WebSocket.
+        closed: whether it was closed to make room for another panel.
         requests, sockets: numbers of those in progress.
         turns: limits the pieces of answers that are on their way.
     """
@@ -69,15 +72,27 @@ class OpenPanel:
     find: Callable[[], PanelPerson | None]
     opened_s: float = field(default_factory=time.monotonic)
     used_s: float = field(default_factory=time.monotonic)
+    closed: bool = False
     requests: int = 0
     sockets: int = 0
     turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(MAX_PIECES))
 
-    def person(self) -> PanelPerson:
-        """
+    @property
+    def is_over(self) -> bool:
+        """Whether it was closed, was open for too long, or was not used for too long."""
+        now_s = time.monotonic()
+        return self.closed or now_s - self.opened_s >= MAX_OPEN_S or now_s - self.used_s >= UNUSED_S
+
+    def use(self) -> PanelPerson:
+        """Note a request of the panel, and find the person.
+
         Raises:
+            NotFoundError: the panel is not open any more.
             AuthenticationError: the token with which the panel was opened is not valid any more.
         """
+        if self.is_over:
+            raise NotFoundError(NOT_OPEN)
+        self.used_s = time.monotonic()
         found = self.find()
         if found is None:
             raise AuthenticationError("your token is not valid any more; log in on the page of the fleet")
@@ -104,7 +119,7 @@ class PanelLink:
         with self._lock:
             self._forget()
             while len(self._open) >= MAX_PANELS:
-                del self._open[min(self._open, key=lambda each: self._open[each].used_s)]
+                self._open.pop(min(self._open, key=lambda each: self._open[each].used_s)).closed = True
             name = secrets.token_urlsafe(24)
             self._open[name] = OpenPanel(cell, find)
             return name
@@ -118,31 +133,23 @@ class PanelLink:
             self._forget()
             found = self._open.get(name)
             if found is None:
-                raise NotFoundError(
-                    "this panel is not open any more; open it again from the page of the fleet"
-                )
-            found.used_s = time.monotonic()
+                raise NotFoundError(NOT_OPEN)
             return found
 
     def _forget(self) -> None:
-        now_s = time.monotonic()
-        self._open = {
-            name: each
-            for name, each in self._open.items()
-            if each.sockets or (now_s - each.used_s < UNUSED_S and now_s - each.opened_s < MAX_OPEN_S)
-        }
+        self._open = {name: each for name, each in self._open.items() if not each.is_over}
 
     async def ask(self, panel: OpenPanel, wish: PanelWish, body: bytes = b"") -> tuple[PanelHead, bytes]:
         """Send a request to a cell. Returns a piece of the answer.
 
         Raises:
-            AuthenticationError: see `OpenPanel.person`.
+            NotFoundError, AuthenticationError: see `OpenPanel.use`.
             UnavailableError: the cell does not answer.
             CobotError: the error of the cell.
         """
         import zenoh
 
-        person = panel.person()
+        person = panel.use()
         now_s = time.monotonic()
         request = PanelRequest(
             id=secrets.token_hex(12),

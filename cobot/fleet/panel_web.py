@@ -16,24 +16,27 @@ import logging
 import re
 import socket
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from pydantic import ValidationError
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response, StreamingResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from cobot.errors import (
     AuthenticationError,
+    BusyError,
     CobotError,
     InputError,
     NotFoundError,
+    NotSupportedError,
     PayloadError,
     UnavailableError,
 )
@@ -59,6 +62,9 @@ from cobot.strict import sentences
 
 MAX_ALL_REQUESTS, MAX_CONNECTIONS = 200, 500
 """Maximum number of requests of all panels, and of connections of browsers."""
+BROWSER_S = 30.0
+"""Timeout for a browser to send the body of a request, and to take a piece of an answer. Without it, browsers
+that hang would use up the numbers of requests."""
 MAX_STOPS = 20
 """Maximum number of stops that are in progress at the same time; others wait for one of them."""
 POLICY = "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"
@@ -72,15 +78,20 @@ HEADERS = {
 STYLE = "font: 18px/1.5 system-ui, sans-serif; max-width: 40rem; margin: 3rem auto; padding: 0 1rem"
 NO_CONTENT = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 WORDS = json.loads((Path(__file__).parent / "page" / "words.json").read_text(encoding="utf-8"))
+_DOCS = re.compile(r"(?:/v1)?/(?:docs|redoc)(?:/.*)?")
 _STOP = re.compile(r"(?:/v1)?(?:/robots/([A-Za-z0-9_-]{1,48}))?/stop")
 log = logging.getLogger("cobot.fleet")
 
 
 class PanelApp:
-    """The application that passes requests on to the cells."""
+    """The application that passes requests on to the cells.
 
-    def __init__(self, hub: Hub, link: PanelLink) -> None:
-        self._hub, self._link = hub, link
+    Args:
+        connections: returns the number of connections of browsers.
+    """
+
+    def __init__(self, hub: Hub, link: PanelLink, connections: Callable[[], int]) -> None:
+        self._hub, self._link, self._connections = hub, link, connections
         self._requests = 0
         self._stops = ThreadPoolExecutor(MAX_STOPS, thread_name_prefix="stop")
 
@@ -91,6 +102,8 @@ class PanelApp:
                 await self._serve(request, send)
             except CobotError as exc:
                 await _failure(request, exc)(scope, receive, send)
+            except (OSError, ClientDisconnect) as exc:  # the connection ends, so the answer is incomplete
+                log.warning("an answer of a panel has ended early: %s", exc or type(exc).__name__)
         elif scope["type"] == "websocket":
             await self._join(WebSocket(scope, receive, send))
 
@@ -113,13 +126,19 @@ class PanelApp:
         """
         name, path = _split(request.scope)
         panel = self._link.get(name)
-        person = panel.person()
+        person = panel.use()
         stop = _STOP.fullmatch(path)
         if request.method == "POST" and stop is not None:
             answer = await self._stop(panel, person, stop[1] or "*")
             await answer(request.scope, request.receive, send)
             return
+        require_room(self._connections() - 1, MAX_CONNECTIONS, "connections to panels at this hub")
         self._require_alive(panel)
+        if _DOCS.fullmatch(path):
+            raise NotSupportedError(
+                "the pages of the REST API name addresses of the cell, so they do not work through a hub; "
+                "use them at the address of the cell itself"
+            )
         if not path:
             await RedirectResponse(f"/{name}/")(request.scope, request.receive, send)
             return
@@ -129,24 +148,36 @@ class PanelApp:
         panel.requests += 1
         self._requests += 1
         try:
-            await self._pass_on(f"/{name}", panel, wish, request, send)
+            body = await _body(request)
+            await _end_with_browser(request, self._pass_on(f"/{name}", panel, wish, body, request, send))
         finally:
             panel.requests -= 1
             self._requests -= 1
 
     async def _pass_on(
-        self, place: str, panel: OpenPanel, wish: OpenHttp, request: Request, send: Send
+        self, place: str, panel: OpenPanel, wish: OpenHttp, body: bytes, request: Request, send: Send
     ) -> None:
-        body = await _body(request)
+        async def send_in_time(message: Message) -> None:
+            async with asyncio.timeout(BROWSER_S):
+                await send(message)
+
         async with panel.turns:
-            head, content = await self._link.ask(panel, wish, body)
+            opening = asyncio.ensure_future(self._link.ask(panel, wish, body))
+            try:
+                head, content = await asyncio.shield(opening)
+            except asyncio.CancelledError:
+                with contextlib.suppress(CobotError):
+                    head, _ = await opening  # the name of the stream that is to be closed
+                    await self._close(panel, head.stream)
+                raise
         last = [head]
         try:
             while not head.status:
                 head, content = await self._read(panel, last)
             headers = _headers_of(head, place)
             pieces = self._pieces(panel, content, last)
-            await StreamingResponse(pieces, head.status, headers)(request.scope, request.receive, send)
+            response = StreamingResponse(pieces, head.status, headers)
+            await response(request.scope, request.receive, send_in_time)
         finally:
             if not last[0].ended:
                 await asyncio.shield(self._close(panel, head.stream))
@@ -191,6 +222,7 @@ class PanelApp:
         try:
             name, path = _split(browser.scope)
             panel = self._link.get(name)
+            require_room(self._connections() - 1, MAX_CONNECTIONS, "connections to panels at this hub")
             self._require_alive(panel)
             require_room(panel.sockets, MAX_SOCKETS, "connections of this panel")
             query = browser.scope["query_string"].decode("latin-1")
@@ -250,7 +282,8 @@ class PanelServer:
 
     def __init__(self, hub: Hub, listener: socket.socket, hosts: list[str], folder: Path) -> None:
         assert hub.panels is not None
-        app = TrustedHostMiddleware(SameSite(PanelApp(hub, hub.panels)), hosts, www_redirect=False)
+        panels = PanelApp(hub, hub.panels, lambda: len(self._server.server_state.connections))
+        app = TrustedHostMiddleware(SameSite(panels), hosts, www_redirect=False)
         self._listener = listener
         self._server = uvicorn.Server(
             uvicorn.Config(
@@ -258,7 +291,6 @@ class PanelServer:
                 log_config=None,
                 access_log=False,
                 lifespan="off",
-                limit_concurrency=MAX_CONNECTIONS,
                 timeout_graceful_shutdown=1,
                 ws_max_size=MAX_FRAME_BYTES,
                 ws_per_message_deflate=False,
@@ -326,20 +358,49 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
     return headers | HEADERS | {"content-security-policy": ", ".join(filter(None, policies))}
 
 
+async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -> None:
+    """Do the work until the browser is gone. Then the cell ends the request, and with
+    `web.stop_on_disconnect` the motion, as it does for a browser of its own.
+
+    Args:
+        request: its body was read.
+    """
+
+    async def wait_for_departure() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+
+    doing, leaving = asyncio.ensure_future(work), asyncio.ensure_future(wait_for_departure())
+    try:
+        await asyncio.wait((doing, leaving), return_when=asyncio.FIRST_COMPLETED)
+        if doing.done():
+            doing.result()
+    finally:
+        leaving.cancel()
+        doing.cancel()
+
+
 async def _body(request: Request) -> bytes:
     """
     Raises:
         PayloadError: the body is too large.
+        InputError: it has not come in time.
     """
     announced = request.headers.get("content-length", "0")
     body = b""
     if not announced.isdecimal() or int(announced) <= MAX_BODY_BYTES:
-        async for part in request.stream():
-            body += part
-            if len(body) > MAX_BODY_BYTES:
-                break
-        else:
-            return body
+        try:
+            async with asyncio.timeout(BROWSER_S):
+                async for part in request.stream():
+                    body += part
+                    if len(body) > MAX_BODY_BYTES:
+                        break
+                else:
+                    return body
+        except TimeoutError as exc:
+            raise InputError(
+                f"the body has {len(body)} bytes after {BROWSER_S:g} s and is not complete; send it again"
+            ) from exc
     raise PayloadError(
         f"the body has more than {MAX_BODY_BYTES} bytes, which is what a hub passes on; use the address of "
         "the cell itself, or `cobot fleet roll-out` for programs"
@@ -354,12 +415,14 @@ async def _deny(browser: WebSocket, reason: str) -> None:
 def _failure(request: Request, exc: CobotError) -> Response:
     """An error as JSON for scripts, and as a page for people."""
     status = status_of(exc)
+    headers = HEADERS | ({"connection": "close"} if isinstance(exc, BusyError) else {})
     if "text/html" not in request.headers.get("accept", ""):
-        return JSONResponse({"detail": str(exc), "code": exc.code}, status, HEADERS)
+        return JSONResponse({"detail": str(exc), "code": exc.code}, status, headers)
     wanted = request.headers.get("accept-language", "")[:2]
     words = WORDS.get(wanted, WORDS["en"])
     again = isinstance(exc, UnavailableError)
-    title = words["panel_closed" if isinstance(exc, NotFoundError) else "panel_none"]
+    kind = "closed" if isinstance(exc, NotFoundError) else "none"
+    title = words["panel_elsewhere" if isinstance(exc, NotSupportedError) else f"panel_{kind}"]
     advice = words["panel_again"] if again else ""
     if isinstance(exc, NotFoundError | AuthenticationError):
         advice = words["panel_reopen"]
@@ -369,5 +432,5 @@ def _failure(request: Request, exc: CobotError) -> Response:
         f"{'<meta http-equiv=refresh content=3>' if again else ''}<body style='{STYLE}'>"
         f"<h1>{html.escape(title)}</h1><p>{html.escape(str(exc))}</p><p>{html.escape(advice)}</p>"
     )
-    headers = HEADERS | {"content-security-policy": NO_CONTENT, "cache-control": "no-store"}
+    headers |= {"content-security-policy": NO_CONTENT, "cache-control": "no-store"}
     return HTMLResponse(page, status, headers)

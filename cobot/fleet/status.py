@@ -9,6 +9,7 @@ from cobot.errors import (
     ConflictError,
     InputError,
     NotFoundError,
+    NotSupportedError,
     PayloadError,
     PermissionDenied,
 )
@@ -21,6 +22,7 @@ STATUS = {
     ConflictError: 409,
     BusyError: 409,
     PayloadError: 413,
+    NotSupportedError: 501,
 }
 
 

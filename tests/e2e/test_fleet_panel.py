@@ -6,6 +6,7 @@ the service of the cell, with its jobs and its audit.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import shutil
@@ -32,12 +33,12 @@ from cobot.access.tokens import TokenFile
 
 if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
 from cobot.fleet.certificates import issue_cell, issue_hub, make_authority
-from cobot.fleet.panel_messages import MAX_BODY_BYTES, MAX_SOCKETS
+from cobot.fleet.panel_messages import MAX_BODY_BYTES, MAX_FRAME_BYTES, MAX_SOCKETS
 
 HUB_ADDRESS = "10.9.1.1"
 PARALLEL = 1000
@@ -255,20 +256,57 @@ def _next(stream: ClientConnection, kind: str) -> dict[str, Any] | None:
     return found if found["type"] == kind else None
 
 
-def raw(hub: Hub, request: bytes) -> bytes:
-    """The answer to bytes that no well-behaved client sends."""
+def connection_of(hub: Hub) -> ssl.SSLSocket:
+    """A bare connection to the panels of the hub."""
     assert hub.certificates is not None
     trusted = ssl.create_default_context(cafile=hub.certificates / "ca.pem")
     plain = socket.create_connection((HUB_ADDRESS, hub.panel_port), 10.0)
-    with trusted.wrap_socket(plain, server_hostname=HUB_ADDRESS) as connection:
+    return trusted.wrap_socket(plain, server_hostname=HUB_ADDRESS)
+
+
+def raw(hub: Hub, request: bytes) -> bytes:
+    """The answer to bytes that no well-behaved client sends."""
+    with connection_of(hub) as connection:
         connection.sendall(request)
         return connection.recv(65536)
+
+
+def test_a_browser_that_leaves_during_its_motion_stops_it(
+    operator: httpx.Client, hub: Hub, cell: PlantRun
+) -> None:
+    """As at the cell itself: docs/conventions.md, `web.stop_on_disconnect`."""
+    joints = cell.ask("GET", "/robot/joint_states")["position"]
+    joints[0] += 1.2 if joints[0] < 0.0 else -1.2
+    body = json.dumps({"joints": joints, "speed": 0.01}).encode()
+    head = (
+        f"POST {urlsplit(str(operator.base_url)).path}robot/move/joints HTTP/1.1\r\nHost: {HUB_ADDRESS}\r\n"
+        f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+    )
+    with connection_of(hub) as connection:
+        connection.sendall(head.encode() + body)
+        (job,) = until(lambda: cell.ask("GET", "/jobs", params={"state": "running"})["jobs"])
+    assert until(lambda: cell.job(job["id"]) not in ("running", "stopping"))
+    assert cell.job(job["id"]) == "cancelled"
+
+
+def test_a_frame_that_is_too_large_ends_its_websocket_only(
+    viewer: httpx.Client, hub: Hub, cell: PlantRun
+) -> None:
+    path = f"/robots/{cell.name}/events?after=0"
+    with socket_of(viewer, path, hub) as large, socket_of(viewer, path, hub) as other:
+        large.send("x" * (MAX_FRAME_BYTES + 1))
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                large.recv(10.0)
+        assert large.close_code == 1009, "of RFC 6455: the message is too big"
+        assert "type" in json.loads(other.recv(10.0))
+    assert viewer.get("robots").status_code == 200
 
 
 @pytest.mark.parametrize(
     "path",
     ["/../access/tokens", "/%2e%2e/x", "/a/%2E%2E/%2e%2e/etc/passwd", "//etc/passwd", "/a%2fb", "/a%5cb",
-     "/a%00b", "/%0d%0aX-Role:%20admin", "/" + 3000 * "a", "/@evil.example/"],
+     "/a%00b", "/%0d%0aX-Role:%20admin", "/é", "/" + 3000 * "a", "/@evil.example/"],
 )  # fmt: skip
 def test_odd_paths_reach_nothing(viewer: httpx.Client, hub: Hub, path: str) -> None:
     place = urlsplit(str(viewer.base_url)).path.rstrip("/")
