@@ -70,8 +70,8 @@ def foreign(hub: Hub) -> Iterator[Any]:
 def other(hub: Hub, cell: Run, tmp_path: Path) -> Iterator[Callable[..., OtherCell]]:
     with contextlib.ExitStack() as stack:
 
-        def make(name: str, more: str = "") -> OtherCell:
-            made = OtherCell(hub, cell, tmp_path, name, more)
+        def make(name: str, more: str = "", port: int = hub.zenoh_port) -> OtherCell:
+            made = OtherCell(port, cell, tmp_path, name, more)
             stack.callback(made.close)
             return made
 
@@ -337,6 +337,60 @@ def test_two_hubs_are_an_error_of_the_second(hub: Hub, fleet: Any) -> None:
 def test_a_hub_with_wrong_options_does_not_start(fleet: Any, options: tuple[str, ...], words: str) -> None:
     status, _, errors = fleet("serve", *options)
     assert (status, words in errors) == (1, True), errors
+
+
+def scouted(until_found: str) -> set[str]:
+    """The sessions that answer a multicast, as soon as this one has, and 0.5 s more for the others."""
+    scout = zenoh.scout(what="peer|router", config=zenoh.Config())
+    found: set[str] = set()
+
+    def look() -> bool:
+        while (hello := scout.try_recv()) is not None:
+            found.add(str(hello.zid))
+        return until_found in found
+
+    try:
+        until(look)
+        time.sleep(0.5)
+        look()
+    finally:
+        scout.stop()
+    return found
+
+
+def test_the_hub_answers_no_multicast(hub: Hub, foreign: Any) -> None:
+    """The control is a router with Zenoh's own settings, which answers."""
+    (own,) = foreign.info.routers_zid()
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{free_port()}"]))
+    with zenoh.open(config) as control:
+        found = scouted(str(control.zid()))
+    assert str(own) not in found
+
+
+def test_a_cell_behind_a_router_of_another_maker_is_seen_and_stopped(
+    hub: Hub, cell: Run, other: Callable[..., OtherCell]
+) -> None:
+    """The router is a plain session of Zenoh, which knows nothing of cobot."""
+    port = free_port()
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "router",
+        "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
+        "connect/endpoints": [f"tcp/127.0.0.1:{hub.zenoh_port}"],
+        "scouting/multicast/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config):
+        other("behind", port=port)
+        hub.until_state("behind", "ready")
+        job = begin_motion(cell)
+        assert hub.stop("/cells/behind/stop")["at_rest"]
+        require_stopped(cell, job)
+    hub.until_state("behind", "gone")
+    with zenoh.open(config):
+        hub.until_state("behind", "ready")
 
 
 def test_the_command_line_lists_shows_and_stops(hub: Hub, cell: Run, fleet: Any) -> None:

@@ -104,10 +104,14 @@ class Hub:
 
 
 class OtherCell:
-    """The process of a cell alone, for the arm of another one, behind a proxy."""
+    """The process of a cell alone, for the arm of another one, behind a proxy.
 
-    def __init__(self, hub: Hub, run: Run, folder: Path, name: str, more: str = "") -> None:
-        self.proxy = TcpProxy(hub.zenoh_port)
+    Args:
+        port: of the hub, or of a router on the way to it.
+    """
+
+    def __init__(self, port: int, run: Run, folder: Path, name: str, more: str = "") -> None:
+        self.proxy = TcpProxy(port)
         self.folder = folder
         config = folder / f"{name}.yaml"
         connect = f"['tcp/127.0.0.1:{self.proxy.port}']"
