@@ -6,6 +6,7 @@ of another cell, which knows only docs/fleet.md; Chromium.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import io
 import json
@@ -759,11 +760,22 @@ def _accepted(url: str, body: dict[str, Any]) -> Any:
     return answer.json() if answer.status_code == 200 else None
 
 
+def modules_of(cell: psutil.Process) -> dict[str, psutil.Process]:
+    """The processes of a cell, by the modules that they run."""
+    found = {}
+    for each in cell.children():
+        with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+            words = each.cmdline()
+            if words[1:3] == ["-P", "-m"]:
+                found[words[3]] = each
+    return found
+
+
 def test_the_example_of_three_cells(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """As its header says. A cell and the hub that are killed come back while the others go on, and all
-    recordings come home."""
+    """As its header says. A cell, each process of a cell, and the hub come back after a kill while the others
+    go on, and all recordings come home."""
     example = ROOT / "examples" / "fleet"
     process = subprocess.Popen(
         [sys.executable, "-P", str(example / "start.py")],
@@ -800,6 +812,16 @@ def test_the_example_of_three_cells(
         until(lambda: robots().get("three") == "ready")
         assert main(["roll-out", str(example / "seams"), *cells, *given]) == 0
         assert capsys.readouterr().out.count("is active already") == 3
+        two = next(each for words, each in commands.items() if "/two.yaml" in words)
+        modules = modules_of(two)
+        assert {"app", "rtloop", "cobot.fleet.cell"} <= set(modules)
+        for module, old in modules.items():
+            old.kill()
+            until(lambda module=module, old=old: modules_of(two).get(module, old) != old)
+            until(lambda: robots() == {"one": "ready", "two": "ready", "three": "ready"})
+        until(lambda: main(["run", "two", "--program", "seam"]) == 0)
+        until(lambda: robots().get("two") == "moving")
+        assert main(["stop", "two"]) == 0
         names = set()
         for each in listed():
             service = f"{each['panel']}/robots/{each['robot']}/recordings"
