@@ -16,7 +16,14 @@ from cobot.robot.description import RobotDescription
 from cobot.studies.chunks import Columns
 from cobot.studies.kinds.robot_study import RobotStudy
 from cobot.studies.parameters.spaces import Axis, Value
-from cobot.studies.programs.program_moves import PlannedMove, Program, StudyMove, plan_program
+from cobot.studies.programs.program_moves import (
+    PlannedMove,
+    Program,
+    StudyMove,
+    nearest_program,
+    plan_moves,
+    plan_program,
+)
 from cobot.studies.study import Kernel
 
 PARAMETERS = ("speed", "blend_radius_m")
@@ -78,6 +85,8 @@ class CycleStudy(RobotStudy):
         if unplanned:
             first = next(str(cause) for cause in columns["cause"] if cause)
             answer |= {"cannot be planned": unplanned, "the first because": first}
+        if unplanned and unplanned == len(columns["cause"]):
+            answer["no program can be planned"] = nearest_program(columns, self.axes)
         durations = np.asarray(columns["duration_s"], dtype=float)
         if np.isfinite(durations).any():
             best = int(np.nanargmin(durations))
@@ -116,22 +125,26 @@ class _CycleKernel:
 
     def __call__(self, first: int, last: int) -> Columns:
         rows = [self._duration(self.study.at(task)) for task in range(first, last)]
-        durations = np.array([duration_s for duration_s, _ in rows])
+        durations = np.array([duration_s for duration_s, _, _ in rows])
         results: dict[str, Any] = {
             "duration_s": durations,
             "saved_s": self.as_written_s - durations,
-            "cause": np.array([cause for _, cause in rows]),
+            "planned": np.array([planned for _, planned, _ in rows]),
+            "cause": np.array([cause for _, _, cause in rows]),
         }
         return {**self.study.parameters(first, last), **results}
 
-    def _duration(self, values: dict[str, Value]) -> tuple[float, str]:
-        """The duration, s; NaN with the reason if the program cannot be planned."""
+    def _duration(self, values: dict[str, Value]) -> tuple[float, int, str]:
+        """The duration, s, and the number of planned motions; NaN with the reason if the program cannot be
+        planned."""
         speed, radius_m = float(values.get("speed", 1.0)), float(values.get("blend_radius_m", 0.0))
+        planned: list[PlannedMove] = []
         try:
-            planned = plan_program(self.robot, self.study.program_with(values), speed, self.study.seed)
-            return duration_of(planned, self.robot, radius_m), ""
+            for move in plan_moves(self.robot, self.study.program_with(values), speed, self.study.seed):
+                planned.append(move)  # noqa: PERF402 - those before an error count
+            return duration_of(planned, self.robot, radius_m), len(planned), ""
         except (PlanningError, LimitError) as exc:
-            return float("nan"), str(exc)[:200]
+            return float("nan"), len(planned), str(exc)[:200]
 
 
 def duration_of(planned: list[PlannedMove], robot: RobotDescription, radius_m: float) -> float:

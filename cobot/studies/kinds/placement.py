@@ -22,7 +22,13 @@ from cobot.studies.kinds.reach import ReachKernel
 from cobot.studies.kinds.reach_space import Approach, Places, PlacesSpace, places_of
 from cobot.studies.kinds.robot_study import RobotStudy
 from cobot.studies.parameters.spaces import Value
-from cobot.studies.programs.program_moves import Program, StudyMove, plan_program
+from cobot.studies.programs.program_moves import (
+    Program,
+    StudyMove,
+    nearest_program,
+    plan_moves,
+    plan_program,
+)
 from cobot.studies.study import Kernel
 from cobot.types import Array, Pose
 
@@ -73,7 +79,7 @@ class PlacementStudy(RobotStudy):
     def answer(self, columns: Columns) -> dict[str, Any]:
         answer = super().answer(columns)
         if "cause" in columns and not (columns["cause"] == "").any():
-            answer["no placement can do the program"] = f"the first because {columns['cause'][0]}"
+            answer["no placement can do the program"] = nearest_program(columns, self.axes)
         elif "gap_m" in columns and not np.asarray(columns["share"], dtype=float).any():
             gaps = np.asarray(columns["gap_m"], dtype=float)
             nearest = int(np.argmin(gaps))
@@ -200,7 +206,7 @@ class _PlacementKernel:
         if self.reach is not None:
             found |= self._reach(self.reach, base)
         if self.study.program is not None:
-            found["duration_s"], found["cause"] = self._duration(self.study.program, base)
+            found["duration_s"], found["planned"], found["cause"] = self._duration(self.study.program, base)
         return found
 
     def _place(self, base: Pose, tip: Pose) -> None:
@@ -232,8 +238,9 @@ class _PlacementKernel:
             "gap_m": float(np.mean([each.gap_m for each in found])),
         }
 
-    def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, str]:
-        """The duration of the program, s; NaN with the reason if a motion cannot be planned."""
+    def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, int, str]:
+        """The duration of the program, s, and the number of planned motions; NaN with the reason if one
+        cannot be planned."""
         back = base.inverse()
         moved = [
             move
@@ -241,11 +248,14 @@ class _PlacementKernel:
             else move.model_copy(update={"pose": list((back @ Pose.from_numbers(move.pose)).numbers)})
             for move in program
         ]
+        duration_s, planned = 0.0, 0
         try:
-            planned = plan_program(self.robot, moved, 1.0, self.study.seed)
+            for move in plan_moves(self.robot, moved, 1.0, self.study.seed):
+                duration_s += 0.0 if move.trajectory is None else move.trajectory.duration_s
+                planned += 1
         except (PlanningError, LimitError) as exc:
-            return float("nan"), str(exc)[:200]
-        return sum(0.0 if move.trajectory is None else move.trajectory.duration_s for move in planned), ""
+            return float("nan"), planned, str(exc)[:200]
+        return duration_s, planned, ""
 
 
 def _base_of(values: dict[str, Value]) -> Pose:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Self
 
@@ -14,6 +14,7 @@ from cobot.motions.planners import PlannerName
 from cobot.motions.requests import MotionRequest, TcpSpeed
 from cobot.robot.description import RobotDescription
 from cobot.strict import StrictModel
+from cobot.studies.chunks import Columns
 from cobot.studies.robot_choice import Finite, joints_at, numbers7
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose, Scaling
@@ -78,7 +79,14 @@ class PlannedMove:
 def plan_program(
     robot: RobotDescription, program: Sequence[StudyMove], speed: float, seed: int
 ) -> list[PlannedMove]:
-    """Plan all motions. Each starts where the previous one ends.
+    """Plan all motions, see `plan_moves`."""
+    return list(plan_moves(robot, program, speed, seed))
+
+
+def plan_moves(
+    robot: RobotDescription, program: Sequence[StudyMove], speed: float, seed: int
+) -> Iterator[PlannedMove]:
+    """Plan one motion after the other. Each starts where the previous one ends.
 
     Args:
         speed: factor for all speeds.
@@ -93,7 +101,6 @@ def plan_program(
         raise InputError("program[0]: must have to: the start is a named position or joint angles")
     joints = joints_at(robot, first.to, "program[0].to")
     robot.collision.check_position(joints, "program[0]")
-    planned = []
     for number, move in enumerate(program[1:], start=1):
         place = f"program[{number}]" + (f" ({move.label})" if move.label else "")
         try:
@@ -103,13 +110,23 @@ def plan_program(
             text = str(exc)
             raise exc.with_message(text if text.startswith(place) else f"{place}: {text}") from exc
         end = joints if trajectory is None else trajectory.end
-        planned.append(
-            PlannedMove(
-                place, joints, trajectory, robot.model.forward(end), move.tolerance_m, request, move.stop
-            )
+        yield PlannedMove(
+            place, joints, trajectory, robot.model.forward(end), move.tolerance_m, request, move.stop
         )
         joints = np.array(end)
-    return planned
+
+
+def nearest_program(columns: Columns, parameters: Iterable[str]) -> str:
+    """The task in which most motions can be planned, as a sentence for a study without a possible program.
+
+    Args:
+        columns: with `planned`, the number of planned motions, and `cause`, why the next one is not.
+        parameters: names of the parameters.
+    """
+    planned = np.asarray(columns["planned"], dtype=np.int64)
+    nearest = int(np.argmax(planned))
+    at = ", ".join(f"{name} {columns[name][nearest].item():.6g}" for name in parameters)
+    return f"the nearest has {at}: motions planned: {planned[nearest]}; then {columns['cause'][nearest]}"
 
 
 def _request(

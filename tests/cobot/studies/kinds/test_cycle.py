@@ -92,6 +92,21 @@ def test_a_slower_program_is_slower_and_one_that_cannot_be_planned_has_a_reason(
     assert study.answer({"task": np.arange(12), **columns})["cannot be planned"] == bad.sum()
 
 
+def test_a_study_without_a_possible_program_names_the_one_that_gets_furthest() -> None:
+    """Oracle: the reach of the arm. Some shifts of the second pose are beyond it, none of the first."""
+    program = [{"to": "home"}, {"pose": LEFT}, {"pose": [0.7, 0, 0.5, 0, 1, 0, 0], "within_m": 0.3}]
+    study = cycle(program, samples=12)
+    columns = study.kernel()(0, 12)
+    bad = ~np.isfinite(np.asarray(columns["duration_s"], float))
+    assert np.asarray(columns["planned"])[bad].tolist() == [1] * bad.sum()
+    assert set(np.asarray(columns["planned"])[~bad].tolist()) <= {2}
+    worst = {name: np.asarray(values)[bad] for name, values in columns.items()}
+    first = float(worst["move2_x_m"][0])
+    said = study.answer({"task": np.arange(12)[bad], **worst})["no program can be planned"]
+    assert said.startswith(f"the nearest has move2_x_m {first:.6g}, ")
+    assert "motions planned: 1; then program[2]: " in said
+
+
 def test_a_search_is_as_good_as_a_grid(tmp_path: Path) -> None:
     need("cmaes", "study")
     need("optuna", "study")

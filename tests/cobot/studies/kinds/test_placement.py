@@ -100,11 +100,14 @@ def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> N
     assert gaps[[0, 2]] - gaps[1] == pytest.approx([1.0, 2.0], abs=0.05)
     said = far.answer({"task": np.arange(3), **columns})["no target is reached"]
     assert said.startswith("the nearest placement is base_x_m -5: its targets are ")
-    program = [{"to": "home"}, {"pose": [0.5, 0, 0.3, 0, 1, 0, 0]}]
-    space = {"base_x_m": {"values": [5.0, 6.0]}}
+    # Of the two poses, the base at -0.5 m reaches the first only; at 6 m it reaches none.
+    program = [{"to": "home"}, *({"pose": [x, 0, 0.3, 0, 1, 0, 0]} for x in (0.0, 9.0))]
+    space = {"base_x_m": {"values": [6.0, -0.5]}}
     study = placement(space, metric="duration_s", goal="min", program=program, targets=None)
-    answer = study.answer({"task": np.arange(2), **study.kernel()(0, 2)})
-    assert answer["no placement can do the program"].startswith("the first because program[1]: ")
+    columns = study.kernel()(0, 2)
+    assert columns["planned"].tolist() == [0, 1]
+    said = study.answer({"task": np.arange(2), **columns})["no placement can do the program"]
+    assert said.startswith("the nearest has base_x_m -0.5: motions planned: 1; then program[2]: ")
 
 
 def test_a_search_finds_a_placement_as_good_as_a_grid(tmp_path: Path) -> None:
