@@ -38,6 +38,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
+SLOW_S = 0.5
+"""Time between two joint states in the mode `slow`."""
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
 GPIO = "gpio_command_controller"
 
@@ -94,6 +96,7 @@ class Controllers(Node):
         self.accepted_s = 0.0
         self.tolerances: dict[str, Any] = {}
         self.gpio = {"tool": {"vacuum": 0.0, "valve": 0.0, "pressure": 0.75}, "cabinet": {"door": 1.0}}
+        self.stated_s = 0.0
         self.told_s, self.frozen, self.commands = 0.0, list(self.position), 0
         group, alone = ReentrantCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self.states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
@@ -220,8 +223,9 @@ class Controllers(Node):
 
     def tell(self, now: float) -> None:
         mode = self.mode
-        if mode == "silent" or (mode == "slow" and int(now * 250) % 125):
+        if mode == "silent" or (mode == "slow" and now - self.stated_s < SLOW_S):
             return
+        self.stated_s = now
         names, position, velocity = list(self.joints), list(self.position), list(self.velocity)
         if mode == "frozen":
             position, velocity = list(self.frozen), [0.0] * len(names)

@@ -7,7 +7,9 @@ The real controller has not run here.
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import os
 import signal
 import subprocess
@@ -22,7 +24,7 @@ import numpy as np
 import pytest
 import rest_tour
 from arm_activities import robot_health
-from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, answering, until
+from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, answering, require_quick, until
 from dds_peers import own_domain
 from jazzy_controllers import (
     ACTION,
@@ -87,13 +89,17 @@ def begin(arm: Ros2ControlArm, change: float = 0.1, duration_s: float = 1.5) -> 
 
 
 def follow(arm: Ros2ControlArm, path: Trajectory) -> list[float]:
-    """Until it has arrived; the progress of each look. The arm is where the progress says that it is."""
+    """Until it has arrived; the progress of each look. The arm is where the progress says that it is, or was
+    there when its last joint state came.
+    """
     seen = [0.0]
     while seen[-1] < path.duration_s:
         time.sleep(0.05)
         position = measured(arm)
         seen.append(arm.progress())
-        np.testing.assert_allclose(position, path.sample([seen[-1]])[0], atol=0.05)
+        stated_s = max(0.0, seen[-1] - (arm._facts.age_s or 0.0))
+        places = path.sample(np.linspace(stated_s, seen[-1], 50))
+        assert np.abs(places - position).max(axis=1).min() < 0.05
     return seen
 
 
@@ -134,19 +140,24 @@ def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(
     arm: Ros2ControlArm, double: Double
 ) -> None:
     """Joint states have another order, another joint, and stamps of 1970."""
-    path = begin(arm, 0.2, 2.5)
-    begun_s = time.monotonic()
-    progress = follow(arm, path)
-    assert time.monotonic() - begun_s < 2.5 + 1.0
-    assert progress == sorted(progress)
-    assert sum(0.0 < each < 2.5 for each in progress) > 10
-    seen = double.seen()
-    assert seen["joints"] == JOINTS
-    assert seen["times"] == pytest.approx([0.0, 2.5])
-    np.testing.assert_allclose(seen["position"], path.end, atol=1e-6)
-    np.testing.assert_allclose(measured(arm), path.end, atol=REACHED_RAD)
-    recover_to_start = begin(arm, -0.2, 2.5)
-    follow(arm, recover_to_start)
+    changes = itertools.cycle((0.2, -0.2))
+
+    def moved() -> float:
+        path = begin(arm, next(changes), 2.5)
+        begun_s = time.monotonic()
+        progress = follow(arm, path)
+        took_s = time.monotonic() - begun_s
+        assert progress == sorted(progress)
+        seen = double.seen()
+        assert seen["joints"] == JOINTS
+        assert seen["times"] == pytest.approx([0.0, 2.5])
+        np.testing.assert_allclose(seen["position"], path.end, atol=1e-6)
+        np.testing.assert_allclose(measured(arm), path.end, atol=REACHED_RAD)
+        looks = sum(0.0 < each < 2.5 for each in progress)
+        return took_s if looks > 10 else math.inf
+
+    require_quick(moved, 2.5 + 1.0)
+    follow(arm, begin(arm, next(changes), 2.5))
 
 
 def test_a_stop_cancels_and_the_next_motion_begins_there(arm: Ros2ControlArm) -> None:
@@ -527,17 +538,18 @@ def test_a_stream_goes_through_the_forward_controller(tmp_path: Path) -> None:
                 acknowledge(run)
                 place = list(run.joints())
                 move_slowly(run, [*place[:1], place[1] + 0.1, *place[2:]])
+                here = list(run.joints())
 
                 def turned() -> bool:
                     with StreamClient(run.url) as client:
                         client.session()
                         for step in range(300):
-                            client.target([place[0] + 0.1 - 0.1 * np.cos(0.02 * step), *place[1:]])
-                            if abs(double.seen()["position"][0] - place[0]) > 0.05:
+                            client.target([here[0] + 0.1 - 0.1 * np.cos(0.02 * step), *here[1:]])
+                            if abs(double.seen()["position"][0] - here[0]) > 0.05:
                                 break
                             time.sleep(0.01)
                         client.ended()
-                    return bool(abs(double.seen()["position"][0] - place[0]) > 0.05)
+                    return bool(abs(double.seen()["position"][0] - here[0]) > 0.05)
 
                 until(turned)
                 double.be("inactive")
