@@ -39,7 +39,7 @@ WALL = {
     "cobot/dds/rtps/discovery.py": "time stamps of RTPS",
     "cobot/dds/rtps/writer.py": "time stamps of RTPS",
     "rtloop/backends/fanuc/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
-    "rtloop/backends/fri/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
+    "rtloop/backends/simulators/udp_server.py": "how long ago the kernel got a packet, by its stamp",
     "rtloop/main.py": "when it was started",
     "cobot/runner/recorder.py": "time stamps in recordings",
     "cobot/runner/runner.py": "time stamps of lines",

@@ -10,10 +10,10 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.lockstep import LockStep
 from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.lockstep import LockStep
 from rtloop.backends.simulators.network import Network
 
 

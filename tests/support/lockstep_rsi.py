@@ -13,12 +13,12 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured
-from rtloop.backends.fri.simulator.lockstep import LockStep
 from rtloop.backends.rsi import RsiBackend
 from rtloop.backends.rsi.simulator.controller import RsiController
 from rtloop.backends.rsi.simulator.lockstep import controller_for, with_options
 from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import ControllerOptions
+from rtloop.backends.simulators.lockstep import LockStep
 
 WAIT_S = 0.05
 ENOUGH = 1000

@@ -26,10 +26,10 @@ from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.control import ControlServer
 from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
-from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, endpoint, ipv4, within
 from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.simulators.process import serve
+from rtloop.backends.simulators.udp_server import UdpServer
 
 OVERLAYS = {
     "position": CommandMode.POSITION,
@@ -62,7 +62,7 @@ def main() -> int:
     )
 
 
-def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:
+def _server(chosen: argparse.Namespace) -> UdpServer[Cabinet]:
     settings = load_settings(chosen.config).of(chosen.robot)
     robot = load_robot(settings)
     mode = OVERLAYS[chosen.overlay]
@@ -80,7 +80,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer[Cabinet]:
     start = np.array(robot.positions[settings.robot.start_position].joints)
     cabinet = Cabinet(ControllerArm(settings, robot.limits, start, options.springs), options)
     network = FriNetwork(chosen.seed, chosen.loss, chosen.reorder, chosen.delay)
-    return CabinetServer(
+    return UdpServer(
         cabinet,
         network,
         chosen.client,

@@ -10,7 +10,6 @@ import numpy as np
 
 from cobot.config import load_settings
 from cobot.robot.description import load_robot
-from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.backends.rsi.options import DEFAULT_PORT, RsiOptions
 from rtloop.backends.rsi.simulator.control import RsiControlServer
 from rtloop.backends.rsi.simulator.controller import RsiController
@@ -20,6 +19,7 @@ from rtloop.backends.rsi.simulator.options import PERIODS_MS, ControllerOptions
 from rtloop.backends.rsi.telegrams import OPERATION_MODES
 from rtloop.backends.simulators.arguments import add_packet_options, endpoint, ipv4, within
 from rtloop.backends.simulators.process import serve
+from rtloop.backends.simulators.udp_server import UdpServer
 
 
 def main() -> int:
@@ -36,7 +36,7 @@ def main() -> int:
     )
 
 
-def _server(chosen: argparse.Namespace) -> CabinetServer[RsiController]:
+def _server(chosen: argparse.Namespace) -> UdpServer[RsiController]:
     settings = load_settings(chosen.config).of(chosen.robot)
     if settings.robot.backend.type != "rsi":
         settings = with_options(settings.model_copy(), **_options_without_backend())
@@ -56,7 +56,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer[RsiController]:
     )
     start = np.array(robot.positions[settings.robot.start_position].joints)
     controller = controller_for(settings, robot.limits, options, start)
-    return CabinetServer(
+    return UdpServer(
         controller,
         RsiNetwork(controller.layout, chosen.seed, chosen.loss, chosen.reorder, chosen.delay),
         chosen.client,

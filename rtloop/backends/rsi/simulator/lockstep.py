@@ -9,7 +9,6 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
-from rtloop.backends.fri.simulator.lockstep import RESTART_S, UNLUCKY, LockStep
 from rtloop.backends.rsi.backend import RsiBackend
 from rtloop.backends.rsi.options import RsiOptions
 from rtloop.backends.rsi.simulator.controller import RsiController
@@ -17,6 +16,7 @@ from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.backends.rsi.telegrams import layout_of
 from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.lockstep import RESTART_S, UNLUCKY, LockStep
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
@@ -67,15 +67,15 @@ class RsiRig:
     @property
     def wire(self) -> list[Array]:
         """The positions that the controller has been sent."""
-        return list(self._channel.cabinet.wire)
+        return list(self._channel.controller.wire)
 
     def backend(self) -> RsiBackend:
-        for _ in range(round(RESTART_S / self._channel.cabinet.period_s)):
+        for _ in range(round(RESTART_S / self._channel.controller.period_s)):
             self._channel.receive(0.0)
         return RsiBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
 
     def inject(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.cabinet
+        channel, controller = self._channel, self._channel.controller
         if fault == "disconnect":
             channel.off = True
         elif fault in ("frozen", "nan"):
@@ -95,7 +95,7 @@ class RsiRig:
             controller.switch_off("a limit of the RSI context")
 
     def clear(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.cabinet
+        channel, controller = self._channel, self._channel.controller
         if fault == "disconnect":
             channel.off = False
         elif fault in ("frozen", "nan"):

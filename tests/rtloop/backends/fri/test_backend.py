@@ -50,7 +50,7 @@ class Driven:
 
     def __init__(self, backend: FriBackend, channel: LockStep) -> None:
         self.backend, self.channel = backend, channel
-        self.cabinet, self.network = channel.cabinet, channel.network
+        self.cabinet, self.network = channel.controller, channel.network
         self.measured = Measured(7)
         self.command = np.zeros((3, 7))
         self.problems: list[str] = []
@@ -215,7 +215,7 @@ def test_says_that_nobody_is_there_and_what_else_came(settings: Settings, robot:
         BackendError, match="no packet on UDP port 30200: is the controller's program running"
     ):
         backend.open(np.zeros(7))
-    channel.off, channel.cabinet.packet = (
+    channel.off, channel.controller.packet = (
         False,
         lambda: encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))),
     )
@@ -574,13 +574,13 @@ def test_an_arm_that_is_not_where_the_model_has_it_is_refused(
     cell = CabinetOptions(version=version)
     for off_mm, refused in ((3.0, False), (8.0, version == "2.x")):
         backend, channel = joined(settings, robot, cell)
-        pose = channel.cabinet.arm.pose()
-        channel.cabinet.arm.pose = lambda pose=pose, off_mm=off_mm: (pose[0] + off_mm, *pose[1:])
+        pose = channel.controller.arm.pose()
+        channel.controller.arm.pose = lambda pose=pose, off_mm=off_mm: (pose[0] + off_mm, *pose[1:])
         if refused:
             with pytest.raises(BackendError, match=r"with the same joints: 8.0 mm and 0.0 degrees apart"):
                 backend.open(np.zeros(7))
             backend, other = joined(settings, robot, cell, check_pose=False)
-            other.cabinet.arm.pose = channel.cabinet.arm.pose
+            other.controller.arm.pose = channel.controller.arm.pose
         backend.open(np.zeros(7))
 
 

@@ -75,9 +75,9 @@ def test_an_output_of_each_kind_is_set_and_reported_and_then_left_alone(cell: Ce
         cell.backend.set_output(name, value)
     cell.run(5)
     assert cell.values() == wanted | {SENSOR: 5.0}
-    assert {name: each.value for name, each in cell.channel.cabinet.io.items()} == cell.values()
+    assert {name: each.value for name, each in cell.channel.controller.io.items()} == cell.values()
     cell.said()
-    cell.channel.cabinet.io[OPEN].value = 0.0  # its own program does so
+    cell.channel.controller.io[OPEN].value = 0.0  # its own program does so
     cell.run(20)
     assert cell.said() == []
     assert cell.values()[OPEN] == 0.0
@@ -106,10 +106,10 @@ def test_the_last_word_counts_though_the_first_is_under_way(cell: Cell) -> None:
 def test_one_that_is_never_reported_is_given_up(cell: Cell) -> None:
     cell.run(1)
     cell.backend.set_output(OPEN, 1.0)
-    del cell.channel.cabinet.io[OPEN]
+    del cell.channel.controller.io[OPEN]
     cell.run(250)
     assert cell.said().count(OPEN) == 200
-    assert "not an output of this type" in " ".join(cell.channel.cabinet.events)
+    assert "not an output of this type" in " ".join(cell.channel.controller.events)
 
 
 def test_names_that_act_on_a_terminal_or_an_address_are_made_plain(
@@ -127,7 +127,7 @@ def test_names_that_act_on_a_terminal_or_an_address_are_made_plain(
     for _ in range(5):
         backend.wait(0.25)
         backend.write(np.zeros((3, 7)))
-    assert [each.value for each in channel.cabinet.io.values()] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert [each.value for each in channel.controller.io.values()] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     with pytest.raises(BackendError, match="is not an output"):
         backend.set_output(raw[0], 1.0)
 
@@ -141,7 +141,7 @@ def test_what_cannot_be_set_is_refused_in_words(cell: Cell) -> None:
     with pytest.raises(BackendError, match=f"{OPEN} cannot be set: "):
         cell.backend.set_output(OPEN, 1.0)
     cell.channel.off = False
-    cell.channel.cabinet.close_session("its program has ended")
+    cell.channel.controller.close_session("its program has ended")
     while cell.backend._newest.state != SessionState.IDLE:
         cell.backend.wait(0.25)
     with pytest.raises(BackendError, match=f"{OPEN} cannot be set: the controller has no FRI session"):

@@ -33,7 +33,7 @@ class Overlaid(FriStream):
 
     @property
     def position(self) -> np.ndarray:
-        return self.channel.cabinet.arm.measured.position.copy()
+        return self.channel.controller.arm.measured.position.copy()
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def stream(rig: Overlaid, seconds: float, **target: object) -> None:
     for _ in range(round(seconds / 0.05)):
         rig.aim(**target)
         rig.step(10)
-    assert rig.channel.cabinet.motions == 1, rig.channel.cabinet.events
+    assert rig.channel.controller.motions == 1, rig.channel.controller.events
 
 
 @pytest.mark.parametrize("rig", ["torque"], indirect=True)

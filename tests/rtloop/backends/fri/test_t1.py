@@ -46,7 +46,7 @@ class ByHand(FriStream):
 
     def went_by_hand(self, least_rad: float = 0.1) -> None:
         """It moved, and neither the cabinet nor the oracle found it too fast."""
-        assert self.channel.cabinet.motions == 1, self.channel.cabinet.events
+        assert self.channel.controller.motions == 1, self.channel.controller.events
         assert self.speed_m_s() < 0.25
         assert np.abs(np.array(self.commanded) - self.commanded[0]).max() > least_rad
 

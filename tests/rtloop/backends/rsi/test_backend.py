@@ -160,7 +160,7 @@ def test_settings_that_differ_from_the_controllers_are_named(
 def test_another_period_is_named_with_both_values(settings: Settings, robot: RobotDescription) -> None:
     driven = Driven(settings, robot, ControllerOptions(period_ms=12))
     other = Driven(settings, robot)
-    other.channel.cabinet = driven.controller
+    other.channel.controller = driven.controller
     with pytest.raises(BackendError, match=r"grows by 12 ms \(#IPO\), rt.period_s is 0.004 s \(#IPO_FAST\)"):
         other.opened()
 

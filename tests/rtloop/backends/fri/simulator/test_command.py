@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from rtloop.backends.fri.simulator.__main__ import main
-from rtloop.backends.fri.simulator.server import CabinetServer
+from rtloop.backends.simulators.udp_server import UdpServer
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_refuses_what_makes_no_sense(
     options: list[str], text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setattr(CabinetServer, "run", lambda *_: None)
+    monkeypatch.setattr(UdpServer, "run", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["cobot simulate fri", *options])
     try:
         code: object = main()

@@ -1,4 +1,4 @@
-"""The simulated cabinet on a network: UDP to its client, with its own clock."""
+"""A simulated controller on a network: UDP to its client, with its own clock."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
-from rtloop.backends.fri.codec import MAX_PACKET
 from rtloop.backends.simulators.line_server import LineServer
 from rtloop.backends.simulators.network import Network
 from rtloop.backends.simulators.times import DurationCounter
 
+MAX_PACKET = 65_507
+"""Maximum size of a UDP packet, bytes. The controller checks the length that its protocol permits."""
 MAX_WAIT_S = 0.02
 """Interval between checks of the control interface while the server waits for a late answer, s."""
 MAX_AT_ONCE = 256
@@ -72,7 +73,7 @@ def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.soc
     raise OSError(problem)
 
 
-class SteppedCabinet(Protocol):
+class SteppedController(Protocol):
     """A simulated controller that counts periods.
 
     Attributes:
@@ -97,22 +98,22 @@ class SteppedCabinet(Protocol):
         ...
 
 
-AnyCabinet = TypeVar("AnyCabinet", bound=SteppedCabinet)
+AnyController = TypeVar("AnyController", bound=SteppedController)
 
 
-class CabinetServer(Generic[AnyCabinet]):
+class UdpServer(Generic[AnyController]):
     """Sends one packet per period, and takes the answers.
 
-    A cabinet is punctual, but this process may not be. So an answer counts as in time if it arrives before
+    A controller is punctual, but this process may not be. So an answer counts as in time if it arrives before
     the next message is sent, however late this process reads it.
     """
 
     def __init__(
         self,
-        cabinet: AnyCabinet,
+        controller: AnyController,
         network: Network,
         client: tuple[str, int],
-        control: Callable[[int, AnyCabinet, Network, Callable[[], dict[str, Any]]], LineServer],
+        control: Callable[[int, AnyController, Network, Callable[[], dict[str, Any]]], LineServer],
         *,
         address: tuple[str, int] = ("0.0.0.0", 0),
         control_port: int = 0,
@@ -126,7 +127,7 @@ class CabinetServer(Generic[AnyCabinet]):
         Raises:
             OSError: the client's name is unknown, or an address or port cannot be used.
         """
-        self._cabinet, self._network = cabinet, network
+        self._controller, self._network = controller, network
         # Answers come from an address, whatever the name.
         self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
@@ -134,7 +135,7 @@ class CabinetServer(Generic[AnyCabinet]):
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
-        self._control = control(control_port, cabinet, network, self._times)
+        self._control = control(control_port, controller, network, self._times)
         self._answer_times = DurationCounter()
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
@@ -150,7 +151,7 @@ class CabinetServer(Generic[AnyCabinet]):
 
     @property
     def period_ms(self) -> int:
-        return round(1e3 * self._cabinet.period_s)
+        return round(1e3 * self._controller.period_s)
 
     @property
     def control_port(self) -> int:
@@ -163,8 +164,8 @@ class CabinetServer(Generic[AnyCabinet]):
             self._begin_period()
             # A delay of this process before or during the wait does not count as the client's time.
             gone_s = time.monotonic()
-            deadline_s = max(deadline_s, gone_s - (1.0 - MIN_SHARE) * self._cabinet.period_s)
-            deadline_s += self._cabinet.period_s
+            deadline_s = max(deadline_s, gone_s - (1.0 - MIN_SHARE) * self._controller.period_s)
+            deadline_s += self._controller.period_s
             self._listen(deadline_s, ending)
             self._lateness.add(time.monotonic() - deadline_s)
             self._control.serve()
@@ -178,15 +179,15 @@ class CabinetServer(Generic[AnyCabinet]):
 
     def _begin_period(self) -> None:
         for packet in self._network.arrived():
-            self._cabinet.answer(packet)
-        message = self._cabinet.packet()
+            self._controller.answer(packet)
+        message = self._controller.packet()
         sent = self._network.to_client(message)
         # Taken before sending: the client may work on it before this process continues.
         self._sent_s = time.monotonic()
         for packet in sent:
             with contextlib.suppress(OSError):  # no client is there: the missing answer shows it
                 self._socket.sendto(self._network.spoil_packet(packet), self._client)
-        self._expects = message in sent and self._cabinet.waits_for_answer
+        self._expects = message in sent and self._controller.waits_for_answer
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
         """Receive answers until the period is over, or longer if a missing answer may still arrive."""
@@ -208,7 +209,7 @@ class CabinetServer(Generic[AnyCabinet]):
         """Process the next packet. Returns whether there was one."""
         try:
             packet, more, _, sender = self._socket.recvmsg(
-                MAX_PACKET + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
+                MAX_PACKET, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
             )
         except OSError:
             return False
@@ -228,11 +229,11 @@ class CabinetServer(Generic[AnyCabinet]):
         self._deaf = False
         before = self._network.lost
         for arrived in self._network.from_client(packet):
-            self._cabinet.answer(arrived)
+            self._controller.answer(arrived)
         # Packets delayed by the network are not waited for; an answer to an older message does not count for
         # this one.
         kept_back = self._network.lost > before or self._network.delay > 0 or self._network.reorder > 0.0
-        self._expects = expected and not kept_back and self._cabinet.waits_for_answer
+        self._expects = expected and not kept_back and self._controller.waits_for_answer
         if expected and not self._expects:
             self._answer_times.add(took_s)
 
@@ -245,7 +246,7 @@ class CabinetServer(Generic[AnyCabinet]):
         elif not self._two:
             self._two = True
             first, second = (f"{host}:{port}" for host, port in (self._sender, sender))
-            self._cabinet.events.append(
+            self._controller.events.append(
                 f"a second program sends: packets come from {second}, and from {first} until just now"
             )
 

@@ -1,0 +1,68 @@
+"""A simulated controller and a backend in one process, stepped period by period without clock or network."""
+
+from __future__ import annotations
+
+from typing import Generic
+
+from rtloop.backends.simulators.network import Network
+from rtloop.backends.simulators.udp_server import AnyController
+
+UNLUCKY = 0.05
+"""Fraction of the packets that are lost or arrive out of order."""
+EVERY = round(1.0 / UNLUCKY)
+RESTART_S = 1.0
+"""Time for the start of rtloop, during which the controller gets no answer, s."""
+
+
+class LockStep(Generic[AnyController]):
+    """A `PacketChannel` to a controller. Each wait runs the controller's next period.
+
+    Attributes:
+        time_s: time of the controller, which the backend uses as its own.
+        off: whether the cable is disconnected.
+        strangers: always 0, because there is no other sender.
+        busy: whether one in `EVERY` waits finds two packets instead of one.
+        pause: number of periods that pass before the next packet is read, as on a busy computer.
+    """
+
+    strangers = 0
+
+    def __init__(self, controller: AnyController, network: Network) -> None:
+        self.controller, self.network = controller, network
+        self.time_s = 0.0
+        self.off = False
+        self.busy = False
+        self.pause = self._waits = 0
+        self.answers: list[bytes] = []
+        self.injected: list[bytes] = []
+
+    def receive(self, timeout_s: float) -> list[bytes]:
+        end_s = self.time_s + max(timeout_s, 0.0)
+        waiting: list[bytes] = []
+        self._waits += 1
+        if self.busy and self._waits % EVERY == 0:
+            self.pause = 1
+        while True:
+            self.time_s += self.controller.period_s
+            for packet in self.network.arrived():
+                self.controller.answer(packet)
+            packets = self.network.to_client(self.controller.packet())
+            packets, self.injected = self.injected + packets, []
+            if not self.off:
+                waiting += [self.network.spoil_packet(packet) for packet in packets]
+            if self.pause:
+                self.pause -= 1
+            elif waiting or self.time_s >= end_s:
+                return waiting
+
+    def send(self, packet: bytes) -> None:
+        self.answers.append(packet)
+        if not self.off:
+            for arrived in self.network.from_client(packet):
+                self.controller.answer(arrived)
+
+    def close(self) -> None:
+        pass
+
+    def clock(self) -> float:
+        return self.time_s
