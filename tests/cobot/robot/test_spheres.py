@@ -7,6 +7,7 @@ from itertools import combinations, pairwise
 import mujoco
 import numpy as np
 import pytest
+from folders import ROOT
 from odd_arm import by_mujoco, odd_arm
 from sample_counts import ENOUGH, samples
 
@@ -239,3 +240,26 @@ def test_corners_that_are_not_finite_and_unknown_instructions_are_refused(
     clearance = odd_clearance()
     with pytest.raises(ConfigError, match="COBOT_INSTRUCTIONS is 'sse9', allowed are plain"):
         clearance.are_free(np.zeros((1, clearance.dof)))
+
+
+@pytest.mark.parametrize("name", ["fr3", "iiwa14"])
+def test_mujocos_contacts_are_where_the_spheres_see_them(name: str) -> None:
+    """The oracle is MuJoCo's collision pipeline: its own filter of pairs, broad phase and contacts."""
+    mj = mujoco.MjModel.from_xml_path(str(ROOT / "config" / f"{name}.xml"))
+    mj.geom_margin[:] = mj.pair_margin[:] = LEAST_M
+    clearance = Clearance(mj, geom_pairs(mj), RESOLUTION_M)
+    clearance.require(LEAST_M)
+    random, data = np.random.default_rng(SEED + 7), mujoco.MjData(mj)
+    rows = random.uniform(*mj.jnt_range[: clearance.dof].T, (samples(20_000), clearance.dof))
+    found = clearance.sphere_verdicts(rows)
+    assert found is not None
+    hit, _, unsure, _ = found
+    nearest = np.full(len(rows), np.inf)
+    for place, joints in enumerate(rows):
+        data.qpos[: clearance.dof] = joints
+        mujoco.mj_kinematics(mj, data)
+        mujoco.mj_collision(mj, data)
+        nearest[place] = data.contact.dist.min(initial=np.inf)
+    assert (nearest[~unsure] >= LEAST_M - 1e-6).all()
+    assert (nearest[hit] < LEAST_M + 1e-6).all()
+    assert min(hit.sum(), (~unsure).sum()) > 100 or not ENOUGH
