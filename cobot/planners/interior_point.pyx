@@ -19,7 +19,7 @@ blocks of `LANES` stations, each number as a row of eight. They are compiled for
 best one is chosen when the module is loaded. Each lane does the same operations in the same order, so all
 processors compute the same figures.
 
-One file of 400 lines, so that the C compiler can optimise a whole iteration.
+All in one file, so that the C compiler can optimise a whole iteration.
 """
 
 from libc.math cimport fabs, isfinite, pow, sqrt
