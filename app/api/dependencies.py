@@ -124,14 +124,18 @@ class Call:
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         scope = self.request.scope
         path = scope["path"]
-        text = about if isinstance(about, str) else about.model_dump_json(exclude_unset=True, by_alias=True)
+        text, body = (about, None) if isinstance(about, str) else kept_body(about)
         job = self.services.ownership.new_job(kind, f"{path} {text}", scope.get(JOB_ID))
-        job.path = path
-        if isinstance(about, BaseModel) and len(text) <= MAX_BODY:
-            job.body = json.loads(text)
+        job.path, job.body = path, body
         scope[JOB] = job
         leaving = gone if wait else asyncio.Event()
         return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
+
+
+def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:
+    """The body of a request as text, and as a job keeps it: None if it is too long."""
+    text = body.model_dump_json(exclude_unset=True, by_alias=True)
+    return text, json.loads(text) if len(text) <= MAX_BODY else None
 
 
 async def watch_for_departure(request: Request) -> AsyncIterator[asyncio.Event]:

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Path, Query, Request, Response
 
 from app.api.costly import costly_turn
-from app.api.dependencies import Call, addressed
+from app.api.dependencies import Call, addressed, kept_body
 from app.api.errors import responses
 from app.api.motions.goals import goal_of
 from app.api.paging import deprecated_value, page_of
@@ -143,6 +143,7 @@ async def retarget_job(job: Id, body: NewGoal, request: Request) -> RetargetAnsw
     running = services.jobs.going(job)
     goal = goal_of(body.root, services)
     found = await services.retargeting.retarget(running, goal, call.timeout_s - ANSWER_S)
+    running.change_goal(request.scope["path"], *kept_body(body))
     return RetargetAnswer(
         job=job,
         motion_id=found.motion_id,

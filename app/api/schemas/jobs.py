@@ -34,7 +34,7 @@ Answer = TypeVar("Answer")
 
 
 class JobRequest(BaseModel):
-    """The HTTP request that began a job."""
+    """The HTTP request that began a job, or the newest one that changed its goal."""
 
     path: str = Field(description="Path without the API version, such as /robot/move/joints.")
     body: dict[str, Any] | None = Field(

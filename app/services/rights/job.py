@@ -16,6 +16,7 @@ from app.services.state.link import RobotLink
 from cobot.clock import utc_now
 from cobot.errors import CobotError, UnavailableError
 from cobot.findings import Finding
+from cobot.logs.lines import printable
 from cobot.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def new_job_id() -> str:
 
 WITHOUT_ARM = frozenset({JobKind.GRIPPER, JobKind.STUDY})
 """Kinds that continue while the arm is paused."""
+MAX_REQUEST = 500
 ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
@@ -89,8 +91,8 @@ class JobRecord:
     """A job at one moment. After its end this record is kept.
 
     Attributes:
-        request: the request, shortened, in readable form.
-        path, body: path and body of an HTTP request; "" and None otherwise. A long body is omitted.
+        request: the request, or the newest change of its goal, shortened, in readable form.
+        path, body: path and body of this HTTP request; "" and None otherwise. A long body is omitted.
         owner: the client that requested it.
         parent: the job of its sequence, if it belongs to one.
         motion_id: number of its newest motion, once there is one.
@@ -210,6 +212,12 @@ class Job:
     def prolong(self, trajectory: Trajectory) -> None:
         """Note that the motion continues along this trajectory."""
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
+
+    def change_goal(self, path: str, text: str, body: dict[str, Any] | None) -> None:
+        """Note the HTTP request that has changed the goal, in place of the former one."""
+        self.request = printable(f"{path} {text}", MAX_REQUEST)
+        self.path, self.body = path, body
+        self.on_change(self)
 
     def enqueue(self, duration_s: float, note: str) -> None:
         """Record that the motion is planned and waits in the queue. The duration is that at full speed."""

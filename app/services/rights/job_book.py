@@ -20,7 +20,7 @@ from typing import NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from app.services.clients import CLIENT
-from app.services.rights.job import ENDS, Job, JobError, JobKind, JobRecord, JobState, new_job_id
+from app.services.rights.job import ENDS, MAX_REQUEST, Job, JobError, JobKind, JobRecord, JobState, new_job_id
 from app.services.state.link import RobotLink
 from cobot.clock import utc_now
 from cobot.errors import NotFoundError
@@ -36,7 +36,6 @@ OLDER_FILES = 1
 AGAIN_AFTER = 500
 """Number of lines after which unfinished jobs are written again, before the oldest lines are dropped."""
 END_S = 1.0
-MAX_REQUEST = 500
 
 log = logging.getLogger("cobot.jobs")
 _RECORD = TypeAdapter(JobRecord)
