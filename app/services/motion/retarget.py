@@ -26,8 +26,8 @@ from cobot.motions.requests import MotionRequest
 from cobot.types import Array, PlannerName
 
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
-"""Path time from the arm to the place of the change, s: minimum, initial and maximum value. It follows the
-last planning time.
+"""Path time from the arm to the place of the change, s: minimum, initial and maximum value. It is the minimum
+plus twice the last planning time.
 """
 ATTEMPTS = 3
 FREE_WAYS = (PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO)
@@ -42,8 +42,8 @@ class Retargeted:
     """The place at which the arm leaves its former path, and the motion from there.
 
     Attributes:
-        change_in_s, settled_in_s: times at planned speed from the state that the plan began with: the arm
-            leaves its former path, and only the new motion counts.
+        change_in_s, settled_in_s: times at planned speed from now until the arm leaves its former path, and
+            until only the new motion counts.
         joints: joint positions at the change, shape (dof,), rad.
         duration_s: time from the change to the new goal, at planned speed.
         planning_s: from the request until the real-time loop has the new motion.
@@ -79,17 +79,17 @@ class RetargetService:
         self._lead_s = FIRST_LEAD_S
 
     async def retarget(self, job: Job, goal: MotionRequest, timeout_s: float) -> Retargeted:
-        """Lead the motion of a job to another goal. On any error the motion goes on unchanged.
+        """Lead the motion of a job to another goal. Unless it is stopped, it goes on unchanged on any error.
 
         Args:
-            timeout_s: timeout for planning.
+            timeout_s: timeout for planning, with all repetitions.
 
         Raises:
             ConflictError: the job has no motion that can be led elsewhere, another client moves the arm or
                 has control, or the change came too late.
             InputError: the goal is relative to the TCP, or has actions or conditions.
             PlanningError: the goal is out of reach from there, or the way is not free.
-            MotionStopped: a stop was requested meanwhile.
+            MotionStopped: a stop was requested meanwhile, or the scene has changed and the new motion stops.
             UnavailableError: see `Commands.replace`.
         """
         claim = self._claim_of(job)
@@ -97,7 +97,8 @@ class RetargetService:
         self._ownership.require_mover("lead the motion to another goal")
         if self._busy:
             raise ConflictError(
-                f"job {job.id}: another request is changing its goal; wait for the answer to that one"
+                f"job {job.id}: another request changes its goal, or the service plans a way around an "
+                "object; request the change again"
             )
         self._busy = True
         try:
@@ -165,9 +166,10 @@ class RetargetService:
         begun_s, lead_s = self._link.clock.now_s(), self._lead_s
         for attempt in range(1, ATTEMPTS + 1):
             planned_s = self._link.clock.now_s()
-            found = await self._plan(claim, goal, lead_s, timeout_s)
+            left_s = timeout_s - (planned_s - begun_s)
+            found = await self._plan(claim, goal, lead_s, left_s)
             took_s = self._link.clock.now_s() - planned_s
-            lead_s = self._lead_s = min(max(2.0 * took_s + MIN_LEAD_S, MIN_LEAD_S), MAX_LEAD_S)
+            lead_s = self._lead_s = min(2.0 * took_s + MIN_LEAD_S, MAX_LEAD_S)
             try:
                 await self._hand_over(claim, job, found, planned_s)
             except ConflictError:
@@ -202,11 +204,13 @@ class RetargetService:
 
         Raises:
             ConflictError: the motion has ended meanwhile.
-            ExecutionError: the real-time loop rejects it, for example because the arm is too far.
+            ExecutionError: the real-time loop rejects it, for example because the arm is too far; or the
+                motion was interrupted, and stops on whichever path it is.
         """
         if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
             raise ConflictError(f"job {job.id} has ended while the way to the new goal was planned")
         await self._motion.replace(claim, found.trajectory, found.offset_s, planned_s)
+        claim.proceed()
 
     def _report(self, claim: Claim, found: ChangeOver, planning_s: float) -> Retargeted:
         motion_id, whole = claim.motion_id, found.trajectory
@@ -217,7 +221,8 @@ class RetargetService:
         label, took_ms = self._link.label, 1e3 * planning_s
         log.info("%smotion %d: its new way was ready after %.0f ms", label, motion_id, took_ms)
         state = self._link.state()
-        now_s = state.path_time_s if state.path_duration_s == whole.duration_s else 0.0
+        is_old = state.path_duration_s != whole.duration_s  # the state may be a cycle old
+        now_s = state.path_time_s - (found.offset_s if is_old else 0.0)
         return Retargeted(
             motion_id,
             max(found.begin_s - now_s, 0.0),

@@ -6,15 +6,22 @@ is in the end; the motion's own path without the request.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from virtual_service import VirtualService
+from virtual_service import PlanningHere, VirtualService
 
-from cobot.types import LoopMode
+from app.services.motion.retarget import KINDS
+from app.services.rights.claims import Claim
+from app.services.rights.job import JobKind
+from app.services.rights.stop_reason import StopReason
+from cobot.errors import ConflictError, ExecutionError, PlanningTimeout
+from cobot.motions.requests import MotionRequest
+from cobot.types import LoopMode, PlannerName, Scaling
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 FAR = {"joints": [1.5, *HOME[1:]], "speed": 0.5}
@@ -210,6 +217,167 @@ def test_a_stop_wins(run: VirtualService) -> None:
     require_within_limits(run)
 
 
+SLOW_S = 0.2
+
+
+@pytest.fixture
+def slow_planning(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Let each planning take a time on the virtual clock, before it gives its result."""
+    at_once = PlanningHere.compute
+
+    def take(time_s: float) -> None:
+        async def compute(self: PlanningHere, work: Any, timeout_s: float) -> Any:
+            if time_s > timeout_s:
+                raise PlanningTimeout.after(timeout_s, "planning takes longer")
+            await asyncio.sleep(time_s)
+            return await at_once(self, work, timeout_s)
+
+        monkeypatch.setattr(PlanningHere, "compute", compute)
+
+    return take
+
+
+def test_if_planning_is_slow_the_arm_leaves_its_path_further_ahead(
+    run: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    job = moving(run)
+    slow_planning(SLOW_S)
+    answer = new_goal(run, job)
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["planning_time_s"] >= 2.0 * SLOW_S, "the first place was too near for this planner"
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+    require_within_limits(run)
+
+
+def test_if_planning_outlasts_the_motion_the_arm_goes_to_its_former_goal(
+    run: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    job = moving(run)
+    slow_planning(15.0)
+    answer = new_goal(run, job)
+    assert answer.status_code == 409, answer.text
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), FAR["joints"], atol=2e-3)
+
+
+def test_all_attempts_together_keep_the_timeout(
+    run: VirtualService, slow_planning: Callable[[float], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def too_late(*_: Any) -> None:
+        raise ExecutionError("the arm has passed the place of the change")
+
+    job = moving(run)
+    run.post("/robot/speed_override", {"fraction": 0.02}).raise_for_status()
+    slow_planning(12.0)
+    monkeypatch.setattr(run.app.state.services.motion, "replace", too_late)
+    begun_s = run.clock.now_s()
+    answer = new_goal(run, job)
+    assert run.clock.now_s() - begun_s < 20.0, "the timeout of the endpoint"
+    assert (answer.status_code, answer.json()["code"]) == (422, "planning_timeout"), answer.text
+    run.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), FAR["joints"], atol=2e-3)
+
+
+def test_a_stop_during_planning_wins_and_nothing_is_replaced(
+    run: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    job = moving(run)
+    events = run.listen("/events?types=motion")
+    slow_planning(SLOW_S)
+    changing = run.begin(run.asking("POST", f"/jobs/{job}/retarget", json=BACK))
+    run.sleep(0.5 * SLOW_S)
+    run.post("/stop").raise_for_status()
+    answer = run.end(changing)
+    assert (answer.status_code, answer.json()["code"]) == (409, "stopped"), answer.text
+    assert ended(run, job)["state"] == "cancelled"
+    still = run.joints()
+    run.sleep(2.0 * SLOW_S)
+    np.testing.assert_allclose(run.joints(), still, atol=1e-4)
+    assert events.event("motion")["data"]["what"] == "stopped"
+    events.close()
+    job = moving(run)
+    new_goal(run, job).raise_for_status()
+    assert ended(run, job)["state"] == "finished", "nothing is left of the request that was stopped"
+
+
+def test_a_new_motion_that_is_stopped_at_once_is_no_success(
+    run: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = run.app.state.services.motion
+    at_once = motion.replace
+
+    async def replace(claim: Claim, *values: Any) -> None:
+        await at_once(claim, *values)
+        claim.interrupt(StopReason("the scene has changed", "scene").error)
+
+    job = moving(run)
+    monkeypatch.setattr(motion, "replace", replace)
+    answer = new_goal(run, job)
+    assert (answer.status_code, answer.json()["code"]) == (409, "stopped"), answer.text
+    assert ended(run, job)["state"] == "cancelled"
+
+
+def test_a_pause_during_planning_stays_one_and_the_arm_goes_to_the_new_goal_after_it(
+    run: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    job = moving(run)
+    slow_planning(SLOW_S)
+    changing = run.begin(run.asking("POST", f"/jobs/{job}/retarget", json=BACK))
+    run.sleep(0.5 * SLOW_S)
+    run.post("/robot/speed_override", {"fraction": 0.0}).raise_for_status()
+    assert run.end(changing).status_code == 200
+    run.sleep(1.0)
+    still = run.joints()
+    run.sleep(1.0)
+    np.testing.assert_allclose(run.joints(), still, atol=1e-4)
+    assert run.get(f"/jobs/{job}").json()["state"] == "paused"
+    run.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+    require_within_limits(run)
+
+
+def test_the_job_has_the_new_request_and_the_progress_of_the_new_way(run: VirtualService) -> None:
+    """The oracle is the virtual clock: how long the arm really takes."""
+    job = moving(run)
+    before = run.get(f"/jobs/{job}").json()
+    new_goal(run, job).raise_for_status()
+    after, now_s = run.get(f"/jobs/{job}").json(), run.clock.now_s()
+    assert after["requested"] == {"path": f"/jobs/{job}/retarget", "body": BACK}
+    assert after["started_at"] == before["started_at"]
+    assert 0.0 <= after["progress"] < before["progress"]
+    progress = []
+    while (present := run.get(f"/jobs/{job}").json())["state"] == "running":
+        progress.append(present["progress"])
+        run.sleep(0.05)
+    assert progress == sorted(progress)
+    assert run.clock.now_s() - now_s == pytest.approx(after["remaining_s"], abs=0.5)
+    assert present["requested"]["path"] == f"/jobs/{job}/retarget"
+
+
+def test_a_repeated_request_leads_to_the_same_goal(run: VirtualService) -> None:
+    """A client whose answer was lost can ask again, with the same Idempotency-Key or without one."""
+    job = moving(run)
+    key = {"Idempotency-Key": "4d3f8a2e"}
+    for headers in (key, key, {}):
+        run.ask("POST", f"/jobs/{job}/retarget", json=BACK, headers=headers).raise_for_status()
+    assert ended(run, job)["state"] == "finished"
+    np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
+    assert new_goal(run, job).status_code == 409
+    require_within_limits(run)
+
+
+@pytest.mark.parametrize("kind", sorted(set(JobKind) - set(KINDS)))
+def test_jobs_of_other_kinds_have_no_goal(run: VirtualService, kind: JobKind) -> None:
+    services = run.app.state.services
+    job = services.ownership.new_job(kind)
+    goal = MotionRequest(None, np.array(HOME), PlannerName.PTP, Scaling(0.5))
+    with pytest.raises(ConflictError, match=f"{kind}.*cancel it"):
+        run.run(services.retargeting.retarget(job, goal, 1.0))
+
+
 def test_an_obstacle_on_the_new_way_is_an_error_and_the_motion_goes_on(run: VirtualService) -> None:
     job = moving(run)
     beside = run.app.state.services.robot.model.forward(np.array([-0.6, *HOME[1:]])).position.tolist()
@@ -256,6 +424,41 @@ def test_a_motion_goes_around_an_object_that_appears(around: VirtualService, pla
     assert not any(nearest_m), "the arm touches nothing"
     np.testing.assert_allclose(around.joints(), FAR["joints"], atol=2e-3)
     require_within_limits(around)
+
+
+def test_an_object_that_appears_while_a_change_is_planned_stops_the_motion(
+    around: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    slow_planning(SLOW_S)
+    changing = around.begin(around.asking("POST", f"/jobs/{job}/retarget", json=BACK))
+    around.sleep(0.1 * SLOW_S)
+    assert "ball" in around.post("/scene", ball_at(around, 1.1)).json()["stopped"]
+    assert around.end(changing).status_code == 409
+    assert ended(around, job)["state"] == "cancelled"
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
+def test_while_a_way_around_is_planned_the_goal_does_not_change(
+    around: VirtualService, slow_planning: Callable[[float], None]
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    around.rig.commanded.clear()
+    job = moving(around, FAR | {"speed": 0.3})
+    slow_planning(0.05)
+    body = ball_at(around, 1.1)
+    putting = around.begin(around.asking("POST", "/scene", json=body))
+    around.until(lambda: around.app.state.services.retargeting._busy)
+    refused = new_goal(around, job)
+    assert refused.status_code == 409, refused.text
+    assert around.end(putting).json()["stopped"] == ""
+    assert ended(around, job)["state"] == "finished"
+    np.testing.assert_allclose(around.joints(), FAR["joints"], atol=2e-3)
+    require_within_limits(around)
+    around.post("/scene", {"clear": True}).raise_for_status()
 
 
 def test_without_the_setting_a_motion_stops(run: VirtualService) -> None:
