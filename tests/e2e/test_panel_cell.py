@@ -161,7 +161,7 @@ def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_aft
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) -> None:
-    """As docs/how-to/pick-and-place.md has it: a file is imported and started on the page Program."""
+    """An imported file on Program, and the example on Run: docs/how-to/pick-and-place.md."""
     with (
         answering(RunOfCell(tmp_path)) as run,
         browsing(tmp_path, "--enable-unsafe-swiftshader") as tools,
@@ -192,7 +192,11 @@ def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) 
         mine, kept = sorted(run.ask("GET", "/programs"), key=lambda each: bool(each["example"]))
         assert kept == example
         assert (mine["label"], mine["version"], mine["example"]) == ("Pick and place", 1, False)
-        run.ask("POST", "/cell/reset")
+        page.click("#tab-move")
+        page.run("document.querySelector('#places-parts').click()")
+        page.click("#cell-reset")
+        until(lambda: run.cube() != IN_TRAY)
+        assert page.run("document.querySelector('#cell-why').innerText") == ""
         page.click("#tab-run")
         page.click(f"[data-run='{example['id']}']")
         assert "Example" in page.run(f"document.querySelector(`[data-run='{example['id']}']`).innerText")

@@ -3,6 +3,7 @@
 // it is planned and shown, and nothing moves before Execute.
 import { multiply, rotate, upOf } from "./kinematics.js";
 import { oneAtATime } from "./once.js";
+import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ABOVE_M = 0.1; // over the highest point
@@ -55,6 +56,7 @@ export class Parts {
     const place = element("view");
     place.addEventListener("pointerdown", (event) => this.press(event), { capture: true });
     place.addEventListener("pointerup", (event) => this.lift(event), { capture: true });
+    element("cell-reset").addEventListener("click", () => this.putBack());
     this.clear();
     inEachLanguage(() => this.translate());
   }
@@ -121,6 +123,13 @@ export class Parts {
     element("positions-title").hidden = names.length > 0;
     for (const id of ["positions", "position-fields"]) element(id).hidden = parts;
     for (const id of ["cell-list", "cell-unit"]) element(id).hidden = !parts;
+    element("cell-reset").hidden = !parts || !this.loose.length;
+  }
+
+  // All parts, for the next run of a program.
+  async putBack() {
+    const failed = await this.api.post("/cell/reset").then(() => null, (error) => error);
+    element("cell-why").textContent = failed ? reasonOf(failed) : "";
   }
 
   row({ name, loose }) {
@@ -135,6 +144,7 @@ export class Parts {
   }
 
   translate() {
+    element("cell-reset").title = word("cell_reset_about");
     for (const [name, { above, middle }] of this.rows) {
       above.textContent = word("part_go_above");
       middle.textContent = word("part_go_to");
