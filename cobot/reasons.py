@@ -106,11 +106,11 @@ class Reason(str):
         return cls(words, code, tuple(of.split(SEPARATOR)) if of else (), value, limit, unit)
 
     def and_then(self, words: str) -> Reason:
-        """The same reason with more words."""
+        """The same reason, with `words` appended to its sentence."""
         return Reason(f"{self}; {words}", self.code, self.of, self.value, self.limit, self.unit)
 
     def fields(self) -> dict[str, object]:
-        """Its code and values, by their names in the state block, for JSON; nothing without a code."""
+        """The code and the values of the reason, by their names in the state block, for JSON; empty without a code."""
         if not self.code:
             return {}
         values = [None if math.isnan(each) else each for each in (self.value, self.limit)]

@@ -19,8 +19,9 @@ PIECE_TIMES = 4096
 one cycle.
 """
 PLACES = np.linspace(0.0, 1.0, 9)
-"""Shares of a segment at which an error message evaluates its positions; `Path.stays_within` is the fast
-check."""
+"""Shares of a segment at which its positions are evaluated for an error message, after the fast check
+`Path.stays_within` has failed.
+"""
 REST_TOLERANCE = 1e-3
 """Maximum velocity (rad/s) and acceleration (rad/s²) of a motion at its ends."""
 

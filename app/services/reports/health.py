@@ -181,7 +181,7 @@ def _process(statistics: np.ndarray) -> dict[str, object]:
 
 
 def _cycle_times(statistics: np.ndarray) -> dict[str, dict[str, float]]:
-    """Percentiles of each phase in µs, from its histogram; the last bucket means "this or more"."""
+    """Percentiles of each phase in µs, from its histogram. The last bucket also has all longer times."""
     times = {}
     for phase in Phase:
         counts = np.cumsum(statistics["histogram"][phase])

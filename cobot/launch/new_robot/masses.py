@@ -40,7 +40,7 @@ class Wishes:
     Attributes:
         density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or in MJCF the
             densities of the file.
-        masses: kg, by link.
+        masses: mass of each link, by its name, kg.
     """
 
     density: float | None = None

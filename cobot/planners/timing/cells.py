@@ -46,8 +46,9 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
-    """Places at both ends of each cell, and in the middle of the first and last `ending` cells: their cells
-    and bases."""
+    """The places where jerks are limited: both ends of each cell, and the middle of the first and last
+    `ending` cells. Returns the cell of each place and its basis.
+    """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])
     return index, np.concatenate([bases(0.0, cells), bases(1.0, cells), bases(MIDDLE, 2 * ending)])
