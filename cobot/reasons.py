@@ -110,7 +110,9 @@ class Reason(str):
         return Reason(f"{self}; {words}", self.code, self.of, self.value, self.limit, self.unit)
 
     def fields(self) -> dict[str, object]:
-        """The code and the values of the reason, by their names in the state block, for JSON; empty without a code."""
+        """The code and the values of the reason for JSON, by their names in the state block; empty without a
+        code.
+        """
         if not self.code:
             return {}
         values = [None if math.isnan(each) else each for each in (self.value, self.limit)]
