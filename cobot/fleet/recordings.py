@@ -97,7 +97,7 @@ class FleetRecordingStore:
     """The recordings of a fleet on the hub's disk: FOLDER/CELL/ROBOT/NAME.
 
     Args:
-        max_bytes: maximum size of all files. The oldest complete ones are deleted to make room.
+        max_bytes: maximum size of all files, also of unfinished ones. The oldest are deleted to make room.
 
     Raises (constructor):
         UnavailableError: the folder cannot be written.
@@ -152,16 +152,17 @@ class FleetRecordingStore:
             self._forget(folder, {each.name for each in found})
             known = self._known(folder)
             for each in found:
-                if each.name not in known and self._make_room(each.size):
-                    completed += self._fetch(folder, each, ask)
+                part = folder / f"{each.name}{PART}"
+                if each.name not in known and self._make_room(part, each.size):
+                    completed += self._fetch(part, each, ask)
         except OSError as exc:
             raise UnavailableError(f"{folder}: {exc.strerror}; recordings stay in their cells") from exc
         return completed
 
     def _fetch(
-        self, folder: Path, recording: ListedRecording, ask: Callable[[RecordingPiece], bytes | None]
+        self, part: Path, recording: ListedRecording, ask: Callable[[RecordingPiece], bytes | None]
     ) -> bool:
-        part = folder / f"{recording.name}{PART}"
+        folder = part.parent
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(part, flags, 0o600), "r+b") as file:
             while (offset := file.seek(0, os.SEEK_END)) < recording.size:
@@ -205,18 +206,25 @@ class FleetRecordingStore:
             lines = "".join(f"{name}\n" for name in sorted(taken & listed))
             keep(folder / TAKEN, lines.encode(), "the list of recordings")
 
-    def _make_room(self, size: int) -> bool:
-        """Delete the oldest recordings to make room. False if the new one alone is too large."""
+    def _make_room(self, part: Path, size: int) -> bool:
+        """Delete the oldest files to make room. False if the new one alone is too large.
+
+        Args:
+            part: the unfinished file of the new one. Those of other cells may be left over, because a cell
+                that is gone does not complete them.
+            size: final size of the new one.
+        """
         if size > self._max_bytes:
             return False
-        kept = self.all()
-        total = sum(each.size for each in kept)
-        for each in kept:
+        found = [path for path in self._folder.glob("*/*/*") if path.suffix in (SUFFIX, PART)]
+        sizes = {path: _size(path) for path in sorted(found, key=_age) if path != part}
+        total = sum(sizes.values())
+        for path, freed in sizes.items():
             if total + size <= self._max_bytes:
                 break
-            (self._folder / each.cell / each.robot / each.name).unlink(missing_ok=True)
-            log.info("deleted the recording %s/%s/%s to make room", each.cell, each.robot, each.name)
-            total -= each.size
+            path.unlink(missing_ok=True)
+            log.info("deleted %s to make room", path)
+            total -= freed
         return True
 
 
@@ -274,6 +282,13 @@ def _taken(folder: Path) -> set[str]:
         return set((folder / TAKEN).read_text(encoding="ascii", errors="replace").split())
     except FileNotFoundError:
         return set()
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
 
 
 def _age(path: Path) -> Any:

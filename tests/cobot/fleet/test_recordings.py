@@ -109,6 +109,21 @@ def test_the_oldest_are_deleted_for_new_ones_and_do_not_come_again(cell: Cell, t
     assert sorted(names(store)) == ["2.mcap", "3.mcap"], "nothing is deleted for what does not fit anyway"
 
 
+def test_unfinished_files_of_a_cell_that_is_gone_count_and_make_room(cell: Cell, tmp_path: Path) -> None:
+    store = FleetRecordingStore(tmp_path / "hub", 2500)
+    left = tmp_path / "hub" / "gone" / "arm" / "old.mcap.part"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"x" * 1000)
+    os.utime(left, (0.0, 0.0))
+    for number in range(2):
+        cell.record(f"{number}.mcap", 1000, age=10 - number)
+        cell.into(store)
+    assert sorted(names(store)) == ["0.mcap", "1.mcap"]
+    assert not left.exists()
+    files = [path for path in (tmp_path / "hub").rglob("*.mcap*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) <= 2500
+
+
 def test_nothing_is_left_of_what_the_cell_has_no_more(
     cell: Cell, store: FleetRecordingStore, tmp_path: Path
 ) -> None:
