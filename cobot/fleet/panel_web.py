@@ -40,6 +40,7 @@ from cobot.errors import (
     PayloadError,
     UnavailableError,
 )
+from cobot.fleet.connections import HubConnection
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.panel_link import OpenPanel, PanelLink, PanelPerson, require_room
 from cobot.fleet.panel_messages import (
@@ -288,6 +289,7 @@ class PanelServer:
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
+                http=HubConnection,
                 log_config=None,
                 access_log=False,
                 lifespan="off",

@@ -137,6 +137,7 @@ def _certificate(chosen: argparse.Namespace) -> int:
 def _serve(chosen: argparse.Namespace) -> int:
     import uvicorn
 
+    from cobot.fleet.connections import HubConnection
     from cobot.fleet.hub import Hub
     from cobot.fleet.panel_web import PanelServer
     from cobot.fleet.recordings import FleetRecordingStore
@@ -187,6 +188,7 @@ def _serve(chosen: argparse.Namespace) -> int:
         app = make_app(hub, hosts, tokens, others[0].getsockname()[1] if others else 0)
         config = uvicorn.Config(
             app,
+            http=HubConnection,
             log_config=None,
             access_log=False,
             timeout_graceful_shutdown=1,

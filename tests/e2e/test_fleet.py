@@ -14,6 +14,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -339,6 +340,11 @@ def test_a_hub_with_wrong_options_does_not_start(fleet: Any, options: tuple[str,
     assert (status, words in errors) == (1, True), errors
 
 
+def test_a_connection_without_a_request_is_closed(hub: Hub) -> None:
+    with socket.create_connection(("127.0.0.1", hub.port), 60.0) as idle:
+        assert idle.recv(1) == b"", "the hub has closed it"
+
+
 def scouted(until_found: str) -> set[str]:
     """The sessions that answer a multicast, as soon as this one has, and 0.5 s more for the others."""
     scout = zenoh.scout(what="peer|router", config=zenoh.Config())
@@ -466,7 +472,7 @@ def test_the_page_shows_a_tile_and_stops_after_a_confirmation(hub: Hub, cell: Ru
         wait_on(page, "document.querySelector('#confirm').open")
         page.click("#cancel")
         assert job_state(cell, job) == "running"
-        page.click("article .stop")
+        page.click("article[data-state=moving] .stop")
         page.click("#sure")
         require_stopped(cell, job)
         wait_on(page, "document.querySelector('#result').textContent.includes('at rest')")
