@@ -281,7 +281,8 @@ class SceneService:
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the current motion if its remaining path now collides. Returns the reason, or ""."""
-        state, handed_over = self._link.state(), self._link.commands.handed_over
+        state, since_s = self._link.state(), self._link.clock.now_s()
+        handed_over = self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return ""
         motion_id, trajectory = handed_over
@@ -293,7 +294,7 @@ class SceneService:
         try:
             await asyncio.to_thread(checker.check_trajectory, left)
         except CollisionError as exc:
-            if await self._lead_around(checker, left):
+            if await self._lead_around(checker, left, since_s):
                 return ""
             why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {exc}"
             log.warning("motion %d is stopped: %s", motion_id, why)
@@ -304,18 +305,25 @@ class SceneService:
             return why
         return ""
 
-    async def _lead_around(self, checker: CollisionChecker, left: Trajectory) -> bool:
+    async def _lead_around(self, checker: CollisionChecker, left: Trajectory, since_s: float) -> bool:
         """Lead the current motion around what is in its way, if the settings permit this and the arm could
-        still stop afterwards. Returns whether it did."""
+        still stop afterwards. Returns whether it did.
+
+        Args:
+            since_s: time at which the arm was at the beginning of `left`, on the link's clock. It moves on
+                while this checks and searches.
+        """
         within_s = self._replan_within_s
         if within_s == 0.0:
             return False
-        near = cut(left, 0.0, min(within_s + STOPS_WITHIN_S, left.duration_s))
+        deadline_s = self._link.clock.now_s() + within_s
+        near = cut(left, 0.0, min(deadline_s - since_s + STOPS_WITHIN_S, left.duration_s))
         try:
             await asyncio.to_thread(checker.check_trajectory, near)
         except CollisionError:
             return False
-        return await self._retargeting.lead_around(within_s)
+        left_s = deadline_s - self._link.clock.now_s()
+        return left_s > 0.0 and await self._retargeting.lead_around(left_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """The pose in the base frame. `frame` may have been made by the same change."""

@@ -461,6 +461,26 @@ def test_while_a_way_around_is_planned_the_goal_does_not_change(
     around.post("/scene", {"clear": True}).raise_for_status()
 
 
+def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm moves on during the check: the stretch that was checked must end behind the stop."""
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    at_once = asyncio.to_thread
+
+    async def slowly(work: Any, *values: Any) -> Any:
+        if getattr(work, "__name__", "") == "check_trajectory":
+            await asyncio.sleep(0.15)
+        return await at_once(work, *values)
+
+    monkeypatch.setattr(asyncio, "to_thread", slowly)
+    assert "ball" in around.post("/scene", ball_at(around, 1.1)).json()["stopped"]
+    assert ended(around, job)["state"] == "cancelled"
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
 def test_without_the_setting_a_motion_stops(run: VirtualService) -> None:
     job = moving(run, FAR | {"speed": 0.3})
     assert "ball" in run.post("/scene", ball_at(run, 1.1)).json()["stopped"]
