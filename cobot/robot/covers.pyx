@@ -34,7 +34,6 @@ cdef struct Tree:
     double* nodes
     int count
     int room
-    int leaves
     double* planes       # of the whole body: normal, offset
     int plane_count
     double loss_m
@@ -58,7 +57,7 @@ def cover(points, faces, double loss_m, double floor_m):
     if not len(given) or not np.isfinite(given).all():
         raise ValueError("a body needs finite corners")
     planes = _planes(given, faces)
-    tree.nodes, tree.count, tree.room, tree.leaves = NULL, 0, 0, 0
+    tree.nodes, tree.count, tree.room = NULL, 0, 0
     tree.planes, tree.plane_count = doubles(planes, planes.size) if len(planes) else NULL, len(planes)
     tree.loss_m, tree.floor_m = loss_m, floor_m
     _init(&body)
@@ -177,8 +176,6 @@ cdef int _divide(Tree* tree, Body* body, int depth) except -2 nogil:
                     return -1
             finally:
                 _release(&part)
-    else:
-        tree.leaves += 1
     tree.nodes[node * COLUMNS + 5] = tree.count
     return 0
 

@@ -1,7 +1,7 @@
 /* Collision checks of sixteen configurations at once, with trees of spheres around each part of the arm.
 
 The file includes itself, once for each set of instructions, with the same arithmetic: all give the same bits.
-Lane i of each vector belongs to configuration i. See `clearance.pyx` and docs/planning.md.
+Lane i of each vector belongs to configuration i. See `clearance.pyx` and docs/planning-theory.md.
 
 An outer sphere encloses a piece of a part, and the inner sphere with the same centre lies within the part. So
 one distance of the centre from an obstacle gives one of three answers for a lane:
