@@ -203,6 +203,41 @@ def test_two_arms_are_one_robot(plugin: ModuleType, tmp_path: Path) -> None:
         assert not robot.is_connected
 
 
+def test_a_gripper_of_two_arms_has_the_name_of_its_arm(plugin: ModuleType, tmp_path: Path) -> None:
+    """The right arm has one, the left arm has none. Each is an arm of a service of its own."""
+    for name in ("left", "right"):
+        (tmp_path / name).mkdir()
+    right_service = ServiceOfPlant(tmp_path / "right", of_robot=THE_CELL)
+    with virtual_service(tmp_path / "left") as left, right_service.serving() as right:
+        right.go_home()
+        services = {each.name: each for each in (left, right)}
+
+        def connect(url: str, token: str | None) -> Robot:
+            return Robot(url, clock=services[url].clock, client=services[url].client)
+
+        arms = [plugin.CobotArmConfig(url=each.name, gripper=each is right) for each in (left, right)]
+        config = plugin.BiCobotRobotConfig(left_arm_config=arms[0], right_arm_config=arms[1])
+        robot = plugin.BiCobotRobot(config, connect)
+        joints = [f"{side}_joint{number}.pos" for side in ("left", "right") for number in range(1, 8)]
+        columns = ["gripper.pos", "gripper.commanded_pos", "gripper.force", "gripper.held"]
+        assert list(robot.action_features) == [*joints, "right_gripper.pos"]
+        assert list(robot.observation_features) == [*joints, *(f"right_{name}" for name in columns)]
+        robot.connect()
+        seen = robot.get_observation()
+        assert seen["right_gripper.pos"] == pytest.approx(0.08, abs=1e-3)
+        action = {name: seen[name] for name in joints} | {"right_gripper.pos": 0.03}
+        for _ in range(30):
+            assert robot.send_action(action) == action
+            for service in (left, right):
+                service.sleep(1 / 30)
+        seen = robot.get_observation()
+        assert seen["right_gripper.pos"] == pytest.approx(0.03, abs=1e-3)
+        assert right.get("/robot/gripper").json()["state"]["width"] == pytest.approx(0.03, abs=1e-3)
+        with pytest.raises(ValueError, match=r"the action has no 'right_gripper\.pos'"):
+            robot.send_action({name: action[name] for name in joints})
+        robot.disconnect()
+
+
 def test_when_one_arm_stops_the_other_stops_too(plugin: ModuleType, tmp_path: Path) -> None:
     with virtual_service(tmp_path, robots=2) as pair:
         robot = two_arms(plugin, pair)
