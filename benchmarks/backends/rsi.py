@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import socket
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-import httpx
 import numpy as np
-from arm_activities import robot_health
 from cobot_run import WAIT_S
 from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
 
+from benchmarks.backends.driven import Faults, driven
 from benchmarks.service import background
 from benchmarks.table import Row, percentiles, row
 from cobot.config import load_settings
@@ -26,14 +22,13 @@ from rtloop.backends.rsi.simulator.lockstep import controller_for
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.contract.suite import cell_for
 
-LOSS = 0.05
 SPEED = 0.3
 """Of the moves under loss: a lost packet is 12 ms, in which this arm moves by 0.07 rad at full speed."""
 WARM = 500
 ANSWER_S = 0.02
 """A packet that gets no answer for so long is lost."""
 MOVES = 4
-FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+FAULTS: Faults = {
     "an emergency stop": ({"estop": True}, {"estop": False}),
     "a change of the operation mode": ({"mode": "T2"}, {"mode": "AUT"}),
     "the end of its program": ({"off": True}, {}),
@@ -52,17 +47,20 @@ def rsi(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         port = free_udp_port()
         made = kr10(Path(folder), port)
-        with RsiProcess(made, port, "--in-a-row") as controller:
-            run = RunOverRsi(made)
-            try:
-                run.until(lambda: run.healthy() or (_reset(run) and run.healthy()))
-                body = {"payload_checked": True}
-                httpx.post(f"{run.url}/robot/acknowledge", json=body, timeout=WAIT_S).raise_for_status()
-                yield _moves_row(controller, run, moves)
-                for name, (fault, end) in FAULTS.items():
-                    yield _recovery_row(controller, run, name, fault, end, repetitions)
-            finally:
-                run.end()
+        with (
+            RsiProcess(made, port, "--in-a-row") as controller,
+            driven("RSI", controller, RunOverRsi(made), (WORK, HOME), speed=SPEED, fault_speed=0.1) as arm,
+        ):
+            yield arm.moves_row(moves)
+            for name, (fault, end) in FAULTS.items():
+                yield arm.recovery_row(
+                    name,
+                    fault,
+                    end,
+                    repetitions,
+                    "until the controller has ten answers",
+                    lambda ended: arm.controller.ask()["answered"] > ended["answered"] + 10,
+                )
 
 
 def _answer_row(folder: Path, answers: int) -> Row:
@@ -136,76 +134,4 @@ def _derivative_row(config: Path) -> Row:
         (1.0, 1.0, 1.0),
         columns=("velocity", "acceleration", "jerk"),
         aim="1 at most",
-    )
-
-
-def _move(run: RunOverRsi, joints: list[float], speed: float = SPEED) -> bool:
-    body = {"joints": joints, "speed": speed}
-    answer = httpx.post(f"{run.url}/robot/move/joints", json=body, timeout=WAIT_S)
-    return answer.status_code == 200 and bool(answer.json()["success"])
-
-
-def _reset(run: RunOverRsi) -> bool:
-    try:
-        answer = httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-    except httpx.TransportError:  # it starts
-        return False
-    return answer.status_code == 200 and bool(answer.json()["success"])
-
-
-def _moves_row(controller: RsiProcess, run: RunOverRsi, moves: int) -> Row:
-    controller.ask(loss=LOSS)
-    arrived = 0
-    for number in range(moves):
-        if _move(run, WORK if number % 2 == 0 else HOME):
-            arrived += 1
-        else:
-            _reset(run)
-    controller.ask(loss=0.0)
-    return row(
-        "RSI: moves that arrive under 5 % of loss in each direction",
-        "",
-        (arrived,),
-        "all of them",
-        (moves,),
-        columns=("arrived",),
-        aim="all",
-    )
-
-
-def _has_answers(controller: RsiProcess, count: int) -> bool:
-    return bool(controller.ask()["answered"] > count)
-
-
-def _recovery_row(
-    controller: RsiProcess,
-    run: RunOverRsi,
-    name: str,
-    fault: dict[str, Any],
-    end: dict[str, Any],
-    times: int,
-) -> Row:
-    """From the end of a fault; a reset is asked for as soon as the controller has answers."""
-    controller_s, arm_s = [], []
-    for _ in range(times):
-        here = np.array(run.joints())
-        goal = max((WORK, HOME), key=lambda joints: float(np.abs(here - joints).max()))
-        motion = threading.Thread(target=_move, args=(run, goal, 0.1))
-        motion.start()
-        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
-        controller.ask(**fault)
-        run.until(lambda: not run.healthy())
-        motion.join()
-        answered = controller.ask(**end)["answered"]
-        begun_s = time.monotonic()
-        run.until(partial(_has_answers, controller, answered + 10))
-        controller_s.append(time.monotonic() - begun_s)
-        run.until(lambda: _reset(run) and run.healthy())
-        arm_s.append(time.monotonic() - begun_s)
-    return row(
-        f"RSI: from the end of {name} until the arm can be moved",
-        "ms",
-        percentiles([1e3 * each for each in arm_s]),
-        "until the controller has ten answers",
-        percentiles([1e3 * each for each in controller_s]),
     )
