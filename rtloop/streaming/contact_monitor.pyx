@@ -28,10 +28,15 @@ cdef class ContactMonitor:
 
     def reason(self):
         """The last exceeded limit."""
-        joint = self.worst < self.dof
-        name = self.names[self.worst] if joint else AXES[self.worst - self.dof]
-        where = f"on {name}" if joint else f"along {name} at the TCP"
-        unit, limit = "N·m" if joint else "N or N·m", self.largest[self.worst]
+        axis, unit = self.worst - self.dof, "N·m"
+        name = self.names[self.worst] if axis < 0 else AXES[axis]
+        if axis < 0:
+            where = f"on {name}"
+        elif axis < 3:
+            where, unit = f"along {name} at the TCP", "N"
+        else:
+            where = f"about {name[1:]} at the TCP"
+        limit = self.largest[self.worst]
         words = f"contact: {self.found:.1f} {unit} {where}, allowed are {limit:g}"
         return Reason(words, ReasonCode.CONTACT, of=(name,), value=self.found, limit=limit, unit=unit)
 

@@ -7,9 +7,14 @@ import pytest
 from sample_counts import samples
 
 from cobot.errors import InputError
-from rtloop.streaming.contact_monitor import AXES, ContactMonitor
+from rtloop.streaming.contact_monitor import ContactMonitor
 
 NAMES = tuple(f"joint{number}" for number in range(1, 8))
+PLACES = [
+    *(("N·m", f"on {name}", name) for name in NAMES),
+    *(("N", f"along {axis} at the TCP", axis) for axis in "xyz"),
+    *(("N·m", f"about {axis} at the TCP", f"r{axis}") for axis in "xyz"),
+]
 SESSIONS, PUSHES = samples(1000), 20
 """Of 13 numbers each: a quarter of a million."""
 
@@ -32,10 +37,11 @@ def test_what_exceeds_the_most_is_found_and_named() -> None:
             if not beyond:
                 continue
             exceeded += 1
-            where = (
-                [f"N·m on {name}" for name in NAMES] + [f"N or N·m along {axis} at the TCP" for axis in AXES]
-            )[index]
-            assert monitor.reason() == f"contact: {push[index]:.1f} {where}, allowed are {most[index]:g}"
+            unit, where, name = PLACES[index]
+            reason = monitor.reason()
+            assert reason == f"contact: {push[index]:.1f} {unit} {where}, allowed are {most[index]:g}"
+            assert (reason.of, reason.value, reason.limit) == ((name,), push[index], most[index])
+            assert reason.unit == unit
     assert SESSIONS * PUSHES // 5 < exceeded < SESSIONS * PUSHES
 
 
@@ -46,7 +52,7 @@ def test_what_is_no_number_exceeds_nothing_and_hides_nothing() -> None:
     assert not monitor.check(push)
     push[9] = -11.0
     assert monitor.check(push)
-    assert monitor.reason() == "contact: -11.0 N or N·m along z at the TCP, allowed are 10"
+    assert monitor.reason() == "contact: -11.0 N along z at the TCP, allowed are 10"
 
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:
