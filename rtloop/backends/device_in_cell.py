@@ -105,8 +105,11 @@ class DeviceInCell:
         return replace(own, text=f"{own.text}; {NOTE}" if own.text else NOTE)
 
     def io(self) -> Sequence[IoPoint]:
+        """Inputs and outputs of the device and of the cell. If both have the same name, only that of the cell
+        exists, so a real input may have the name of its switch in the cell.
+        """
         own = self.device.io() if hasattr(self.device, "io") else ()
-        return *own, *self._cell.io()
+        return *(point for point in own if point.name not in self._names), *self._cell.io()
 
     def set_output(self, name: str, value: float) -> None:
         self._with(name).set_output(name, value)

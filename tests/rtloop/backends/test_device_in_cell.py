@@ -153,6 +153,16 @@ def test_it_has_the_protocols_of_the_device_and_of_the_cell(arm: ArmElsewhere) -
         backend.read_input("nothing")
 
 
+def test_a_switch_of_the_cell_replaces_the_device_s_input_of_its_name(
+    arm: ArmElsewhere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lamp = IoPoint("DO[1]", IoKind.BOOLEAN, True, 0.0)
+    monkeypatch.setattr(arm.device, "io", lambda: (lamp, IoPoint("gate", IoKind.BOOLEAN, False, 1.0)))
+    gates = [point.value for point in arm.backend.io() if point.name == "gate"]
+    assert gates == [0.0] == [arm.backend.read_input("gate")]
+    assert arm.backend.io()[0] == lamp
+
+
 def with_backend(settings: Settings, kind: str, options: dict[str, Any], **sections: Any) -> Settings:
     chosen = settings.robot.backend.model_copy(update={"type": kind, "options": options})
     robot = settings.robot.model_copy(update={"backend": chosen, "cell": EXAMPLE})
