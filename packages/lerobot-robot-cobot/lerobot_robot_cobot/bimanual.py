@@ -11,19 +11,18 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from lerobot.cameras.utils import make_cameras_from_configs
-from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceAlreadyConnectedError
 
 from cobot.client import Robot
 from lerobot_robot_cobot.columns import targets
 from lerobot_robot_cobot.config_cobot import BiCobotRobotConfig, CobotArmConfig, CobotRobotConfig
 from lerobot_robot_cobot.pictures import latest_pictures, picture_shapes
-from lerobot_robot_cobot.robot import CobotRobot
+from lerobot_robot_cobot.robot import CalibratedRobot, CobotRobot
 
 LEFT, RIGHT = "left_", "right_"
 
 
-class BiCobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
+class BiCobotRobot(CalibratedRobot):
     """Two arms of running services. When one arm fails, the other one is stopped too.
 
     Args:
@@ -64,15 +63,6 @@ class BiCobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
     def is_connected(self) -> bool:
         parts = (*self._arms.values(), *self._cameras.values())
         return all(part.is_connected for part in parts)
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Always true: the arms' controllers know their joint positions."""
-        return True
-
-    def calibrate(self) -> None: ...
-
-    def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Begin a session with both arms, and open the cameras. If one part fails, none stays connected.

@@ -23,7 +23,20 @@ from lerobot_robot_cobot.config_cobot import CobotRobotConfig
 from lerobot_robot_cobot.pictures import latest_pictures, picture_shapes
 
 
-class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
+class CalibratedRobot(LeRobot):  # type: ignore[misc, unused-ignore]
+    """A robot that LeRobot neither calibrates nor configures."""
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always true: the arms' controllers know their joint positions."""
+        return True
+
+    def calibrate(self) -> None: ...
+
+    def configure(self) -> None: ...
+
+
+class CobotRobot(CalibratedRobot):
     """One arm of a running service.
 
     Args:
@@ -62,15 +75,6 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         if self._control is None or not self._control.is_running():
             return False
         return all(camera.is_connected for camera in self.cameras.values())
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Always true: the arm's controller knows its joint positions."""
-        return True
-
-    def calibrate(self) -> None: ...
-
-    def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Begin a session with the arm, and open the cameras.
