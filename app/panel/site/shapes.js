@@ -114,6 +114,16 @@ export class Drawn {
   // The shapes of the collision checks, or what the robot looks like.
   showCollision(shown) {
     for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
+    this.collision = shown;
+    this.cover(this.covered ?? []);
+  }
+
+  // Objects with these names are drawn as parts of the cell, where they are. Here they are shapes of the checks only.
+  cover(names) {
+    this.covered = names;
+    this.bodies.forEach(({ name, part }, index) => {
+      if (part === "scene") this.groups[index].visible = this.collision || !names.includes(name);
+    });
   }
 
   // Draws in red the bodies that a list or a sentence names, and those that a named joint moves; "" for none.

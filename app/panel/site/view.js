@@ -80,6 +80,7 @@ export class View {
     this.geometry = geometry;
     this.arm = new Drawn(geometry, this.looks);
     this.arm.showCollision(this.collision);
+    this.arm.cover(this.partNames ?? []);
     this.arm.closed = this.closed;
     this.arm.blame(this.blamed);
     this.scene.add(this.arm.root);
@@ -186,6 +187,8 @@ export class View {
       mesh.position.set(...part.position);
       mesh.quaternion.set(...part.quaternion);
     });
+    this.partNames = parts.map(({ name }) => name);
+    this.arm?.cover(this.partNames);
     this.draw();
   }
 
