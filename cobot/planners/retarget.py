@@ -56,7 +56,7 @@ def retarget(
 
     Args:
         request: the new goal; its start is not used.
-        now_s: present path time; the result leaves out what is before it.
+        now_s: current path time; the result leaves out what is before it.
         from_s: path time of the change.
 
     Raises:
@@ -112,7 +112,7 @@ def _by_way_of_rest(
 
 
 def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) -> JointLimits:
-    """The larger of the request's limits and of what the present motion uses, within the robot's limits."""
+    """The larger of the request's limits and of what the current motion uses, within the robot's limits."""
     asked, own = request.scaled_limits(robot), robot.limits
     used = greatest_rates(left.coefficients, np.diff(left.breakpoints_s)).max(axis=1)
     rows = zip(
@@ -187,7 +187,7 @@ def _joined(
     assert problem is not None
     kind = CollisionError if isinstance(problem, CollisionError) else PlanningError
     raise kind(
-        f"the way from the present motion to the new goal: {problem}", findings=problem.findings
+        f"the way from the current motion to the new goal: {problem}", findings=problem.findings
     ) from problem
 
 

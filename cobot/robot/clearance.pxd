@@ -120,7 +120,6 @@ cdef class Clearance:
     cdef int* _failing             # three lists of pairs
     cdef long* _listed             # of the pairs in a list: its number
     cdef long _lists
-    cdef readonly long looks
     cdef double _hit_at
     cdef double _hit_m
 

@@ -421,7 +421,7 @@ cdef class Clearance:
         return self._is_proven(halves[1], degree, 0.5 * (begin + end), end, order, left, ordered)
 
     cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil:
-        """A pair of an order that violates its required distance in the present configuration, or -1."""
+        """A pair of an order that violates its required distance in the current configuration, or -1."""
         cdef Pair* pair
         cdef Solid* first
         cdef Solid* second
@@ -570,7 +570,6 @@ cdef class Clearance:
         cdef int lane, joint
         cdef double place
         self.evaluations += WEIGHT
-        self.looks += 1
         for lane in range(MAX_LANES):
             place = at[min(lane, count - 1)]
             for joint in range(self.dof):

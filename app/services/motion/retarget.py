@@ -1,4 +1,4 @@
-"""A new goal for the motion that runs. The arm leaves its present path at a place ahead, without a stop.
+"""A new goal for the motion that runs. The arm leaves its current path at a place ahead, without a stop.
 
 Planning takes time in which the arm moves on. The place is therefore as far ahead as planning usually takes.
 If the arm has passed it before the real-time loop has the new trajectory, the loop rejects it and the arm
