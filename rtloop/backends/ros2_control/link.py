@@ -21,6 +21,8 @@ from cobot.types import Array
 from rtloop.backends.protocols import BackendError
 
 CLOSE_S = 2.0
+START_S = 20.0
+"""Timeout for the first answer of the process, s: a slow computer needs seconds to start it."""
 MARGIN_S = 1.0
 """Time for the answer of the process, in addition to the time that the driver has, s."""
 MAX_LINE = 1 << 20
@@ -153,7 +155,6 @@ class ClientProcess:
 
     def __init__(self, settings: dict[str, Any]) -> None:
         self._settings = settings
-        self._answer_s = settings["answer_timeout_s"] + MARGIN_S
         self._process: subprocess.Popen[bytes] | None = None
         self._rest = b""
 
@@ -181,6 +182,7 @@ class ClientProcess:
             start_new_session=True,  # Ctrl-C is the service's
         )
         self._rest = b""
+        self._answer_s = START_S
 
     def close(self) -> None:
         process, self._process = self._process, None
@@ -228,6 +230,7 @@ class ClientProcess:
         except (OSError, ValueError) as exc:
             self.close()
             raise BackendError(ENDED) from exc
+        self._answer_s = self._settings["answer_timeout_s"] + MARGIN_S
         if answer.get("error"):
             raise BackendError(answer["error"])
         return answer

@@ -143,7 +143,7 @@ def test_other_joints_that_follow_are_refused_with_their_line_and_the_way_out(
 ) -> None:
     file = tmp_path / "lift.urdf"
     text = lift(FIRST, NO_TELESCOPES[kind]).replace("<mimic", "\n<mimic")
-    said = r"lift.urdf:2: .*'upper_joint' follows 'lower_joint' \(mimic\).* with --without upper_joint$"
+    said = r"lift.urdf:2: .*'upper_joint' follows 'lower_joint' \(mimic\).*: --without upper_joint$"
     with pytest.raises(ConfigError, match=said):
         made_of(file, text)
     robot, told = made_of(file, text, without=["upper_joint"])
