@@ -14,7 +14,8 @@ from collections import deque
 from collections.abc import Callable
 
 MAX_TURNS = 16
-"""Maximum number of pieces of work that are begun in one iteration, while iterations are short."""
+"""Maximum number of pieces of work that begin in one iteration of the event loop, while iterations are short.
+"""
 LONG_S = 0.003
 """Threshold for the duration of an iteration, s. After a longer one, the next iteration begins fewer pieces,
 at least one.

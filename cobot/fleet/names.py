@@ -41,7 +41,9 @@ class FleetKeys:
         return f"{PREFIX}/{self.fleet}/{cell}/{instance}"
 
     def panel(self, cell: str) -> str:
-        """Requests to the panel of a cell. A robot may be called `panel`, too: it has no such key."""
+        """Requests to the panel of a cell. A robot named `panel` does not conflict, because robots have no
+        key `request`.
+        """
         return self.of(cell, "panel", "request")
 
     @property

@@ -183,7 +183,7 @@ class FleetRecordingStore:
             os.fsync(file.fileno())
         if not right:
             part.unlink()  # the file in the cell is another one now, or the disk has changed a byte
-            log.warning("%s: its hash differs; it is fetched again", part)
+            log.warning("%s: the hash differs; fetching it again", part)
             return False
         part.rename(folder / recording.name)
         with (folder / TAKEN).open("a", encoding="ascii") as taken:

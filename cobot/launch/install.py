@@ -38,7 +38,7 @@ class InstallError(CobotError):
 
 
 class Keep(Enum):
-    """Owner of a file after the installation."""
+    """Whether an installation replaces a file that already exists."""
 
     OURS = "replaced by each installation"
     THEIRS = "left as it is: the settings are the user's"
@@ -184,7 +184,7 @@ def _require_readable(python: Path) -> None:
     for folder in (python.absolute().parent, *python.absolute().parents):
         if not folder.stat().st_mode & stat.S_IXOTH:
             raise InstallError(
-                f"the user {USER} could not start {python}: {folder} is closed to others. Install cobot "
+                f"the user {USER} could not start {python}: other users cannot read {folder}. Install cobot "
                 "where all users can read it: python3 -m venv /opt/cobot && /opt/cobot/bin/pip install "
                 "WHEEL, then /opt/cobot/bin/cobot install"
             )

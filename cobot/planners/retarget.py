@@ -1,4 +1,4 @@
-"""A new goal for a motion that is under way.
+"""A new goal for a running motion.
 
 A ptp motion goes on from the moving state: Ruckig's profiles lead from its velocities and accelerations to
 the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. From the
@@ -50,7 +50,7 @@ def load_search() -> None:
 def retarget(
     robot: RobotDescription, request: MotionRequest, under_way: Trajectory, now_s: float, from_s: float
 ) -> ChangeOver:
-    """Lead a motion to another goal, without changing it before `from_s`.
+    """Change the goal of a motion. Before `from_s` the motion stays unchanged.
 
     While both motions add up, neither a joint nor the TCP is faster than in the faster one of the two.
 

@@ -11,7 +11,7 @@ from cobot.robot.covers import cover
 from cobot.types import Array
 
 LOSS_M = 0.008
-"""Loss of clearance: where the spheres are too near, the geom may be farther away by this distance."""
+"""Maximum error of the spheres, m: the geom may be farther away than its spheres by this distance."""
 FLOOR_M = 0.004
 """A sphere is not divided further below this radius."""
 SIDES = 24

@@ -12,7 +12,9 @@ from cobot.foreign import bounded, plain_text
 from cobot.strict import shown
 
 MAX_DIGITAL = 2**53 - 1
-"""Integers up to this are exact as doubles."""
+"""Maximum value of a digital input or output: the largest integer up to which all integers are exact as
+doubles.
+"""
 ANALOG_SHARE = 1e-3
 """Tolerance of an analog output's reported value, because converters are inexact."""
 

@@ -1,10 +1,10 @@
 """Runs a Lua program in a sandbox: plain Lua 5.3 without access to the system, with limits, and ended on
 request.
 
-The program sees only values, tables and Lua functions, which `sandbox.lua` defines. It also makes sure that a
-program that catches errors cannot catch its end. A program inside one long function of Lua itself (a hostile
-string pattern) executes no instructions, so it does not notice a request to end. Code that ends a program
-must not wait for it for ever.
+The program sees only values, tables and Lua functions, which `sandbox.lua` defines. `sandbox.lua` also
+ensures that a program that catches errors does not catch the request to end. A program inside one long
+function of Lua itself (a hostile string pattern) executes no instructions, so it does not notice a request to
+end. Code that ends a program must not wait for it for ever.
 """
 
 from __future__ import annotations

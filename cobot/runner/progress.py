@@ -32,7 +32,7 @@ class Progress:
 
         Args:
             place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`; `step` and `share` of a sequence.
-            within: whether this is the question of `ask_paused_s` during a step.
+            within: whether the report comes from `ask_paused_s`, which is called during a step.
         """
         self._place = place
         if self._told is None:

@@ -102,7 +102,9 @@ class CommandTransition:
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """Continue the commands from the interpolator's position, whatever the commands are."""
+        """Start the transition: the next position to send is the last one sent, or else the interpolator's.
+        The offset from `command` then decreases to 0.
+        """
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0
 

@@ -108,7 +108,7 @@ class RobotPort:
         if self.points is None:
             raise NotReported(
                 f"{name!r}: the robot has not reported any input or output; /health shows whether rtloop "
-                "runs, docs/state-and-stop.md which inputs and outputs a backend has"
+                f"runs, and docs/state-and-stop.md lists the inputs and outputs of each backend"
             )
         if name not in self.points:
             known = ", ".join(self.points) or "none"

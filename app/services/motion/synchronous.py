@@ -68,7 +68,7 @@ class SyncService:
         if name in self.groups:
             raise ConflictError(f"the group {shown(name)} exists already")
         if len(self.groups) >= MAX_GROUPS:
-            raise LimitError(f"there are already {MAX_GROUPS} groups, the maximum")
+            raise LimitError(f"there are already {MAX_GROUPS} groups, which is the maximum")
         self.groups[name] = self._named(robots)
 
     def group(self, name: str) -> tuple[str, ...]:

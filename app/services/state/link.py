@@ -308,7 +308,7 @@ class RobotLink:
             return None
 
     def rtloop_pid(self) -> int:
-        """The process id of rtloop. Raises as `statistics`, but does not copy the block, because it is needed
+        """The process id of rtloop. Raises as `statistics`. Does not copy the block, because the id is needed
         for each state.
         """
         try:

@@ -100,7 +100,7 @@ class JogLimits:
                 words = "the arm is near a singularity, where it cannot move in this direction"
                 reason = Reason(words, ReasonCode.SINGULARITY)
         else:
-            raise InputError("a jog frame has joints or a twist")
+            raise InputError("a jog frame must have either joints or a twist")
         fast = self._too_fast(velocity, jacobian)
         return LimitedVelocity(velocity * fast, fast, share * fast, reason)
 

@@ -18,7 +18,7 @@ from cobot.types import Array
 CORRECTION_PER_S = 10.0
 """Gain with which the TCP returns to its line, 1/s."""
 MOVED_RAD = 1e-3
-"""Difference of a joint's position above which the arm has been moved by something else since, rad or m."""
+"""If a joint differs by more than this from the last target, something else has moved the arm, rad or m."""
 FAR_M, FAR_RAD = 0.01, 0.05
 """Deviations from the line, after a jog, that the next jog does not correct: it must move as expected."""
 MAX_CORRECTION = 0.5

@@ -77,8 +77,8 @@ def named_arm(
     for joint in spec.joints:
         if joint.name in names and joint.type not in MOVABLE:
             raise ConfigError(
-                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a fixed base, and "
-                "hinges and slides; remove the joint from the file, or leave it out of --actuators"
+                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a fixed base, and only "
+                f"hinge and slide joints; remove the joint from the file, or leave it out of --actuators"
             )
     stages = {
         other.name

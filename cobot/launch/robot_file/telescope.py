@@ -93,8 +93,9 @@ class Telescope:
                 state[self.first.name] *= self.travel
 
     def _rate(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Maximum velocity of the last stage, with each joint within its own, and the effort at the last
-        stage."""
+        """Maximum velocity of the last stage at which each joint keeps its own limit, and the maximum effort
+        at the last stage.
+        """
         velocity, effort = rates.get(self.first.name, (0.0, 0.0))
         velocities = [velocity] if velocity else []
         for node, (_, slope) in zip(self.others, self.lines, strict=True):
@@ -114,7 +115,9 @@ class Telescope:
 
 
 def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[Telescope]:
-    """The telescopes in a chain of joints. Joints that follow others in any other way belong to none."""
+    """The telescopes in a chain of joints. A joint that follows another one in a different way is not part of
+    a telescope.
+    """
     found = []
     for index, node in enumerate(chain):
         lines = {} if node.leader else {node.name: (0.0, 1.0)}

@@ -1,4 +1,6 @@
-"""The limits of a URDF's joints: with the format's defaults, never wider than stated."""
+"""The limits of a URDF's joints. Missing values are the format's defaults; no limit is wider than the file
+states.
+"""
 
 from __future__ import annotations
 

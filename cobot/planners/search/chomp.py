@@ -36,8 +36,9 @@ CLEARANCE_M = 0.04
 SPARE_M = 1e-3
 """Distance that the path keeps in addition to the margin, if its ends do: room for the spline through it."""
 PUSHED_M = 3e-3
-"""The push has its full strength below the required distance plus this, because the path between two points
-needs room too."""
+"""Margin on the required clearance, m. Where the clearance is smaller than both together, the push has its
+full strength. The margin exists because the path between two points needs room too.
+"""
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""

@@ -87,7 +87,9 @@ class RobotVisuals:
             NotFoundError: there is no such mesh, or its file cannot be read or exceeds `MAX_MESH_BYTES`.
         """
         if not 0 <= number < len(self.meshes):
-            raise NotFoundError(f"there is no mesh {number}; the robot has {len(self.meshes)}, from 0 on")
+            raise NotFoundError(
+                f"there is no mesh {number}; the robot has {len(self.meshes)}, numbered from 0"
+            )
         file = list(self.meshes.values())[number]
         try:
             if (size := file.stat().st_size) > MAX_MESH_BYTES:

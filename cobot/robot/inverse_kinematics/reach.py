@@ -67,7 +67,9 @@ def reach_gap(model: RobotModel, pose: Pose) -> float:
 def solve_near(
     model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS, free: tuple[FreeAxis, ...] = ()
 ) -> Descent:
-    """A descent from `seed` with at most `steps` steps, which stays continuous along a path."""
+    """Descend from `seed` to a solution, in at most `steps` steps. Along a path, successive solutions are
+    continuous.
+    """
     return Descent(*model.kinematics(free).descend(row_of(pose), seed, steps))
 
 

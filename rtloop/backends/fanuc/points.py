@@ -140,7 +140,7 @@ class Points:
         """Set an output from the next command on.
 
         Raises:
-            BackendError: it is none of the outputs, or the value is out of range.
+            BackendError: there is no such output, or the value is out of range.
         """
         if name not in self._command.places:
             known = ", ".join(self.outputs) or "none"

@@ -309,8 +309,8 @@ class FriBackend:
         return ready.reason if isinstance(ready, Rejected) else ""
 
     def _may_begin_anew(self, message: MonitoringMessage) -> bool:
-        """Whether the session may be lost and return without a fault. This is so shortly after enabling,
-        which may have kept this computer busy, and only while the arm does not move.
+        """Whether a lost session may return without a fault. It may return shortly after enabling, because
+        enabling may have kept this computer busy, and only while the arm does not move.
         """
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION

@@ -58,8 +58,8 @@ class CommandWords:
 
     Attributes:
         kind: kind of the controller.
-        end: the other end of the connection.
-        ends: plural of its name.
+        end: name of the other end of the connection.
+        ends: its plural.
     """
 
     kind: str

@@ -116,5 +116,5 @@ def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
 
 
 def position_at_rest(state: RobState) -> tuple[float, ...]:
-    """The controller's set position; the measured position if it does not report the former."""
+    """The controller's set position, or the measured position if the controller reports no set position."""
     return state.setpoint or state.position

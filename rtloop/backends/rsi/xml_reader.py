@@ -57,7 +57,7 @@ def shown(value: object) -> str:
 def read_telegram(packet: bytes) -> Telegram:
     """Parse a packet. Raises TelegramError: the packet is not such a document."""
     if len(packet) > MAX_PACKET:
-        raise TelegramError(f"a packet of more than {MAX_PACKET} bytes")
+        raise TelegramError(f"has more than {MAX_PACKET} bytes")
     reader = _Reader()
     try:
         reader.parser.Parse(packet, True)
@@ -106,7 +106,7 @@ class _Reader:
             return
         self._open.text += text
         if len(self._open.text) > MAX_TEXT:
-            raise TelegramError(f"a text of more than {MAX_TEXT} characters")
+            raise TelegramError(f"has a text of more than {MAX_TEXT} characters")
 
     @staticmethod
     def _reject_doctype(name: str, system: str | None, public: str | None, internal: bool) -> None:

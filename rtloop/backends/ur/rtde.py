@@ -59,7 +59,7 @@ def encode(kind: Kind, payload: bytes = b"") -> bytes:
 
 
 class Splitter:
-    """Packages out of a stream of bytes, however it is cut."""
+    """Splits a stream of bytes into packages. The bytes may arrive in pieces of any size."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

@@ -93,11 +93,11 @@ finger has pressed or changed it. What a script does is no use of it.
 """
 
 
-GRIPPER = {f"gripper-{name}" for name in ("open", "grasp", "stop", "home", "width", "force")}
-"""Used in tests/e2e/test_panel_cell.py; the robot of these tests has no gripper."""
+CELL = {"cell-reset"} | {f"gripper-{name}" for name in ("open", "grasp", "stop", "home", "width", "force")}
+"""Used in tests/e2e/test_panel_cell.py; the robot of these tests has neither a gripper nor loose parts."""
 PEOPLE = {f"people-{each}" for each in ("name", "role", "days", "add", "new", "copy", "done")}
 """Used in tests/e2e/test_access.py; the service of these tests needs no token."""
-ELSEWHERE = {"robots button"} | GRIPPER | PEOPLE
+ELSEWHERE = {"robots button"} | CELL | PEOPLE
 """The button is used in tests/e2e/realtime/test_several_robots.py."""
 
 

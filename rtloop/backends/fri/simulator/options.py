@@ -44,7 +44,7 @@ class CabinetOptions:
     def __post_init__(self) -> None:
         if not MIN_PERIOD_MS <= self.period_ms <= MAX_PERIOD_MS:
             raise ValueError(
-                f"a send period of {self.period_ms} ms, FRI has {MIN_PERIOD_MS} to {MAX_PERIOD_MS}"
+                f"the send period is {self.period_ms} ms; FRI allows {MIN_PERIOD_MS} to {MAX_PERIOD_MS} ms"
             )
         if self.multiplier < 1:
             raise ValueError(f"a receive multiplier of {self.multiplier}, it has to be 1 or more")
