@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -59,9 +58,6 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
             return EXIT_OK
         with _client(chosen) as client:
             return ACTIONS[chosen.command](client, chosen)
-    except BrokenPipeError:  # for example after `cobot watch | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
     except CobotError as exc:
         if getattr(chosen, "json", False):
             print_json({"success": False, "code": exc.code, "message": str(exc)})

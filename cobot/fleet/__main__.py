@@ -24,9 +24,9 @@ from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.fleet.messages import DEADLINE_S, REST_S
 from cobot.fleet.serving import add_certificate, add_serve
 from cobot.foreign import plain_lines
-from cobot.launch.process import in_words
+from cobot.launch.process import as_command
 
-EXIT_OK, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
+EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 URL_VARIABLE = "COBOT_FLEET"
 DEFAULT_URL = "http://127.0.0.1:8070"
 TIMEOUT_S = 5.0
@@ -65,8 +65,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CobotError as exc:
         print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
         return EXIT_FAILED
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -446,4 +444,4 @@ def _user() -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(in_words(main))
+    sys.exit(as_command(main))

@@ -8,6 +8,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,14 +19,17 @@ from cobot.config import Settings, advice, load_settings, load_with_rolled_out
 from cobot.errors import CobotError, ConfigError
 from cobot.foreign import plain_lines
 from cobot.launch import backup_options, recording_options, token
-from cobot.launch.parser import SIMULATORS, make_parser
-from cobot.launch.process import RUN_MODULE, in_words, require_limits
+from cobot.launch.parser import MODULES, SIMULATORS, make_parser
+from cobot.launch.process import RUN_MODULE, as_command, in_words, require_limits
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 0 for success, 1 for failure, 2 for wrong usage."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] in MODULES:
+        return as_command(lambda: int(import_module(MODULES[words[0]]).main(words[1:])))
     parser = make_parser()
     chosen = parser.parse_args(arguments)
     chosen.is_program = arguments is None  # otherwise the process belongs to a caller that may have threads
@@ -36,18 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _become_client(chosen)
     if chosen.command == "simulate":
         os.execv(RUN_MODULE[0], [*RUN_MODULE, SIMULATORS[chosen.device], *chosen.options])
-    if chosen.command == "backend":
-        os.execv(RUN_MODULE[0], [*RUN_MODULE, "rtloop.contract", *chosen.options])
-    if chosen.command == "gripper":
-        os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.grippers.contract", *chosen.options])
-    if chosen.command == "study":
-        os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.studies", *chosen.options])
-    if chosen.command == "fleet":
-        os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.fleet", *chosen.options])
     if options.for_service(chosen, parser):
         from cobot.commands import actions
 
-        return in_words(lambda: actions.run(chosen, parser))
+        return as_command(lambda: actions.run(chosen, parser))
     return in_words(lambda: _run(chosen))
 
 

@@ -54,6 +54,13 @@ SIMULATORS = {
     "ur": "rtloop.backends.ur.simulator",
 }
 """Modules that `cobot simulate` runs. Each defines its own options."""
+MODULES = {
+    "study": "cobot.studies.__main__",
+    "fleet": "cobot.fleet.__main__",
+    "backend": "rtloop.contract.__main__",
+    "gripper": "cobot.grippers.contract.__main__",
+}
+"""Modules of the commands that read their own options."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -152,31 +159,13 @@ def _add_simulate_and_backend(commands: Any) -> None:
         metavar="...",
         help="options of the simulator; cobot simulate fri --help lists them",
     )
-    study = commands.add_parser("study", help="answer a question that needs thousands of computations")
-    study.add_argument(
-        "options",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="FILE.yaml or show FOLDER; add --help for details",
-    )
-    fleet = commands.add_parser("fleet", help="show and stop the cells of a fleet, or run its hub")
-    fleet.add_argument(
-        "options",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="serve, list, show, watch or stop; add --help for details",
-    )
     for name, text in (
+        ("study", "answer a question that needs thousands of computations"),
+        ("fleet", "show and stop the cells of a fleet, or run its hub"),
         ("backend", "list, create and test robot drivers (backends)"),
         ("gripper", "list, create and test gripper drivers"),
     ):
-        devices = commands.add_parser(name, help=text)
-        devices.add_argument(
-            "options",
-            nargs=argparse.REMAINDER,
-            metavar="...",
-            help="list, new NAME or test NAME, of backends also files NAME FOLDER; add --help for details",
-        )
+        commands.add_parser(name, help=text)
 
 
 def _add_check(commands: Any, config: argparse.ArgumentParser) -> None:

@@ -19,6 +19,8 @@ from cobot.errors import UnavailableError, exhausted
 
 _PR_SET_PDEATHSIG = 1
 
+INTERRUPTED = 130
+"""Exit status of a command after Ctrl-C, as of a shell."""
 RUN_MODULE = (sys.executable, "-P", "-m")
 """The command that starts an installed module. -P excludes modules in the current folder."""
 
@@ -103,6 +105,19 @@ def in_words(main: Callable[[], int]) -> int:
             raise
         print(f"{error} ({exc})", file=sys.stderr, flush=True)
         return 2
+
+
+def as_command(main: Callable[[], int]) -> int:
+    """Run `main` like `in_words`, as a command in a terminal. Ctrl-C, and a reader of the output that ends
+    first, such as `head`, end it without a traceback."""
+    try:
+        return in_words(main)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("cobot: interrupted", file=sys.stderr)
+        return INTERRUPTED
 
 
 def be(niceness: Niceness, *, session: bool = False) -> None:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from cobot.commands.terminal import Bar, show
-from cobot.errors import CobotError
+from cobot.errors import CobotError, UnavailableError
 from cobot.foreign import plain_lines
-from cobot.launch.process import in_words
+from cobot.launch.process import as_command
 from cobot.studies.engines.engine import LOCAL, engine
 from cobot.studies.orders import Order
 from cobot.studies.results.folder import ResultsFolder
@@ -136,7 +136,11 @@ def _show(chosen: argparse.Namespace) -> int:
     study = folder.study()
     columns = folder.columns()
     answer = answer_of(study, columns, int(folder.manifest()["tasks"]))
-    maps = write_maps(study, folder, answer, columns)
+    try:
+        maps = write_maps(study, folder, answer, columns)
+    except UnavailableError as exc:  # for example in the folder of another user
+        print(f"cobot: the maps are not drawn: {plain_lines(exc)}", file=sys.stderr)
+        maps = []
     _tell(chosen, study.question, answer, maps)
     return EXIT_OK
 
@@ -177,4 +181,4 @@ def _tell_run(result: StudyResult, workers: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(in_words(main))
+    sys.exit(as_command(main))

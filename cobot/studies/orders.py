@@ -120,14 +120,15 @@ def versions() -> dict[str, str]:
     """Versions of the programs that affect the results of a study."""
     found = {name: version(name) for name in ("cobot", "mujoco-core", "numpy", "scipy")}
     python = ".".join(map(str, sys.version_info[:2]))
-    return {**found, "source of cobot": _source(), "python": python}
+    code = {"source of cobot": _hash_of("*.py"), "compiled code of cobot": _hash_of("*.so")}
+    return {**found, **code, "python": python}
 
 
-def _source() -> str:
-    """Hash of cobot's Python files, because two checkouts may have one version."""
+def _hash_of(pattern: str) -> str:
+    """Hash of cobot's files of one kind, because two checkouts or builds may have one version."""
     root = Path(cobot.__file__).parent
     whole = hashlib.sha256()
     for package in (root, root.parent / "rtloop"):
-        for path in sorted(package.rglob("*.py")):
+        for path in sorted(package.rglob(pattern)):
             whole.update(str(path.relative_to(root.parent)).encode() + b"\0" + path.read_bytes())
     return whole.hexdigest()

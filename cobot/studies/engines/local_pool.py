@@ -31,6 +31,8 @@ MAX_STARTS_IN_A_ROW = 5
 SINGLE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the libraries of a worker to one core."""
 READY = b"ready"
+STDERR = 2
+"""File descriptor of standard error."""
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -183,7 +185,11 @@ class LocalPool(Executor):
             environment = os.environ | dict.fromkeys(SINGLE_THREAD, "1")
             try:
                 process = subprocess.Popen(
-                    command, pass_fds=[theirs.fileno()], env=environment, stdin=subprocess.DEVNULL
+                    command,
+                    pass_fds=[theirs.fileno()],
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    stdout=STDERR,  # standard output is for the answer, which may be JSON
                 )
             except OSError:
                 ours.close()

@@ -97,7 +97,7 @@ class PlacementStudy(RobotStudy):
         values = np.asarray(columns.get(self.measure, ()), dtype=float)
         if not np.isfinite(values).any() or (self.samples or 1) > 1:
             return None
-        best = int((np.nanargmax if self.goal == "max" else np.nanargmin)(values))
+        best = self.best_of(values)
         at = {name: columns[name][best].item() for name in self.axes}
         present = Pose.from_numbers(self.description.model.tcp_in_flange(self.robot.carried()))
         return {"base": list(_base_of(at).numbers), "tcp": list((present @ _tip_of(at)).numbers)}

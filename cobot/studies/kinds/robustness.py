@@ -71,7 +71,7 @@ class RobustnessStudy(RobotStudy):
 
 @dataclass(slots=True)
 class _Outcome:
-    """One run of the program so far."""
+    """One run of the program so far. A run that fails has no duration, because it ends early."""
 
     success: bool = True
     cause: str = ""
@@ -80,7 +80,7 @@ class _Outcome:
     effort: float = 0.0
 
     def fail(self, cause: str) -> None:
-        self.success, self.cause = False, cause
+        self.success, self.cause, self.duration_s = False, cause, np.nan
 
 
 @dataclass(slots=True)

@@ -136,12 +136,22 @@ class SampledStudy(Study):
         values = np.asarray(columns[self.measure], dtype=float)
         if not np.isfinite(values).any():
             return {self.measure: "no task has a finite value"}
-        best = int((np.nanargmax if self.goal == "max" else np.nanargmin)(values))
-        return {
+        best = self.best_of(values)
+        return self._left_out(values) | {
             f"best {self.measure}": float(values[best]),
             "at": {name: columns[name][best].item() for name in self.axes},
             "trial": int(columns["task"][best]),
         }
+
+    def best_of(self, values: Column) -> int:
+        """Index of the best finite value. There must be one."""
+        finite = np.where(np.isfinite(values), values, np.nan)
+        return int((np.nanargmax if self.goal == "max" else np.nanargmin)(finite))
+
+    def _left_out(self, values: Column) -> dict[str, Any]:
+        """The number of tasks that the answer leaves out, because their value is NaN or infinite."""
+        count = int(np.count_nonzero(~np.isfinite(np.asarray(values, dtype=float))))
+        return {f"tasks without a finite {self.measure}": count} if count else {}
 
     def _shares(self, found: list[tuple[int, Column]]) -> dict[str, Any]:
         """The share of successes with its interval, in total and at each point of the grid."""
@@ -171,7 +181,7 @@ class SampledStudy(Study):
         finite = values[np.isfinite(values)]
         if not len(finite):
             return {self.measure: "no task has a finite value"}
-        answer: dict[str, Any] = {
+        answer = self._left_out(values) | {
             f"mean {self.measure}": float(finite.mean()),
             "standard deviation": float(finite.std(ddof=1)) if len(finite) > 1 else 0.0,
             "least": float(finite.min()),

@@ -28,11 +28,13 @@ from cobot.folders import open_new
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Column, digest, from_bytes, joined
 from cobot.studies.orders import Order, keys_of_answer
-from cobot.studies.results.tables import write_table
+from cobot.studies.results.tables import PARQUET, SQLITE, write_table
 from cobot.studies.study import MAX_TASKS, Study
 from cobot.studies.study_file import study_of
 
 MANIFEST, CHUNKS, ANSWER, LOCK = "manifest.json", "chunks", "answer.json", ".lock"
+FILES = (ANSWER, SQLITE, PARQUET, "map.png", "map.html")
+"""Files that a run replaces."""
 LOCK_FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 FORMAT = 1
 _NAME = re.compile(r"(\d{9})-(\d{9})-([0-9a-f]{32})\.npz")
@@ -64,9 +66,7 @@ class ResultsFolder:
             (self.path / CHUNKS).mkdir(parents=True, exist_ok=True)
             descriptor = os.open(self.path / LOCK, LOCK_FLAGS, 0o600)
         except OSError as exc:
-            raise exhausted(exc) or UnavailableError(
-                f"{self.path}: cannot be written: {exc.strerror}"
-            ) from exc
+            raise _unwritable(self.path, exc) from exc
         try:
             self._lock(descriptor)
             self._settle_manifest(study, order)
@@ -96,11 +96,10 @@ class ResultsFolder:
             "document": study.document,
             "contents": order.contents,
         }
-        try:
+        if (self.path / MANIFEST).exists():
             old = self.manifest()
-        except ConfigError:
-            if any((self.path / CHUNKS).iterdir()):
-                raise
+        else:
+            self._require_own()
             old = manifest
         if old["key"] != order.key:
             raise ConflictError(
@@ -109,6 +108,18 @@ class ResultsFolder:
             )
         content = json.dumps(manifest, indent=1, sort_keys=True, default=str) + "\n"
         keep(self.path / MANIFEST, content.encode(), "the study")
+
+    def _require_own(self) -> None:
+        """Check that a folder without a manifest has no files that this study would replace.
+
+        Raises:
+            ConflictError: it has.
+        """
+        for name in FILES:
+            if (self.path / name).exists():
+                raise ConflictError(
+                    f"{self.path / name}: is not of a study, and would be replaced; give another --output"
+                )
 
     def manifest(self) -> dict[str, Any]:
         """Raises:
@@ -122,7 +133,9 @@ class ResultsFolder:
             return dict(found)
         except FileNotFoundError as exc:
             raise ConfigError(f"{path}: no such file; `cobot study FILE.yaml` makes such a folder") from exc
-        except (OSError, ValueError, KeyError, TypeError) as exc:
+        except OSError as exc:
+            raise ConfigError(f"{path}: cannot be read: {exc.strerror}") from exc
+        except (ValueError, KeyError, TypeError) as exc:
             raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
 
     def study(self) -> Study:
@@ -144,7 +157,7 @@ class ResultsFolder:
                 file.write(content)
             os.replace(new, path)
         except OSError as exc:
-            raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc.strerror}") from exc
+            raise _unwritable(path, exc) from exc
 
     def chunks(self, begin: int = 0, end: int = MAX_TASKS) -> list[ChunkFile]:
         """The finished chunks whose first task is from `begin` up to `end`, in order and without overlaps.
@@ -162,7 +175,8 @@ class ResultsFolder:
                 if digest(path.read_bytes())[:32] == match[3]:
                     found.append(ChunkFile(first, last, path))
                 else:
-                    path.unlink()
+                    with contextlib.suppress(OSError):  # for a reader who may not write here
+                        path.unlink()
         return found
 
     def gaps(self, tasks: int, first: int = 0) -> list[tuple[int, int]]:
@@ -192,6 +206,13 @@ class ResultsFolder:
         content = json.dumps(answer, indent=1) + "\n"
         keep(self.path / ANSWER, content.encode(), "the answer")
         return write_table(self.path, columns)
+
+
+def _unwritable(path: Path, exc: OSError) -> UnavailableError:
+    reason = exhausted(exc) or exc.strerror
+    return UnavailableError(
+        f"{path}: cannot be written: {reason}; finished results are kept, run the study again to continue"
+    )
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

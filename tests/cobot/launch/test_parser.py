@@ -8,7 +8,8 @@ import pytest
 
 from cobot.addresses import DEFAULT_URL
 from cobot.commands.options import url_of
-from cobot.launch.parser import DESCRIPTION, make_parser
+from cobot.launch.cli import main
+from cobot.launch.parser import DESCRIPTION, MODULES, make_parser
 
 OF_A_SERVICE = (
     "state",
@@ -22,6 +23,17 @@ OF_A_SERVICE = (
     "record list",
     "replay FILE",
 )
+
+
+@pytest.mark.parametrize("command", MODULES)
+def test_options_of_a_command_may_come_first(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert f"usage: cobot {command} [-h] " in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main([command, "--no-such-option"])
+    assert f"usage: cobot {command} [-h] " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", OF_A_SERVICE)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cobot.launch import process
-from cobot.launch.process import AUTOGROUP, Niceness, be
+from cobot.launch.process import AUTOGROUP, Niceness, as_command, be
 
 SAYS = """
 import os
@@ -41,6 +41,24 @@ def test_what_answers_people_comes_before_other_sessions_too(
         assert not session or session == AUTOGROUP.read_text(encoding="ascii").strip()
     elif session:  # empty where Linux has no such groups, or one may not be changed
         assert int(session.split()[-1]) == (niceness if permitted and asked else 0)
+
+
+@pytest.mark.parametrize(("ends", "status"), [(BrokenPipeError(), 0), (KeyboardInterrupt(), 130)])
+def test_a_command_ends_without_a_traceback(
+    ends: BaseException, status: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As in `cobot study show FOLDER | head -1`, and after Ctrl-C."""
+
+    def fail() -> int:
+        raise ends
+
+    stdout = os.dup(1)
+    try:
+        assert as_command(fail) == status
+    finally:
+        os.dup2(stdout, 1)
+        os.close(stdout)
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_session_asks_again_where_linux_takes_no_more_for_now(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -52,6 +54,23 @@ def test_a_map_is_drawn(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (Path("out") / "map.png").unlink()
     assert main(["show", "out"]) == 0
     assert (Path("out") / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_answer_of_a_folder_that_cannot_be_written_is_shown(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file.write_text(yaml.safe_dump(reach_study().document), encoding="utf-8")
+    assert main([str(file), "--workers", "1", "--output", "out"]) == 0
+    said = capsys.readouterr().out
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    assert main(["show", "out"]) == 0
+    found = capsys.readouterr()
+    assert found.out.strip() in said
+    assert found.err.startswith("cobot: the maps are not drawn: ")
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.yaml")))

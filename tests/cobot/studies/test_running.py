@@ -201,7 +201,10 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
         run_study(study, tmp_path / "out", executor=ThreadPoolExecutor(1))
 
 
-@pytest.mark.parametrize("name", ["cobot", "source of cobot", "function", "model of the robot", "scene"])
+NAMES = ("cobot", "source of cobot", "compiled code of cobot", "function", "model of the robot", "scene")
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_worker_with_another_version_or_file_refuses_by_name(name: str, tmp_path: Path) -> None:
     study = reach_study() if " of the robot" in name or name == "scene" else function_study(tmp_path)
     order = Order.of(study)
@@ -228,12 +231,22 @@ def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path: Path, monkeypatch:
 
     left, real = [2], os.replace
     monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(UnavailableError, match="disk is full"):
+    with pytest.raises(UnavailableError, match=r"out/chunks/.*disk is full.* run the study again"):
         run_study(study, folder.path, executor=ThreadPoolExecutor(1), workers=1)
     monkeypatch.setattr(os, "replace", real)
     kept = sum(last - first for first, last, _ in folder.chunks())
     assert kept > 0
     assert run_study(study, folder.path, executor=ThreadPoolExecutor(1)).computed == 20 - kept
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "answer.json", "map.png", "results.sqlite"])
+def test_files_that_are_not_of_a_study_are_not_replaced(name: str, tmp_path: Path) -> None:
+    foreign = tmp_path / "out" / name
+    foreign.parent.mkdir()
+    foreign.write_text("{}")
+    with pytest.raises(CobotError, match=f"out/{name}: is not "):
+        run_study(function_study(tmp_path), foreign.parent, executor=ThreadPoolExecutor(1))
+    assert foreign.read_text() == "{}"
 
 
 def _take(left: list[int]) -> int:

@@ -55,6 +55,12 @@ def test_idle_workers_that_are_killed_are_replaced() -> None:
         assert list(pool.map(abs, [-1, -2, -3])) == [1, 2, 3]
 
 
+def test_what_a_call_prints_is_not_in_the_answer(capfd: pytest.CaptureFixture[str]) -> None:
+    with LocalPool(1) as pool:
+        pool.submit(print, "a note", flush=True).result()
+    assert tuple(capfd.readouterr()) == ("", "a note\n")
+
+
 def test_no_process_is_left_behind() -> None:
     with LocalPool(2) as pool:
         list(pool.map(abs, range(4)))

@@ -41,6 +41,23 @@ def test_numbers_are_summed_up_with_the_best_point_of_the_grid(tmp_path: Path) -
     assert (answer["best value"], answer["at"]) == (-10.0, "a -2, b 5")
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("more", [{}, {"search": {"trials": 4}}])
+def test_tasks_without_a_finite_value_are_counted_and_never_the_best(
+    value: float, more: dict[str, object], tmp_path: Path
+) -> None:
+    study = function_study(tmp_path, goal="max" if value > 0.0 else "min", **more)
+    columns = {
+        "task": np.arange(4),
+        "a": np.zeros(4),
+        "b": np.arange(4.0),
+        "value": np.array([value, 5.0, 5.0, value]),
+    }
+    answer = study.answer(columns)
+    assert (answer["tasks without a finite value"], answer["best value"]) == (2, 5.0)
+    assert "tasks without a finite value" not in study.answer(columns | {"value": np.ones(4)})
+
+
 def test_true_and_false_are_a_share_with_its_interval(tmp_path: Path) -> None:
     study = function_study(tmp_path, metric="even")
     answer = study.answer({"task": np.arange(20), **study.kernel()(0, 20)})
