@@ -90,7 +90,7 @@ def cubics(points: Array) -> Array:
 
 
 def times_of(rate: Array) -> tuple[Array, Array, Array]:
-    """The time, s, the squared rate and the slope of the squared rate at each knot, shape (cells + 1,) each."""
+    """The time, s, the squared rate and its slope at each knot, shape (cells + 1,) each."""
     squares = AT_NODES.T @ np.array([rate[:-2], rate[1:-1], rate[2:]])
     times = np.zeros(len(rate) - 1)
     np.cumsum(WEIGHTS @ (1.0 / np.sqrt(squares)), out=times[1:])
