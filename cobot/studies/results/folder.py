@@ -175,7 +175,7 @@ class ResultsFolder:
                 if digest(path.read_bytes())[:32] == match[3]:
                     found.append(ChunkFile(first, last, path))
                 else:
-                    with contextlib.suppress(OSError):  # for a reader who may not write here
+                    with contextlib.suppress(OSError):  # without the permission to write here
                         path.unlink()
         return found
 
