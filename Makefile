@@ -48,10 +48,13 @@ NOT_CYTHON := E121,E123,E126,E133,E203,E211,E225,E226,E227,E241,E242,E251,E271,E
 # What `make test-pythons` leaves out: whole processes, and modules that are compiled once more.
 NOT_UNIT := tests/e2e tests/test_sanitizers.py
 
-# What has to be there before the tests, for whoever has not seen to it.
-SETUP := setup-dev
+# The dependencies of the tests. `make test` has installed them before it starts the tests, and makes this empty.
+SETUP := setup-quick
 
-.PHONY: run setup setup-test setup-dev client-wheel js-client test tests test-pythons lint bench corpus docs lock clean help FORCE
+# The tests that run: a pytest marker, or its opposite. Tests with the marker take long, or need foreign software.
+CHOSEN := not thorough
+
+.PHONY: run setup setup-test setup-quick setup-dev client-wheel js-client test tests test-thorough test-pythons lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	@$(MAKE) --no-print-directory $(MANUAL) || echo "cobot: going on without the manual"
@@ -61,7 +64,9 @@ setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` us
 
 setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 
-setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(KILTED_STAMP) $(LEROBOT_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
+setup-quick: setup-test $(MANUAL)
+
+setup-dev: setup-quick $(ROS_STAMP) $(KILTED_STAMP) $(LEROBOT_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what thorough tests need: ROS 2, LeRobot, a client of MCP 1.x, packages for Node.js
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
@@ -72,14 +77,17 @@ js-client: setup $(NODE_STAMP) ## build dist/cobot-client-*.tgz, for Node.js and
 	npm --prefix $(JS_CLIENT) run build --silent
 	npm pack --silent --pack-destination dist ./$(JS_CLIENT)
 
-test: setup-dev ## lint, types, import contract, unit, property and end-to-end tests
+test: setup-quick ## lint, types, import contract, unit, property and end-to-end tests
 	+@$(MAKE) --no-print-directory --jobs 2 lint tests SETUP=
+
+test-thorough: setup-dev ## the tests that take long or need foreign software: sanitizers, fuzzers, ROS 2, LeRobot, Node.js
+	+@$(MAKE) --no-print-directory tests SETUP= CHOSEN=thorough
 
 # In a new clone each of the processes would compile all tests; so one does before.
 tests: $(SETUP)
 	@[ -d tests/support/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
-	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
-	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
+	$(BIN)/python -m pytest $(PARALLEL) -m "$(CHOSEN)" || { echo "cobot: what has failed runs once more, alone"; \
+	    $(BIN)/python -m pytest -m "$(CHOSEN)" --last-failed --last-failed-no-failures none; }
 
 # A Python of pyenv is found only while PYENV_VERSION names it, so all of them are named.
 test-pythons: setup-test ## unit tests with each CPython from 3.11 to 3.13 that this computer has

@@ -38,6 +38,7 @@ gc.disable()
 
 LONG = (
     "test_panel.py",
+    "test_panel_basics.py",
     "test_ros2_control.py",
     "test_how_to.py",
     "test_crashes.py",

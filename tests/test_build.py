@@ -63,6 +63,7 @@ def test_there_are_compiled_modules() -> None:
     assert "cobot.arrays" in MODULES
 
 
+@pytest.mark.thorough
 def test_each_compiled_module_can_be_imported_first() -> None:
     """What it needs, MuJoCo's library above all, its package provides."""
     result = subprocess.run(

@@ -64,6 +64,7 @@ def test_the_tray_is_filled_and_the_log_is_as_the_page_shows_it(
     assert shown[0] in lines
 
 
+@pytest.mark.thorough
 def test_the_lines_are_polished_on_a_table(service: ServiceOfCell, files: list[Path]) -> None:
     """The table is a spring below the TCP, of which neither the service nor rtloop knows."""
     service.go_home()

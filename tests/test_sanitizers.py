@@ -258,6 +258,7 @@ def test_each_compiled_module_is_worked_there() -> None:
     assert not [module for module, (file, *_) in left.items() if file.suffix == ".pyx"]
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(2 * LIMIT_S)
 def test_the_sanitizers_find_nothing_in_the_compiled_modules(copy: Path) -> None:
     deselected = [f"--deselect={test}" for test in TOO_LONG]
@@ -267,6 +268,7 @@ def test_the_sanitizers_find_nothing_in_the_compiled_modules(copy: Path) -> None
     assert result.returncode == 0, result.stdout[-10000:] + result.stderr[-10000:]
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(2 * LIMIT_S)
 @pytest.mark.parametrize(
     ("call", "finding"),

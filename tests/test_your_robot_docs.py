@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from cobot_run import RunOfFolder
 from folders import ROOT
 
@@ -59,6 +60,7 @@ class Walk:
         return said
 
 
+@pytest.mark.thorough
 def test_each_command_of_the_page_does_what_the_page_shows(tmp_path: Path) -> None:
     walk, said, commands = Walk(tmp_path), "", []
     try:

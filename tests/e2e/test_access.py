@@ -135,6 +135,7 @@ def test_a_token_on_the_wire_is_encrypted_and_plain_http_gets_nothing(locked: Lo
         assert (secure.version() or "") >= "TLSv1.2"
 
 
+@pytest.mark.thorough
 def test_a_flood_of_handshakes_keeps_nobody_from_stopping(locked: Locked) -> None:
     service = locked.run.child("app")
     with flooding(locked.run.url, HANDSHAKES), locked.client(Role.OBSERVER) as stopper:
@@ -145,6 +146,7 @@ def test_a_flood_of_handshakes_keeps_nobody_from_stopping(locked: Locked) -> Non
     assert "Traceback" not in locked.run.output
 
 
+@pytest.mark.thorough
 def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_path: Path) -> None:
     """In Chromium, as a user would: Swagger UI sends what was typed into it."""
     if CHROMIUM is None:
@@ -199,6 +201,7 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         until(is_refused)  # a press before the stream is open has no answer
 
 
+@pytest.mark.thorough
 def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, tmp_path: Path) -> None:
     """Oracle: whether the token opens REST, and the file of the tokens."""
     if CHROMIUM is None:
@@ -377,6 +380,7 @@ def test_a_certificate_that_is_wrong_is_said_before_anything_starts(tmp_path: Pa
     assert "none.pem: cannot be read" in started.stderr
 
 
+@pytest.mark.thorough
 def test_beyond_this_computer_a_token_is_needed_unless_the_settings_say_otherwise(tmp_path: Path) -> None:
     """As bytes, as an attacker would: no browser, no library."""
     file = TokenFile(tmp_path / "tokens.json")

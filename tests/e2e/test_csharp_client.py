@@ -57,10 +57,13 @@ static class Program
 }
 """
 
-pytestmark = pytest.mark.skipif(
-    not TOOLS.is_dir() or shutil.which("mcs") is None or shutil.which("mono") is None,
-    reason="Mono (mono-mcs, mono-runtime) is not installed, or `make setup-dev` has not run",
-)
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(
+        not TOOLS.is_dir() or shutil.which("mcs") is None or shutil.which("mono") is None,
+        reason="Mono (mono-mcs, mono-runtime) is not installed, or `make setup-dev` has not run",
+    ),
+]
 
 
 def call(folder: Path, *command: str) -> str:

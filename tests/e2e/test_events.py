@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import psutil
+import pytest
 from cobot_run import WAIT_S, Run
 from websockets.sync.client import connect
 
@@ -102,6 +103,7 @@ def test_a_sequence_is_told_from_its_start_to_its_end(shared: Run) -> None:
     assert {each["robot"] for each in heard} == {shared.name}
 
 
+@pytest.mark.thorough
 def test_clients_that_never_read_cost_little_delay_nobody_and_are_let_go(shared: Run) -> None:
     """Endless states for 200 clients that read nothing: who reads hears all, and a stop comes in."""
     shared.go_home()

@@ -12,6 +12,7 @@ import pytest
 import tree_sitter
 import tree_sitter_matlab
 from cobot_run import Run
+from thorough import few
 
 from cobot.client import Client
 
@@ -89,7 +90,7 @@ def test_every_example_says_how_it_is_run() -> None:
     assert commands("two_robots.py")[0] == commands("two_robots.yaml")[0]
 
 
-@pytest.mark.parametrize("script", ["tour.sh", "tour.py"])
+@pytest.mark.parametrize("script", few(["tour.sh", "tour.py"]))
 def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, clone: Path, script: str) -> None:
     (command,) = commands(script)
     said = output(clone, command, shared)
@@ -97,6 +98,7 @@ def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, clone: Path,
     assert "return code 0" in said
 
 
+@pytest.mark.thorough
 def test_the_streaming_plot_is_drawn(shared: Run, clone: Path) -> None:
     (command,) = commands("streaming_plot.py")
     assert output(clone, f"{command} --seconds 1.5", shared) == "drawn: streaming.png\n"
@@ -110,6 +112,7 @@ def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
     assert "nearest to its surroundings" in said
 
 
+@pytest.mark.thorough
 def test_a_motion_gets_new_goals_while_it_runs(service: Run, clone: Path) -> None:
     (command,) = commands("new_goal.py")
     said = output(clone, command, service)
@@ -125,16 +128,19 @@ def test_what_stands_in_the_way_is_gone_around(shared: Run, clone: Path) -> None
     assert "post" in said.splitlines()[-1]
 
 
+@pytest.mark.thorough
 def test_a_policy_moves_the_arm(shared: Run, clone: Path) -> None:
     (command,) = commands("policy_30hz.py")
     assert output(clone, f"{command} 0.5", shared).endswith("and rests\n")
 
 
+@pytest.mark.thorough
 def test_a_hand_of_ones_own_moves_the_arm_and_lets_it_rest(shared: Run, clone: Path) -> None:
     (command,) = commands("own_hand.py")
     assert "at rest at x" in output(clone, command, shared).splitlines()[-1]
 
 
+@pytest.mark.thorough
 def test_a_motion_is_recorded_and_done_again(shared: Run, clone: Path) -> None:
     (command,) = commands("record_and_replay.py")
     said = output(clone, command, shared).splitlines()
@@ -145,7 +151,7 @@ def test_a_motion_is_recorded_and_done_again(shared: Run, clone: Path) -> None:
     assert shared.joints() == pytest.approx(work["joints"], abs=5e-3)
 
 
-@pytest.mark.parametrize("script", ["hello.lua", "pick.lua"])
+@pytest.mark.parametrize("script", few(["hello.lua", "pick.lua"]))
 def test_a_lua_program_runs(shared: Run, clone: Path, script: str) -> None:
     (command,) = commands(script)
     assert output(clone, f"{command} --url {shared.url}", shared).endswith("done\n")

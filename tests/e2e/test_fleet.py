@@ -243,6 +243,7 @@ def test_a_cut_connection_stops_nothing_and_the_hub_says_what_it_does_not_know(
     require_stopped(cell, job)
 
 
+@pytest.mark.thorough
 def test_a_cell_that_is_to_stop_without_the_hub_stops_once(
     hub: Hub, cell: Run, other: Callable[..., OtherCell]
 ) -> None:
@@ -262,6 +263,7 @@ def test_a_cell_that_is_to_stop_without_the_hub_stops_once(
     hub.stop("/cells/one/stop")
 
 
+@pytest.mark.thorough
 def test_a_frozen_cell_is_gone_and_a_killed_one_at_once(
     hub: Hub, cell: Run, other: Callable[..., OtherCell]
 ) -> None:
@@ -375,6 +377,7 @@ def test_the_hub_answers_no_multicast(hub: Hub, foreign: Any) -> None:
     assert str(own) not in found
 
 
+@pytest.mark.thorough
 def test_a_cell_behind_a_router_of_another_maker_is_seen_and_stopped(
     hub: Hub, cell: Run, other: Callable[..., OtherCell]
 ) -> None:

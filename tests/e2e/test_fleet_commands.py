@@ -637,6 +637,7 @@ def test_recordings_come_home_over_a_kill_of_the_hub(
     assert refused.status_code == 404
 
 
+@pytest.mark.thorough
 def test_a_broken_cable_stops_nothing_and_delays_no_stop_to_later(
     cell: Run, folder: Path, tokens: dict[str, str], client: Client, tmp_path: Path
 ) -> None:
@@ -674,6 +675,7 @@ def test_a_broken_cable_stops_nothing_and_delays_no_stop_to_later(
                 far.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "faults",
     [
@@ -771,6 +773,7 @@ def modules_of(cell: psutil.Process) -> dict[str, psutil.Process]:
     return found
 
 
+@pytest.mark.thorough
 def test_the_example_of_three_cells(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -339,6 +339,7 @@ def test_odd_headers_change_nothing(
     assert refused.split(b" ", 2)[1] != b"200", refused
 
 
+@pytest.mark.thorough
 def test_a_large_upload_is_refused_with_the_limit(operator: httpx.Client) -> None:
     for content in (b" " * (MAX_BODY_BYTES + 1), iter([b" " * 2**20] * 20)):
         try:
@@ -372,6 +373,7 @@ def test_secrets_tokens_and_foreign_pages_do_not_get_in(
         assert former.post("stop").status_code == 401
 
 
+@pytest.mark.thorough
 def test_too_many_connections_are_refused(viewer: httpx.Client, hub: Hub, cell: PlantRun) -> None:
     path = f"/robots/{cell.name}/events?after=0"
     kept = [socket_of(viewer, path, hub) for _ in range(MAX_SOCKETS)]
@@ -392,6 +394,7 @@ def _opens(viewer: httpx.Client, path: str, hub: Hub) -> bool:
     return True
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("connections", [400, PARALLEL])
 def test_a_stop_keeps_its_deadline_while_a_thousand_requests_run(
     viewer: httpx.Client, hub: Hub, cell: PlantRun, connections: int
@@ -434,6 +437,7 @@ def test_a_stop_in_the_panel_works_without_the_service(viewer: httpx.Client, cel
     assert until(lambda: cell.job(job) not in ("running", "planning"))
 
 
+@pytest.mark.thorough
 def test_a_lost_cell_gives_one_clear_page(
     viewer: httpx.Client, hub: Hub, cell: PlantRun, office: tuple[Host, Host]
 ) -> None:

@@ -15,6 +15,7 @@ import psutil
 import pytest
 from cobot_run import WAIT_S, Run, answering
 from floods import STOPS, flooding
+from thorough import few
 
 from cobot.errors import BusyError
 from cobot.launch.process import Niceness, be
@@ -107,7 +108,7 @@ def stops(run: Run) -> None:
     assert answer.json()["stopped"], answer.text
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS, 3))
 def test_the_arm_stops_and_nothing_dies_under_a_flood(narrow: Narrow, kind: str) -> None:
     before = family(narrow)
     service = narrow.child("app")

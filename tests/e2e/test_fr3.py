@@ -12,6 +12,7 @@ import rest_tour
 import yaml
 from cobot_run import Run, answering
 from franka_settings import FR3
+from thorough import few
 
 
 class Fr3Run(Run):
@@ -32,6 +33,6 @@ def fr3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         yield started
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(fr3: Run, part: str) -> None:
     rest_tour.tour(fr3, part)

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from cell_run import IN_TRAY, RunOfCell
 from cobot_run import ROOT, WAIT_S, Run, answering
+from thorough import few
 
 from cobot.client import Client
 from cobot.motions.bodies import MoveNamed
@@ -120,7 +121,7 @@ def printed_by(line: str, environment: dict[str, str]) -> str:
 
 @pytest.mark.parametrize(
     ("run", "page"),
-    [pytest.param(cell_of(page), page, id=page.stem) for page in RUN],
+    few([pytest.param(cell_of(page), page, id=page.stem) for page in RUN], 2),
     indirect=["run"],
 )
 def test_each_block_of_a_how_to_does_what_it_says(
@@ -140,6 +141,7 @@ def test_each_how_to_is_in_the_start_page() -> None:
     assert [page.name for page in PAGES if f"(how-to/{page.name})" not in index] == []
 
 
+@pytest.mark.thorough
 def test_a_backup_has_what_a_restore_brings_back(tmp_path: Path) -> None:
     """Oracle: what was taught, set and saved before all of it was deleted."""
     page = (ROOT / "docs" / "how-to" / "back-up-and-restore.md").read_text(encoding="utf-8")

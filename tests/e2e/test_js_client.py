@@ -78,10 +78,13 @@ import { connect } from "@cobot/client";
 await connect("http://localhost:8007").POST("/robot/move/named", { body: { speed: 0.5 } });
 """
 
-pytestmark = pytest.mark.skipif(
-    not MODULES.is_dir() or shutil.which("npm") is None,
-    reason="Node.js with npm is not installed, or `make setup-dev` has not run",
-)
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(
+        not MODULES.is_dir() or shutil.which("npm") is None,
+        reason="Node.js with npm is not installed, or `make setup-dev` has not run",
+    ),
+]
 
 
 def call(folder: Path, *command: str) -> str:

@@ -10,6 +10,8 @@ import httpx
 import pytest
 from cobot_run import ROOT, WAIT_S, Run, answering
 
+pytestmark = pytest.mark.thorough
+
 CUBE = {"x": 0.5, "y": -0.3, "b": math.pi}
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 from cobot_run import WAIT_S, Run
+from thorough import few
 
 HOME = {"name": "home"}
 
@@ -42,12 +43,14 @@ def test_sixty_four_descriptors_are_enough(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("limit", "words"),
-    [
-        ("-n 20", "raise the limit (ulimit -n)"),
-        ("-v 400000", "raise the limit of memory (ulimit -v)"),
-        ("-v 1048575", "may have 1048575 kB of address space here, cobot needs 1048576: raise"),
-        ("-f 1024", "raise the limit of the size of files (ulimit -f)"),
-    ],
+    few(
+        [
+            ("-n 20", "raise the limit (ulimit -n)"),
+            ("-v 400000", "raise the limit of memory (ulimit -v)"),
+            ("-v 1048575", "may have 1048575 kB of address space here, cobot needs 1048576: raise"),
+            ("-f 1024", "raise the limit of the size of files (ulimit -f)"),
+        ]
+    ),
 )
 def test_a_limit_that_is_too_low_is_a_sentence_with_what_to_do(
     tmp_path: Path, limit: str, words: str

@@ -152,6 +152,7 @@ class FullDisk(Run):
         return self.health() is not None
 
 
+@pytest.mark.thorough
 def test_a_disk_without_room_costs_lines_and_nothing_else(tmp_path: Path) -> None:
     with answering(FullDisk(tmp_path)) as run:
         health = run.health()

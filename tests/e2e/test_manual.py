@@ -10,6 +10,7 @@ import pytest
 import uvicorn
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import until
+from thorough import few
 
 from app.main import create_app
 from app.panel import manual, pages
@@ -67,7 +68,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield opened
 
 
-@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("question", few(QUESTIONS, 4))
 def test_the_first_result_of_the_search_is_the_right_page(page: Page, url: str, question: str) -> None:
     page.visit(f"{url}/manual/")
     page.run("document.querySelector('.md-search__button').click()")

@@ -20,7 +20,10 @@ from folders import ROOT, SUPPORT
 PYTHON = ROOT / ".venv" / "mcp1" / "bin" / "python"
 NEAR, FAR = [0.0, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0], [0.5, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0]
 FENCED = "mcp: {execution: fenced, fence: {low: [-2, -2, -2], high: [2, 2, 2], speed_m_s: 2}}\n"
-pytestmark = pytest.mark.skipif(not PYTHON.exists(), reason=f"there is no {PYTHON}: make setup-dev")
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not PYTHON.exists(), reason=f"there is no {PYTHON}: make setup-dev"),
+]
 
 
 @pytest.fixture(scope="module")

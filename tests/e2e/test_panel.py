@@ -33,6 +33,8 @@ from panel.watching import *  # noqa: F403
 
 from app.panel import pages
 
+pytestmark = pytest.mark.thorough
+
 USED = "cobot/panel"
 PARTS = sorted(Path(__file__).parents[1].joinpath("support/panel").glob("*.py"))
 

@@ -42,6 +42,7 @@ def with_mesh(folder: Path) -> Path:
     return folder / "cell.yaml"
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> None:
     backend = f"mujoco, cell: {with_mesh(tmp_path)}, gripper: {{type: simulated}}"
@@ -108,6 +109,7 @@ SCREEN = """(() => {
 """Where the can is drawn."""
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_after_execute(
     tmp_path: Path,

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import pytest
 from cell_run import EXAMPLE, IN_TRAY, RunOfCell
 from cobot_run import WAIT_S, answering
+from thorough import few
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +33,13 @@ def run(shared: RunOfCell) -> RunOfCell:
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ["-m", "cobot", "run", str(EXAMPLE / "pick_and_place.json")],
-        ["-m", "cobot", "lua", str(EXAMPLE / "pick_and_place.lua")],
-        [str(EXAMPLE / "pick_and_place.py")],
-    ],
+    few(
+        [
+            ["-m", "cobot", "run", str(EXAMPLE / "pick_and_place.json")],
+            ["-m", "cobot", "lua", str(EXAMPLE / "pick_and_place.lua")],
+            [str(EXAMPLE / "pick_and_place.py")],
+        ]
+    ),
     ids=["sequence", "Lua", "Python"],
 )
 def test_the_cube_is_counted_and_placed_in_the_tray(run: RunOfCell, command: list[str]) -> None:
@@ -53,6 +56,7 @@ def test_the_cube_is_counted_and_placed_in_the_tray(run: RunOfCell, command: lis
     assert run.count() == 1
 
 
+@pytest.mark.thorough
 def test_a_service_that_is_killed_leaves_the_part_in_the_hand(run: RunOfCell) -> None:
     with (EXAMPLE / "pick_and_place.json").open("rb") as file:
         run.ask("POST", "/sequences/start", files={"config": file})

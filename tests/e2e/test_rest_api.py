@@ -687,6 +687,7 @@ def test_a_bad_csv_is_refused_with_row_and_column(
         assert word in response.json()["detail"]
 
 
+@pytest.mark.thorough
 def test_a_csv_of_a_hundred_thousand_rows_runs(http: httpx.Client) -> None:
     rows = 100_000
     header = ",".join([*(f"joint{n}" for n in range(1, 8)), "t"])

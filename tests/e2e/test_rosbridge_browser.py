@@ -79,6 +79,7 @@ def browser(tmp_path: Path) -> Iterator[ClientConnection]:
         yield tools
 
 
+@pytest.mark.thorough
 def test_roslib_in_a_page_of_the_service(shared: Run, roslib: str, browser: ClientConnection) -> None:
     page = Page(browser)
     page.visit(f"{shared.url}/health")
@@ -94,6 +95,7 @@ def test_roslib_in_a_page_of_the_service(shared: Run, roslib: str, browser: Clie
     assert found["itself"] == {"success": True, "message": "hello"}
 
 
+@pytest.mark.thorough
 def test_a_page_from_elsewhere_may_not_connect(shared: Run, roslib: str, browser: ClientConnection) -> None:
     page = Page(browser)
     address = f"{shared.url.replace('http', 'ws')}/rosbridge"
@@ -122,6 +124,7 @@ def elsewhere() -> Iterator[int]:
         thread.join()
 
 
+@pytest.mark.thorough
 def test_a_page_from_elsewhere_moves_stops_and_reads_nothing(
     shared: Run, browser: ClientConnection, elsewhere: int
 ) -> None:

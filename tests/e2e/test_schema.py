@@ -149,6 +149,7 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     return result.stdout
 
 
+@pytest.mark.thorough
 def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "4")
     # Nothing would move with the control taken.
@@ -157,6 +158,7 @@ def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(restless:
     )
 
 
+@pytest.mark.thorough
 def test_schemathesis_finds_none_with_the_robot_named(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "fuzzing", "--max-examples", "1")
     paths = ("--include-path-regex", BY_NAME, "--exclude-path-regex", f"{CONTROL}|{SPEED}|{READY}|{NOT_HERE}")
@@ -174,6 +176,7 @@ def test_schemathesis_finds_none_in_taking_the_control_or_the_speed(restless: Ru
         httpx.post(f"{restless.url}/robot/speed_override", json={"fraction": 1.0}).raise_for_status()
 
 
+@pytest.mark.thorough
 def test_schemathesis_finds_none_in_the_vendor_services_either(restless: Run, tmp_path: Path) -> None:
     tags = [word for tag in WAITING for word in ("--exclude-tag", tag)]
     phases = ("--phases", "fuzzing", "--max-examples", "2")
@@ -192,6 +195,7 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Run, dict
         yield run, shown
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("role", [None, Role.OBSERVER], ids=["no token", "an observer's"])
 def test_schemathesis_finds_no_way_around_the_tokens(
     locked: tuple[Run, dict[Role, str]], tmp_path: Path, role: Role | None
@@ -207,6 +211,7 @@ def test_schemathesis_finds_no_way_around_the_tokens(
     assert service.joints() == pytest.approx(before, abs=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("role", [None, Role.ADMIN], ids=["no token is asked for", "an administrator's"])
 def test_schemathesis_finds_none_in_what_goes_on_from_answers(
     request: pytest.FixtureRequest, tmp_path: Path, role: Role | None

@@ -76,6 +76,7 @@ def results(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
 
 
+@pytest.mark.thorough
 def test_killed_runs_and_workers_lose_and_repeat_nothing(tmp_path: Path) -> None:
     file = file_of(tmp_path, "slow")
     assert run(file, "--output", "whole", folder=tmp_path).returncode == 0
@@ -178,6 +179,7 @@ def cluster(
             process.wait()
 
 
+@pytest.mark.thorough
 @needs_dask
 def test_dask_computes_the_same_although_a_worker_is_killed(tmp_path: Path) -> None:
     file = file_of(tmp_path, "slow")
@@ -199,6 +201,7 @@ def _has_workers(address: str, count: int) -> bool:
         return len(client.scheduler_info(n_workers=-1)["workers"]) >= count
 
 
+@pytest.mark.thorough
 @needs_dask
 def test_with_certificates_dask_serves_only_peers_that_have_one(tmp_path: Path) -> None:
     """As docs/studies.md has it."""
@@ -225,6 +228,7 @@ def _encrypted(pem: Path) -> dict[str, str]:
     return found | {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True"}
 
 
+@pytest.mark.thorough
 @needs_dask
 def test_a_worker_with_another_cobot_is_refused_by_name(tmp_path: Path) -> None:
     """A copy of cobot with one more comment is another cobot."""

@@ -283,6 +283,7 @@ def test_check_passes_the_shipped_configuration_and_names_what_is_wrong_in_anoth
     assert "ok      position home: " in bad.stdout
 
 
+@pytest.mark.thorough
 def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_are_killed_or_stopped(
     sturdy: Run, tmp_path: Path
 ) -> None:

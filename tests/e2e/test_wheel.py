@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from cobot_run import Run, answering
+from thorough import few
 from wheels import Environment, build, client_wheel
 
 ROOT = Path(__file__).parents[2]
@@ -80,7 +81,7 @@ def whole(wheel: Path, environment: Environment) -> bool:
         )
 
 
-@pytest.mark.parametrize("client_first", [True, False])
+@pytest.mark.parametrize("client_first", few([True, False]))
 def test_beside_the_client_each_stays_whole(
     wheel: Path, client: Path, tmp_path: Path, client_first: bool
 ) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
 from rig import Rig
+from thorough import few
 
 from benchmarks.soak import Soak
 from cobot.config import Settings
@@ -302,7 +303,7 @@ def strange(random: np.random.Generator, usual: Array) -> Array:
             return bits.view(np.float64) if shape else np.float64(bits)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few(range(3)))
 @pytest.mark.parametrize("kind", KINDS[1:])
 def test_whatever_a_client_streams_the_arm_keeps_its_limits(rig: WatchedRig, kind: str, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -394,7 +395,7 @@ def test_a_flood_of_stops_is_one_stop(rig: WatchedRig, kind: str) -> None:
 # Everything at once
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few(range(3)))
 def test_twenty_seconds_of_everything_violate_no_limit(
     settings: Settings, robot: RobotDescription, seed: int
 ) -> None:

@@ -13,6 +13,7 @@ import sys
 import pytest
 from cobot_run import HELPER_ENVIRONMENT
 from sample_counts import ENOUGH, samples
+from thorough import few
 from wild_memory import KINDS
 
 from rtloop.modes import STREAMING
@@ -22,12 +23,14 @@ LIMIT_S = 280.0
 
 @pytest.mark.parametrize(
     ("cycles", "seed", "writer", "backend"),
-    [
-        (90_000, 1, "between", "loopback"),
-        (80_000, 2, "between", "loopback"),
-        (120_000, 5, "between", "simulated"),
-        (80_000, 4, "beside", "loopback"),
-    ],
+    few(
+        [
+            (90_000, 1, "between", "loopback"),
+            (80_000, 2, "between", "loopback"),
+            (120_000, 5, "between", "simulated"),
+            (80_000, 4, "beside", "loopback"),
+        ]
+    ),
 )
 def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
     cycles: int, seed: int, writer: str, backend: str

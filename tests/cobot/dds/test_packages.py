@@ -12,6 +12,8 @@ from app.aubo.interfaces import PACKAGE, SMALL, package_files, write_package
 from cobot.config import Settings
 from cobot.launch.moveit import write_moveit_config
 
+pytestmark = pytest.mark.thorough
+
 VALIDATE = """
 import sys
 from catkin_pkg.package import parse_package

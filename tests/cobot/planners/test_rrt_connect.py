@@ -9,6 +9,7 @@ import pytest
 from cobot_run import WAIT_S
 from sample_counts import samples
 from scipy.sparse.csgraph import dijkstra
+from thorough import few
 
 from benchmarks.planning import scenes
 from cobot.motions.requests import MotionRequest
@@ -51,7 +52,7 @@ def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription
     assert connect(clearance, problem.start, inside[None], *bounds, 1, WAIT_S, 2.0, attempts=200) is None
 
 
-@pytest.mark.parametrize("kind", scenes.KINDS)
+@pytest.mark.parametrize("kind", few(scenes.KINDS))
 def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
     limits = robot.limits
     for problem in scenes.problems(robot, kind, 2, SEED):

@@ -16,6 +16,7 @@ import pytest
 from physical_cell import write_cell
 from plant_service import ServiceOfPlant
 from programs_here import run_lua, run_sequence
+from thorough import few
 
 from cobot.cell.plant_hands import FINGERS
 from cobot.errors import CobotError, ConditionNotMet, InputError, MotionStopped, NotSupportedError
@@ -134,6 +135,7 @@ def test_lua_presses_as_the_sequence_does(service: Touched, tmp_path: Path) -> N
     assert float(height) == pytest.approx(TOP_Z + TIPS_M, abs=2e-3)
 
 
+@pytest.mark.thorough
 def test_a_path_at_each_place_of_a_pallet_keeps_the_force(service: Touched, tmp_path: Path) -> None:
     origin = {"x": NEAR_X, "y": -0.05, "z": TOP_Z + TIPS_M + 0.02, **POINTED}
     along = {"x": 0.0, "y": 0.04, "z": 0.0, "planner": "lin", "speed_m_s": 0.03, "frame_id": "place"}
@@ -155,6 +157,7 @@ def test_a_path_at_each_place_of_a_pallet_keeps_the_force(service: Touched, tmp_
         assert forces[way].mean() == pytest.approx(12.0, abs=1.0)
 
 
+@pytest.mark.thorough
 def test_a_search_and_an_insertion_find_the_slot(service: Touched, tmp_path: Path) -> None:
     beside = above(SLOT_X - 0.006)
     pattern = {"radius": 0.008, "pitch": 0.002, "search_speed": 0.006, "drop": 0.001, "max_time_s": 80}
@@ -203,7 +206,7 @@ def test_a_mistake_moves_nothing(service: Touched, tmp_path: Path) -> None:
     assert service.joints() == before
 
 
-@pytest.mark.parametrize("form", ["sequence", "Lua"])
+@pytest.mark.parametrize("form", few(["sequence", "Lua"]))
 def test_a_pause_keeps_the_contact_and_a_stop_ends_the_program(
     service: Touched, tmp_path: Path, form: str
 ) -> None:

@@ -246,6 +246,7 @@ def test_while_is_checked_before_and_until_after_a_round(robot: Robot) -> None:
     assert robot.asked == ["home"] * 4
 
 
+@pytest.mark.thorough
 def test_a_loop_without_end_or_motion_keeps_its_pace_until_it_is_stopped(robot: Robot) -> None:
     """Oracle: the number of requests in ten minutes of the clock."""
     robot.time.end_s = robot.time.time_s + 600.0

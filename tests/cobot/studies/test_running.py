@@ -147,6 +147,7 @@ def test_a_task_that_raises_is_reported_and_the_others_go_on(tmp_path: Path) -> 
     assert result.answer["greatest"] == 7.0
 
 
+@pytest.mark.thorough
 def test_a_task_that_kills_its_workers_is_found_and_the_others_go_on(tmp_path: Path) -> None:
     result = run_study(function_study(tmp_path, "dies_at_three"), tmp_path / "out", workers=1)
     assert result.complete

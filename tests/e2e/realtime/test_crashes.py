@@ -25,6 +25,7 @@ from faults import Record, watched
 from flange_tools import loaded
 from independent_models import second_robot
 from service_activities import ACTIVITIES, AWAY, active, goal_asked
+from thorough import few
 
 from cobot.config import load_settings
 from cobot.ipc.shm import MemoryRole, RobotMemory
@@ -85,7 +86,7 @@ def require_able(run: Run, record: Record) -> None:
     assert record.violations() == []
 
 
-@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
+@pytest.mark.parametrize("activity", few(["servo", "goal", "sequence", "lua"]))
 def test_a_service_that_is_killed_leaves_an_arm_at_rest_and_no_runner(
     crashing: Run, record: Record, activity: str
 ) -> None:
@@ -109,7 +110,7 @@ def test_a_service_that_is_killed_leaves_an_arm_at_rest_and_no_runner(
     require_able(run, record)
 
 
-@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
+@pytest.mark.parametrize("activity", few(["servo", "goal", "sequence", "lua"]))
 def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
     crashing: Run, record: Record, activity: str
 ) -> None:
@@ -123,6 +124,7 @@ def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
     require_able(run, record)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
 @pytest.mark.parametrize(
     ("which", "reason"), [("app", "the service has been silent for"), ("rtloop", "a cycle began")]
@@ -143,7 +145,7 @@ def test_a_process_that_is_stopped_for_a_while_goes_on_with_an_arm_at_rest_and_e
     require_able(run, record)
 
 
-@pytest.mark.parametrize("activity", [*ACTIVITIES, "stream"])
+@pytest.mark.parametrize("activity", few([*ACTIVITIES, "stream"]))
 def test_processes_beside_the_motion_that_are_stopped_and_killed_leave_it_alone(
     crashing: Run, record: Record, activity: str
 ) -> None:
@@ -164,7 +166,7 @@ def test_processes_beside_the_motion_that_are_stopped_and_killed_leave_it_alone(
     require_able(run, record)
 
 
-@pytest.mark.parametrize("signal", ["kill", "suspend"])
+@pytest.mark.parametrize("signal", few(["kill", "suspend"]))
 def test_a_ros_process_that_fails_is_no_business_of_the_arm(
     crashing: Run, record: Record, signal: str
 ) -> None:
@@ -259,6 +261,7 @@ def test_a_planning_process_that_is_stopped_is_replaced(crashing: Run, record: R
     require_able(run, record)
 
 
+@pytest.mark.thorough
 def test_the_load_is_held_again_by_who_is_restarted(crashing: Run, record: Record) -> None:
     """Oracle: pinocchio, in which the load is a body of its own."""
     load = Tool(mass=10.0, centre=(0.02, -0.05, 0.12))
@@ -284,6 +287,7 @@ def efforts(run: Run) -> np.ndarray:
     return np.array(httpx.get(f"{run.url}/robot/joint_states", timeout=WAIT_S).json()["effort"])
 
 
+@pytest.mark.thorough
 def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
     crashing: Run, record: Record
 ) -> None:
@@ -304,6 +308,7 @@ def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
     require_able(run, record)
 
 
+@pytest.mark.thorough
 def test_a_supervisor_that_is_stopped_is_missed_by_nobody_until_something_dies(
     crashing: Run, record: Record
 ) -> None:

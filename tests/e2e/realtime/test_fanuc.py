@@ -22,6 +22,7 @@ from crx_arm import POSITIONS, crx_folder
 from fanuc_run import ControllerProcess, RunOverFanuc
 from service_activities import followed
 from streaming_client import StreamClient
+from thorough import few
 
 from cobot.config import SETTINGS_FILE
 
@@ -108,7 +109,7 @@ def nothing_refused(controller: ControllerProcess) -> None:
     assert max(max(row) for row in told["peaks"].values()) <= 1.01
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(run: RunOverFanuc, controller: ControllerProcess, part: str) -> None:
     """With a sequence and a recording."""
     rest_tour.tour(run, part)
@@ -124,6 +125,7 @@ def test_the_arm_is_where_rest_says(run: RunOverFanuc, controller: ControllerPro
     assert said["text"] == "Stream Motion 3, RMI 9.0"
 
 
+@pytest.mark.thorough
 def test_a_stream_of_joints_moves_it(run: RunOverFanuc, controller: ControllerProcess) -> None:
     def turned() -> bool:
         """A session that has ended because its client was late is begun again."""
@@ -141,6 +143,7 @@ def test_a_stream_of_joints_moves_it(run: RunOverFanuc, controller: ControllerPr
     nothing_refused(controller)
 
 
+@pytest.mark.thorough
 def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverFanuc, controller: ControllerProcess) -> None:
     rest_tour.again(lambda: followed(run, THERE))
     np.testing.assert_allclose(controller.ask()["measured"], THERE, atol=5e-3)
@@ -161,6 +164,7 @@ def test_outputs_are_set_by_their_names(run: RunOverFanuc, controller: Controlle
     controller.ask(io=IO)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", ["loss", "reorder"])
 def test_five_percent_of_loss_ends_no_motion(
     run: RunOverFanuc, controller: ControllerProcess, fault: str
@@ -176,17 +180,19 @@ def test_five_percent_of_loss_ends_no_motion(
 
 @pytest.mark.parametrize(
     ("fault", "end", "reason"),
-    [
-        ({"e_stop": True}, {"e_stop": False}, "an emergency stop is pressed"),
-        ({"fence": True}, {"fence": False}, "the controller has an alarm"),
-        ({"collision": True}, {"collision": False}, "the controller has an alarm"),
-        ({"alarm": "SRVO-023 Stop error excess"}, {}, "the controller has an alarm"),
-        ({"mode": "T2"}, {"mode": "AUTO"}, "the teach pendant is on"),
-        ({"contact_stop": 2}, {"contact_stop": 1}, "has stopped at a contact"),
-        ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
-        ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
-        ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot"),
-    ],
+    few(
+        [
+            ({"e_stop": True}, {"e_stop": False}, "an emergency stop is pressed"),
+            ({"fence": True}, {"fence": False}, "the controller has an alarm"),
+            ({"collision": True}, {"collision": False}, "the controller has an alarm"),
+            ({"alarm": "SRVO-023 Stop error excess"}, {}, "the controller has an alarm"),
+            ({"mode": "T2"}, {"mode": "AUTO"}, "the teach pendant is on"),
+            ({"contact_stop": 2}, {"contact_stop": 1}, "has stopped at a contact"),
+            ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
+            ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
+            ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot"),
+        ]
+    ),
     ids=["emergency stop", "fence", "collision", "alarm", "mode", "contact", "nan", "frozen", "disconnect"],
 )
 def test_recovers_from_a_fault_in_a_motion(
@@ -226,6 +232,7 @@ def test_the_fence_is_said_in_words(run: RunOverFanuc, controller: ControllerPro
     assert "its servos are off: the fence is open: close it" in answer.text
 
 
+@pytest.mark.thorough
 def test_an_interface_that_is_deaf_is_said_and_a_reset_connects_again(
     run: RunOverFanuc, controller: ControllerProcess
 ) -> None:

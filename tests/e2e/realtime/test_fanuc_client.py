@@ -18,6 +18,8 @@ from fanuc_run import ControllerProcess
 
 from cobot.config import SETTINGS_FILE
 
+pytestmark = pytest.mark.thorough
+
 airo = pytest.importorskip("airo_fanuc", reason="airo-fanuc is not installed")
 HOME = np.radians(POSITIONS["home"])
 THERE = HOME + np.radians([10.0, 0.0, 5.0, 0.0, 0.0, -20.0])

@@ -20,6 +20,7 @@ import pytest
 from arm_activities import TASKS, child, doing, left_alone, name, require_recovery, robot_health
 from cobot_run import WAIT_S, Run, answering
 from faults import BLOCKS, Record, spoil, watched
+from thorough import few
 
 from cobot import Mode, Robot
 from cobot.config import load_settings
@@ -54,7 +55,7 @@ def record(service: Run, limits: JointLimits) -> Iterator[Record]:
         yield made
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", few(TASKS))
 @pytest.mark.parametrize("which", ["app", "rtloop"])
 def test_a_process_that_is_killed_comes_back_and_the_arm_is_unharmed(
     service: Run, record: Record, which: str, task: str
@@ -83,7 +84,7 @@ def test_a_client_that_is_killed_leaves_an_arm_at_rest(service: Run, record: Rec
     require_recovery(service, record, *TASKS)
 
 
-@pytest.mark.parametrize("pause_s", [0.2, 2.0])
+@pytest.mark.parametrize("pause_s", few([0.2, 2.0]))
 @pytest.mark.parametrize(("which", "task"), [("app", "motion"), ("app", "stream"), ("client", "stream")])
 def test_a_process_that_is_paused_does_not_harm_the_arm(
     service: Run, record: Record, which: str, task: str, pause_s: float
@@ -101,7 +102,7 @@ def test_a_process_that_is_paused_does_not_harm_the_arm(
     require_recovery(service, record, task)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", few(TASKS))
 def test_a_writer_gone_wild_does_not_harm_the_arm(service: Run, record: Record, task: str) -> None:
     random = np.random.default_rng(list(TASKS).index(task))
     memory = RobotMemory.attach(name(service), MemoryRole.READER)
@@ -161,6 +162,7 @@ def test_setpoints_as_fast_as_a_computer_can_send_them_change_nothing(service: R
     require_recovery(service, record, *TASKS)
 
 
+@pytest.mark.thorough
 def test_a_wild_clock_on_the_wall_changes_nothing(
     tmp_path: Path, limits: JointLimits, monkeypatch: pytest.MonkeyPatch
 ) -> None:

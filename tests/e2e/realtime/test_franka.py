@@ -24,6 +24,7 @@ from cobot_run import WAIT_S, answering
 from franky_run import FrankySimulator, RunOfFranka, StandInArm
 from service_activities import Goal, Servo, followed
 from streaming_client import StreamClient
+from thorough import few
 
 from cobot import Mode, Robot
 from cobot.errors import CobotError
@@ -97,7 +98,7 @@ def move(run: RunOfFranka, kind: str, **body: object) -> None:
     run.until(asked)
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(run: RunOfFranka, part: str) -> None:
     rest_tour.tour(run, part)
 
@@ -108,6 +109,7 @@ def test_a_motion_arrives_where_the_robot_says(run: RunOfFranka, simulator: Simu
     np.testing.assert_allclose(simulator.ask()["q"], run.joints(), atol=5e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(WHOLE, reason="all of it is against franky-sim")
 def test_the_whole_service_moves_the_arm_of_franky_sim(tmp_path: Path) -> None:
     require_franky_sim()
@@ -120,6 +122,7 @@ def test_the_whole_service_moves_the_arm_of_franky_sim(tmp_path: Path) -> None:
         assert max(told["worst"]) < 1.0
 
 
+@pytest.mark.thorough
 def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: Simulator) -> None:
     begun = simulator.ask()["q"][0]
 
@@ -144,6 +147,7 @@ def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: S
     move(run, "named", name="work")
 
 
+@pytest.mark.thorough
 def test_a_servo_session_moves_it(run: RunOfFranka, simulator: Simulator) -> None:
     begun = simulator.ask()["q"][0]
     serving = Servo(run)
@@ -165,6 +169,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOfFranka, simulator: 
     np.testing.assert_allclose(simulator.ask()["q"], THERE, atol=5e-3)
 
 
+@pytest.mark.thorough
 def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
     """What was overtaken, or is read together with the next one, is a loss to libfranka too."""
     simulator.ask("loss")
@@ -175,13 +180,15 @@ def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "reason"),
-    [
-        ("e_stop", "User Stop"),
-        ("protective_stop", "a joint harder than" if WHOLE else "a joint is beyond its limit"),
-        ("nan", "not finite"),
-        ("frozen", "the same values"),
-        ("disconnect", "the connection to"),
-    ],
+    few(
+        [
+            ("e_stop", "User Stop"),
+            ("protective_stop", "a joint harder than" if WHOLE else "a joint is beyond its limit"),
+            ("nan", "not finite"),
+            ("frozen", "the same values"),
+            ("disconnect", "the connection to"),
+        ]
+    ),
 )
 def test_recovers_from_a_fault_in_the_middle_of_a_goal(
     run: RunOfFranka, simulator: Simulator, fault: str, reason: str
@@ -198,6 +205,7 @@ def test_recovers_from_a_fault_in_the_middle_of_a_goal(
     recovers(run, simulator)
 
 
+@pytest.mark.thorough
 def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
     run: RunOfFranka, simulator: Simulator
 ) -> None:
@@ -211,6 +219,7 @@ def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
     recovers(run, simulator)
 
 
+@pytest.mark.thorough
 def test_recovers_from_a_user_stop_in_the_middle_of_a_servo_session(
     run: RunOfFranka, simulator: Simulator
 ) -> None:

@@ -20,6 +20,7 @@ from cobot_run import WAIT_S, answering
 from fri_run import CabinetProcess, RunOverFri
 from service_activities import Goal, Servo, followed
 from streaming_client import StreamClient
+from thorough import few
 
 from cobot.launch.cli import main
 
@@ -93,7 +94,7 @@ def no_jump(cabinet: CabinetProcess) -> None:
     assert "is commanded" not in told
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(run: RunOverFri, cabinet: CabinetProcess, part: str) -> None:
     rest_tour.tour(run, part)
     no_jump(cabinet)
@@ -118,6 +119,7 @@ def test_says_how_the_device_is(run: RunOverFri, cabinet: CabinetProcess) -> Non
     assert device(run)["status"]["operation_mode"] == "T1"
 
 
+@pytest.mark.thorough
 def test_its_outputs_are_set_by_name(
     run: RunOverFri, cabinet: CabinetProcess, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,6 +177,7 @@ def test_a_stream_moves_it(run: RunOverFri, cabinet: CabinetProcess) -> None:
     no_jump(cabinet)
 
 
+@pytest.mark.thorough
 def test_a_servo_session_moves_it(run: RunOverFri, cabinet: CabinetProcess) -> None:
     serving = Servo(run)
     try:
@@ -191,6 +194,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverFri, cabinet: Cab
     no_jump(cabinet)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", ["loss", "reorder"])
 def test_five_percent_of_loss_ends_no_motion(run: RunOverFri, cabinet: CabinetProcess, fault: str) -> None:
     """In each direction; what a window of a hundred answers makes of it is GOOD but once in 200,000."""
@@ -205,15 +209,17 @@ def test_five_percent_of_loss_ends_no_motion(run: RunOverFri, cabinet: CabinetPr
 
 @pytest.mark.parametrize(
     ("fault", "end", "reason"),
-    [
-        ({"safety_stop": 0}, {"safety_stop": -1}, "safety stop 0"),
-        ({"safety_stop": 1}, {"safety_stop": -1}, "safety stop 1"),
-        ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
-        ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
-        ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot, which clocks the cycle, for"),
-        ({"mode": "T2"}, {"mode": "AUT"}, "the robot accepts no commands"),
-        ({"close": True}, {}, "the robot accepts no commands"),
-    ],
+    few(
+        [
+            ({"safety_stop": 0}, {"safety_stop": -1}, "safety stop 0"),
+            ({"safety_stop": 1}, {"safety_stop": -1}, "safety stop 1"),
+            ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
+            ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
+            ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot, which clocks the cycle, for"),
+            ({"mode": "T2"}, {"mode": "AUT"}, "the robot accepts no commands"),
+            ({"close": True}, {}, "the robot accepts no commands"),
+        ]
+    ),
     ids=["emergency stop", "protective stop", "nan", "frozen", "disconnect", "mode", "session"],
 )
 def test_recovers_from_a_fault_in_the_middle_of_a_goal(
@@ -249,6 +255,7 @@ def recovers(run: RunOverFri, cabinet: CabinetProcess, end: dict[str, Any]) -> N
     no_jump(cabinet)
 
 
+@pytest.mark.thorough
 def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
     run: RunOverFri, cabinet: CabinetProcess
 ) -> None:
@@ -262,6 +269,7 @@ def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
     recovers(run, cabinet, {"spoil": ""})
 
 
+@pytest.mark.thorough
 def test_recovers_from_a_safety_stop_in_the_middle_of_a_servo_session(
     run: RunOverFri, cabinet: CabinetProcess
 ) -> None:

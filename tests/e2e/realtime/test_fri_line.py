@@ -11,10 +11,13 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+import pytest
 from cobot_run import WAIT_S, Run, unique_name
 from fri_run import CabinetProcess
 
 from cobot.config import load_settings
+
+pytestmark = pytest.mark.thorough
 
 SHIPPED = Path(__file__).parents[3] / "config" / "cobot-setting.yaml"
 LINE = "  backend: mujoco "

@@ -13,6 +13,7 @@ from arm_activities import TASKS, child, doing, name, require_recovery, robot_he
 from cobot_run import Run, answering
 from faults import Record, watched
 from service_activities import active
+from thorough import few
 
 from cobot.config import load_settings
 from cobot.robot import description as robots
@@ -37,7 +38,7 @@ def record(hasty: Run, limits: JointLimits) -> Iterator[Record]:
         yield made
 
 
-@pytest.mark.parametrize("pause_s", [0.2, 2.0])
+@pytest.mark.parametrize("pause_s", few([0.2, 2.0]))
 @pytest.mark.parametrize("task", TASKS)
 def test_an_rtloop_that_is_paused_does_not_harm_the_arm(
     hasty: Run, record: Record, task: str, pause_s: float
@@ -51,7 +52,7 @@ def test_an_rtloop_that_is_paused_does_not_harm_the_arm(
     require_recovery(hasty, record, task)
 
 
-@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
+@pytest.mark.parametrize("activity", few(["servo", "goal", "sequence", "lua"]))
 def test_what_the_service_does_for_others_ends_with_a_pause_of_rtloop(
     hasty: Run, record: Record, activity: str
 ) -> None:

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from cobot_run import Run, answering
 
+pytestmark = pytest.mark.thorough
+
 SPEC = Path(__file__).parents[4] / "shared/spec/002_c6979c3efec4c83c.txt"
 HEADINGS = (
     "Joint Impedance Control",

@@ -26,7 +26,7 @@ from real_ros import (
 )
 
 # The first test builds the packages of all.
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(600)]
 SESSION = Path(__file__).parents[2] / "cobot" / "dds" / "rclpy_session.py"
 SUCCEEDED, CANCELED = 4, 5
 

@@ -19,7 +19,7 @@ from physical_cell import EXAMPLE
 from real_ros import PYTHON, built_packages, environment, users_packages
 
 # Who comes first builds what all need.
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(600)]
 SESSION = Path(__file__).parents[2] / "cobot" / "dds" / "jazzy_gripper.py"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 

@@ -74,6 +74,7 @@ def test_a_recorded_motion_is_replayed(
     assert np.abs(turned - THERE).max(axis=1).min() < 2e-3, "it did not go by way of the first goal"
 
 
+@pytest.mark.thorough
 def test_a_job_whose_service_is_killed_is_interrupted_and_stays_so(service: Run) -> None:
     service.go_home()
     job = move(service, [2.0, 0.3, 0.0, -1.3, 0.0, 1.4, 0.0], speed=0.1, wait=False)

@@ -24,6 +24,7 @@ from dds_peers import own_domain
 from manual_programs import run_script, script, shim_environment
 from network_namespaces import connect, hosts
 from ros_peer import Client, Peer, until
+from thorough import few
 
 from app.aubo.interfaces import interface_definitions
 from cobot.codes import Code
@@ -94,7 +95,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
 
 
 @needs_manual
-@pytest.mark.parametrize("mode", range(1, 8))
+@pytest.mark.parametrize("mode", few(range(1, 8)))
 def test_the_manual_s_client_moves_the_arm_to_zero_in_every_servo_mode(
     ros: Ros, mode: int, tmp_path: Path
 ) -> None:
@@ -115,6 +116,7 @@ def test_the_manual_s_client_plays_joints_of_a_csv_file(ros: Ros, tmp_path: Path
     ros.until_at(points[-1].tolist())
 
 
+@pytest.mark.thorough
 @needs_manual
 def test_the_manual_s_client_plays_poses_of_a_csv_file(
     ros: Ros, robot: RobotDescription, tmp_path: Path
@@ -134,6 +136,7 @@ def test_the_manual_s_client_plays_poses_of_a_csv_file(
     until(lambda: off() < 0.002, "the TCP is not at the last pose")
 
 
+@pytest.mark.thorough
 @needs_manual
 def test_the_manual_s_client_moves_the_arm_from_another_computer(tmp_path: Path) -> None:
     with hosts(2) as (here, there), own_domain() as domain, here.inside():
@@ -204,6 +207,7 @@ def test_frames_and_the_description_are_there_for_who_comes_late(ros: Ros, robot
     assert status["mode"] == "HOLD"
 
 
+@pytest.mark.thorough
 def test_cyclone_dds_reads_states_and_moves_the_arm(ros: Ros) -> None:
     ros.home()
     goal = np.array(HOME) + 0.1
@@ -315,6 +319,7 @@ def test_calls_are_answered_while_the_service_is_dead_and_again_after_it(ros: Ro
     until(lambda: get_dof.call()["code"] == Code.OK, "the service does not come back")
 
 
+@pytest.mark.thorough
 def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
     get_dof = ros.client("RobotConfig/getDof")
     states = ros.peer.subscription(ros.topic("joint_states"), JOINT_STATES)
@@ -337,7 +342,7 @@ def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
     states.get()
 
 
-@pytest.mark.parametrize("activity", ["goal", "servo"])
+@pytest.mark.parametrize("activity", few(["goal", "servo"]))
 def test_what_came_by_way_of_a_ros_process_ends_with_it(ros: Ros, activity: str) -> None:
     """The arm comes to rest; its client is left without an answer, as by a computer that is gone, and asks
     the next process.

@@ -47,7 +47,7 @@ from cobot.types import Array
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ros2_control import Ros2ControlArm
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(600)]
 REACHED_RAD = 2e-3
 
 

@@ -26,7 +26,7 @@ from cobot.grippers.ros import RosGripper, RosOptions
 from cobot.grippers.ros.driver import link_settings
 from cobot.grippers.ros.link import ActionProcess
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(600)]
 DOUBLE = Path(__file__).parents[2] / "cobot" / "dds" / "jazzy_driver.py"
 ANY = Grasp(None, 0.0, 0.0)
 

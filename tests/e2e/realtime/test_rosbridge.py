@@ -109,6 +109,7 @@ def test_roslibpy_gets_the_topics_of_the_robot(run: Run) -> None:
     assert found["tf_static"]["transforms"][-1]["child_frame_id"] == "tcp"
 
 
+@pytest.mark.thorough
 def test_two_clients_of_roslibpy_share_a_topic_and_a_service(run: Run) -> None:
     found = roslibpy(run, "chat")
     assert found["heard"] == {"stamp": {"sec": 7, "nanosec": 8}, "frame_id": "base"}
@@ -164,6 +165,7 @@ def test_roslibpy_holds_a_servo_session_with_feedback_and_cancels_it(run: Run) -
     assert abs(run.joints()[0]) > 0.005  # it has moved
 
 
+@pytest.mark.thorough
 def test_a_large_message_arrives_and_one_beyond_all_bounds_closes(run: Run) -> None:
     text = "x" * 3_000_000
     with Client(run) as one, Client(run) as other:
@@ -181,6 +183,7 @@ def ask_with(client: Client, text: str) -> None:
     client.next("status")
 
 
+@pytest.mark.thorough
 def test_a_motion_goes_on_while_a_large_message_is_taken_apart(run: Run) -> None:
     goal = {"transforms": [{}] * 25_000}  # checked off the event loop, whose silence stops the arm
     move = f"{run.url}/{run.name}/MotionControl/moveJoint"
@@ -196,6 +199,7 @@ def test_a_motion_goes_on_while_a_large_message_is_taken_apart(run: Run) -> None
     assert abs(run.joints()[0] - 0.9) < 0.01
 
 
+@pytest.mark.thorough
 def test_a_flood_is_taken_and_others_are_served_meanwhile(run: Run) -> None:
     with Client(run) as flooding, Client(run) as other:
         for number in range(5000):
@@ -210,6 +214,7 @@ def test_a_flood_is_taken_and_others_are_served_meanwhile(run: Run) -> None:
         assert flooding.call("/rosapi/nodes")["result"]
 
 
+@pytest.mark.thorough
 def test_who_does_not_read_costs_a_bounded_memory_and_is_told_why(run: Run) -> None:
     app = run.child("app")
     assert app is not None

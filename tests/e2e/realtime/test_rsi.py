@@ -23,6 +23,7 @@ from cobot_run import WAIT_S, answering, until
 from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
 from service_activities import followed
 from streaming_client import StreamClient
+from thorough import few
 
 from rtloop.contract.__main__ import main as backend_command
 
@@ -90,7 +91,7 @@ def took_everything(controller: RsiProcess) -> None:
     assert "reached its limit" not in events
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(run: RunOverRsi, controller: RsiProcess, part: str) -> None:
     rest_tour.tour(run, part)
     took_everything(controller)
@@ -142,6 +143,7 @@ def test_a_sequence_grasps_and_releases_by_its_outputs(run: RunOverRsi, controll
     took_everything(controller)
 
 
+@pytest.mark.thorough
 def test_a_stream_moves_it(run: RunOverRsi, controller: RsiProcess) -> None:
     def turned() -> bool:
         with StreamClient(run.url) as client:
@@ -158,12 +160,14 @@ def test_a_stream_moves_it(run: RunOverRsi, controller: RsiProcess) -> None:
     took_everything(controller)
 
 
+@pytest.mark.thorough
 def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverRsi, controller: RsiProcess) -> None:
     rest_tour.again(lambda: followed(run, WORK, joint="joint_a"))
     np.testing.assert_allclose(controller.ask()["measured"], WORK, atol=2e-3)
     took_everything(controller)
 
 
+@pytest.mark.thorough
 def test_a_recording_has_the_motion(run: RunOverRsi) -> None:
     move(run, "named", name="work")
     made = httpx.post(
@@ -174,6 +178,7 @@ def test_a_recording_has_the_motion(run: RunOverRsi) -> None:
     assert name in [each["name"] for each in listed]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", ["loss", "reorder"])
 def test_five_percent_of_loss_ends_no_motion(run: RunOverRsi, controller: RsiProcess, fault: str) -> None:
     before = controller.ask(**{fault: 0.05})
@@ -187,18 +192,20 @@ def test_five_percent_of_loss_ends_no_motion(run: RunOverRsi, controller: RsiPro
 
 @pytest.mark.parametrize(
     ("fault", "end", "reason"),
-    [
-        ({"estop": True}, {"estop": False}, "RSI has ended (enabling switch released, emergency stop"),
-        (
-            {"spoil": "nan"},
-            {"spoil": ""},
-            "the last one was rejected: AIPos.A1 is 'nan', which is not a finite number",
-        ),
-        ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
-        ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot controller for"),
-        ({"mode": "T2"}, {"mode": "AUT"}, "the controller's program has started RSI again"),
-        ({"off": True}, {}, "the controller's program has started RSI again"),
-    ],
+    few(
+        [
+            ({"estop": True}, {"estop": False}, "RSI has ended (enabling switch released, emergency stop"),
+            (
+                {"spoil": "nan"},
+                {"spoil": ""},
+                "the last one was rejected: AIPos.A1 is 'nan', which is not a finite number",
+            ),
+            ({"spoil": "frozen"}, {"spoil": ""}, "has reported the same values in"),
+            ({"loss": 1.0}, {"loss": 0.0}, "no packet from the robot controller for"),
+            ({"mode": "T2"}, {"mode": "AUT"}, "the controller's program has started RSI again"),
+            ({"off": True}, {}, "the controller's program has started RSI again"),
+        ]
+    ),
     ids=["emergency stop", "nan", "frozen", "disconnect", "mode", "program"],
 )
 def test_recovers_from_a_fault_in_the_middle_of_a_motion(
@@ -236,6 +243,7 @@ def test_the_program_override_slows_motions_down(run: RunOverRsi, controller: Rs
     assert "program override 30 %" in device(run)["status"]["text"]
 
 
+@pytest.mark.thorough
 def test_the_client_of_rsipi_moves_the_simulated_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both read the Ethernet configuration that cobot writes."""
     pytest.importorskip("RSIPI", reason="rsipi is not installed: see requirements/peers.lock")

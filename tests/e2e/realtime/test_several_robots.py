@@ -172,6 +172,7 @@ def test_the_python_clients_reach_either_robot(pair: Pair, http: httpx.Client) -
         assert robot.states().q == pytest.approx(HOME, abs=2e-3)
 
 
+@pytest.mark.thorough
 def test_the_example_moves_both(pair: Pair, http: httpx.Client) -> None:
     ended = subprocess.run(
         [sys.executable, str(EXAMPLES / "two_robots.py")],
@@ -184,6 +185,7 @@ def test_the_example_moves_both(pair: Pair, http: httpx.Client) -> None:
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
+@pytest.mark.thorough
 def test_a_robot_that_cannot_start_does_not_keep_the_other_from_starting(tmp_path: Path) -> None:
     run = Pair(tmp_path, second=", backend: 'no.such:Arm'")
     try:
@@ -215,6 +217,7 @@ def test_a_start_of_two_robots_is_refused_while_one_of_them_runs(pair: Pair, tmp
     assert pair.healthy()
 
 
+@pytest.mark.thorough
 def test_the_panel_has_a_tab_for_each_robot(pair: Pair, http: httpx.Client, tmp_path: Path) -> None:
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
@@ -270,6 +273,7 @@ def lerobot_session(python: str, plugin: Path, *arguments: str) -> dict[str, Any
     return report
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("python", LEROBOT_PYTHONS)
 def test_lerobots_own_classes_drive_one_arm_and_two(
     pair: Pair, http: httpx.Client, plugin: Path, python: str

@@ -25,6 +25,7 @@ import yaml
 from arm_activities import CLIENT
 from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, until
 from streaming_client import StreamClient
+from thorough import few
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from cobot import Mode, Robot
@@ -226,6 +227,7 @@ def test_a_connection_that_breaks_off_ends_its_session(run: Run) -> None:
     assert health(run)["robot"]["mode"] == "HOLD"
 
 
+@pytest.mark.thorough
 def test_a_client_that_hangs_loses_its_session_and_the_right_to_stream(run: Run) -> None:
     """Its process is stopped: the connection stands, and nobody answers (docs/conventions.md)."""
     command = [sys.executable, "-c", CLIENT, run.url]
@@ -262,6 +264,7 @@ def test_a_lost_rtloop_ends_the_session(run: Run) -> None:
         client.ended()
 
 
+@pytest.mark.thorough
 def test_a_killed_service_leaves_no_session_behind(run: Run) -> None:
     client = StreamClient(run.url)
     client.session(inner_control_hz=50)
@@ -278,6 +281,7 @@ def test_a_killed_service_leaves_no_session_behind(run: Run) -> None:
         again.ended()
 
 
+@pytest.mark.thorough
 def test_sigterm_during_a_session_ends_everything_at_once(tmp_path: Path) -> None:
     run = Run(tmp_path, clock="realtime")
     try:
@@ -297,7 +301,7 @@ def test_sigterm_during_a_session_ends_everything_at_once(tmp_path: Path) -> Non
         run.end()
 
 
-@pytest.mark.parametrize("where", ["local", "remote"])
+@pytest.mark.parametrize("where", few(["local", "remote"]))
 def test_a_script_runs_here_and_there(run: Run, where: str) -> None:
     name = run.url if where == "remote" else run.memory.name.removeprefix("cobot-")
     with Robot(name) as robot:
@@ -349,6 +353,7 @@ def reaches(run: Run, joint1_rad: float) -> float:
     return reached
 
 
+@pytest.mark.thorough
 def test_a_stream_keeps_away_from_an_object_of_the_scene_after_a_restart_too(run: Run) -> None:
     """The ball is where the hand would be after two thirds of the way."""
     post(run, "/robot/move/joints", joints=[0.8, *HOME[1:]])

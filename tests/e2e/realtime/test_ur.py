@@ -22,6 +22,7 @@ from arm_activities import robot_health
 from cobot_run import LATE, WAIT_S, answering
 from service_activities import followed
 from streaming_client import StreamClient
+from thorough import few
 from ur_arm import JOINTS, POSITIONS, ur_folder
 from ur_run import ControllerProcess, RunOverUr
 
@@ -107,7 +108,7 @@ def nothing_refused(controller: ControllerProcess) -> None:
     assert "jumps" not in told
 
 
-@pytest.mark.parametrize("part", rest_tour.PARTS)
+@pytest.mark.parametrize("part", few(rest_tour.PARTS))
 def test_the_rest_tour(run: RunOverUr, controller: ControllerProcess, part: str) -> None:
     """With a sequence and a recording."""
     rest_tour.tour(run, part)
@@ -122,6 +123,7 @@ def test_the_arm_is_where_rest_says(run: RunOverUr, controller: ControllerProces
     assert (said["connection"], said["drives"], said["brakes"]) == ("connected", "on", "released")
 
 
+@pytest.mark.thorough
 def test_a_stream_of_joints_moves_it(run: RunOverUr, controller: ControllerProcess) -> None:
     def turned() -> bool:
         """A session that has ended because its client was late is begun again."""
@@ -139,6 +141,7 @@ def test_a_stream_of_joints_moves_it(run: RunOverUr, controller: ControllerProce
     nothing_refused(controller)
 
 
+@pytest.mark.thorough
 def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverUr, controller: ControllerProcess) -> None:
     joints = [each[0] for each in JOINTS]
     rest_tour.again(lambda: followed(run, THERE, joint=joints))
@@ -146,6 +149,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOverUr, controller: C
     nothing_refused(controller)
 
 
+@pytest.mark.thorough
 def test_five_percent_of_packages_left_out_ends_no_motion(
     run: RunOverUr, controller: ControllerProcess
 ) -> None:
@@ -172,14 +176,16 @@ def test_outputs_are_set_by_name(run: RunOverUr, controller: ControllerProcess) 
 
 @pytest.mark.parametrize(
     ("fault", "end", "words"),
-    [
-        ({"safety": EMERGENCY_STOP}, {"safety": NORMAL}, "emergency stop"),
-        ({"safety": PROTECTIVE_STOP, "blocked": "Cannot unlock"}, {"blocked": ""}, "protective stop"),
-        ({"safety": SAFEGUARD_STOP}, {"safety": NORMAL}, "safeguard stop"),
-        ({"program": "stop"}, {}, "program on the controller has ended"),
-        ({"power": "off"}, {}, "robot mode: off"),
-        ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
-    ],
+    few(
+        [
+            ({"safety": EMERGENCY_STOP}, {"safety": NORMAL}, "emergency stop"),
+            ({"safety": PROTECTIVE_STOP, "blocked": "Cannot unlock"}, {"blocked": ""}, "protective stop"),
+            ({"safety": SAFEGUARD_STOP}, {"safety": NORMAL}, "safeguard stop"),
+            ({"program": "stop"}, {}, "program on the controller has ended"),
+            ({"power": "off"}, {}, "robot mode: off"),
+            ({"spoil": "nan"}, {"spoil": ""}, "not finite"),
+        ]
+    ),
 )
 def test_faults_are_named_and_a_reset_ends_them(
     run: RunOverUr, controller: ControllerProcess, fault: dict[str, Any], end: dict[str, Any], words: str

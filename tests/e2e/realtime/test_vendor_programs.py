@@ -141,6 +141,7 @@ def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[Ar
     arm.fails("RuntimeMachine/resume", 40)
 
 
+@pytest.mark.thorough
 def test_a_lua_program_runs_too(pair: Pair, arms: tuple[Arm, Arm]) -> None:
     arm, _ = arms
     (pair.programs / "hello.lua").write_text(LUA, encoding="utf-8")

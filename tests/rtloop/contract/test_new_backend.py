@@ -51,6 +51,7 @@ def run(made: tuple[Path, Path], *arguments: str) -> subprocess.CompletedProcess
     )
 
 
+@pytest.mark.thorough
 def test_its_wheel_is_found_by_its_entry_point_and_keeps_the_contract(made: tuple[Path, Path]) -> None:
     done = run(made, "-m", "cobot", "backend", "list", "--json")
     (found,) = [each for each in json.loads(done.stdout) if each["name"] == "sky_crane"]

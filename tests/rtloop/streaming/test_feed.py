@@ -15,6 +15,7 @@ from cobot_run import unique_name
 from laws import feed as law
 from laws.comparison import require_same
 from sample_counts import ENOUGH, samples
+from thorough import few
 from wild_writer import Writer
 
 from cobot.config import Settings
@@ -244,7 +245,7 @@ EXPECTED = {
 """Interventions that must have been counted, or the test says little."""
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS))
 def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
     settings: Settings, robot: RobotDescription, memories: list[RobotMemory], kind: str
 ) -> None:

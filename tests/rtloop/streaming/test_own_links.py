@@ -17,6 +17,7 @@ from folders import ROOT
 from franka_settings import franka_settings
 from rig import Rig
 from sample_counts import ENOUGH, samples
+from thorough import few
 
 from cobot.config import Settings, load_settings
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
@@ -170,7 +171,7 @@ STREAMS: dict[str, Callable[[Rig, Client], None]] = {
 }
 
 
-@pytest.mark.parametrize("name", ["iiwa", "fr3", "rail arm"])
+@pytest.mark.parametrize("name", few(["iiwa", "fr3", "rail arm"]))
 @pytest.mark.parametrize("stream", STREAMS)
 def test_no_stream_at_any_speed_brings_two_parts_nearer_than_the_margin(name: str, stream: str) -> None:
     settings, robot = arm(name)
@@ -271,7 +272,7 @@ def test_no_session_that_begins_inside_the_margin_leads_deeper(kind: str, speed_
     assert left[-1] > left[0] + 1e-4
 
 
-@pytest.mark.parametrize("name", ["iiwa", "fr3", "rail arm"])
+@pytest.mark.parametrize("name", few(["iiwa", "fr3", "rail arm"]))
 def test_links_that_pass_closely_do_not_slow_a_stream(name: str) -> None:
     """Nor does the base that they pass: only links whose way to rest takes more than half of their room."""
     settings, robot = arm(name)

@@ -69,6 +69,7 @@ def test_a_second_time_changes_nothing(document: dict[str, Any]) -> None:
     assert json.dumps(document) == before
 
 
+@pytest.mark.thorough
 def test_a_python_client_is_generated_and_can_be_imported(document: dict[str, Any], tmp_path: Path) -> None:
     file, client = tmp_path / "api.json", tmp_path / "client"
     file.write_text(json.dumps(document))

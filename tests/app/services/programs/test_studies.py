@@ -141,6 +141,7 @@ def test_a_study_answers_as_the_library_does_and_is_private_to_the_user(tmp_path
     asyncio.run(scenario())
 
 
+@pytest.mark.thorough
 def test_the_scene_and_the_tool_of_the_service_belong_to_a_study(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:
@@ -171,6 +172,7 @@ def test_a_stored_program_is_the_program_of_a_study(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
+@pytest.mark.thorough
 def test_killed_workers_and_processes_lose_nothing(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:
@@ -282,6 +284,7 @@ def test_what_a_study_may_not_ask_for_is_rejected_and_leaves_nothing(tmp_path: P
     asyncio.run(scenario())
 
 
+@pytest.mark.thorough
 def test_another_study_can_be_started_once_one_is_rejected_or_finished(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:
@@ -298,6 +301,7 @@ def test_another_study_can_be_started_once_one_is_rejected_or_finished(tmp_path:
     asyncio.run(scenario())
 
 
+@pytest.mark.thorough
 def test_studies_are_bounded_in_number_and_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:

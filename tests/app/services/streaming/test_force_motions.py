@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import pytest
 from programs_here import run_lua, run_sequence
+from thorough import few
 from virtual_service import VirtualService, virtual_service
 from wired_arm import WiredService
 
@@ -146,7 +147,7 @@ def test_a_path_that_the_table_leaves_ends_at_its_deviation(service: VirtualServ
 
 
 @pytest.mark.parametrize("pattern", ["spiral", "raster"])
-@pytest.mark.parametrize("speed_m_s", [0.003, 0.006])
+@pytest.mark.parametrize("speed_m_s", few([0.003, 0.006]))
 def test_a_search_finds_a_hole(service: VirtualService, table: Table, pattern: str, speed_m_s: float) -> None:
     """At 6 mm/s a corner of the raster once pressed the TCP into the table, which counted as a hole."""
     hole = np.array([0.5 + 0.003, 0.002])
@@ -388,6 +389,7 @@ def test_the_programs_of_the_page_work(service: VirtualService, table: Table, tm
     assert force == pytest.approx(10.0, abs=1.5)
 
 
+@pytest.mark.thorough
 def test_a_request_that_waits_ends_with_its_timeout(service: VirtualService, table: Table) -> None:
     body = {**DOWN, "force": 10.0, "duration_s": 300.0, "max_time_s": 600.0}
     found = done(service.post("/robot/force/press", body))

@@ -34,6 +34,7 @@ def peer(domain: int) -> Iterator[Peer]:
         yield made
 
 
+@pytest.mark.thorough
 def test_hundreds_of_endpoints_are_announced_in_a_few_datagrams(domain: int, join: Join) -> None:
     ours = join()
     for number in range(ENDPOINTS // 2):

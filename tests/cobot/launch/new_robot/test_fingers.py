@@ -61,6 +61,7 @@ def made(file: Path, text: str) -> tuple[Path, str]:
     return file.with_suffix(""), "\n".join(new.guessed)
 
 
+@pytest.mark.thorough
 def test_the_hand_of_a_franka_is_a_gripper_with_the_ranges_of_its_file(fr3: Path) -> None:
     hand = hand_of(settings_of(fr3))
     assert isinstance(hand, OwnHand)

@@ -56,6 +56,7 @@ def lin(robot: RobotDescription, start: Array, goal: Pose, speed: float = 1.0) -
     return motion
 
 
+@pytest.mark.thorough
 def test_lin_finds_what_an_exhaustive_search_over_the_arm_angle_finds(robot: RobotDescription) -> None:
     both = missed = 0
     for start, goal in problems(robot, 50):

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from cobot_run import WAIT_S
+from thorough import few
 
 from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
@@ -72,7 +73,7 @@ def test_problems_in_clutter_are_solved_without_contact_by_every_planner_that_se
             assert World(problem.robot).along(motion).min() == 0.0, (problem.name, planner)
 
 
-@pytest.mark.parametrize("kind", scenes.KINDS)
+@pytest.mark.parametrize("kind", few(scenes.KINDS))
 def test_chomp_solves_ten_problems_of_each_kind(robot: RobotDescription, kind: str) -> None:
     for problem in scenes.problems(robot, kind, 10, SEED + 1):
         motion = planned(problem.robot, "chomp", problem.start, problem.goal)

@@ -9,6 +9,7 @@ import pytest
 from cobot_run import WAIT_S
 from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
+from thorough import few
 
 from benchmarks.planning.scenes import problems
 from cobot.errors import InputError, PlanningError, PlanningTimeout
@@ -46,7 +47,7 @@ def work(robot: RobotDescription) -> Pose:
     return robot.model.forward(np.array(robot.positions["work"].joints))
 
 
-@pytest.mark.parametrize(("kind", "within_rad"), [("table", 0.1), ("shelf", 0.02), ("bin", 0.1)])
+@pytest.mark.parametrize(("kind", "within_rad"), few([("table", 0.1), ("shelf", 0.02), ("bin", 0.1)]))
 def test_a_glass_of_water_is_carried_through_clutter(
     robot: RobotDescription, kind: str, within_rad: float
 ) -> None:

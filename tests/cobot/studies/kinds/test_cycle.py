@@ -107,6 +107,7 @@ def test_a_study_without_a_possible_program_names_the_one_that_gets_furthest() -
     assert "motions planned: 1; then program[2]: " in said
 
 
+@pytest.mark.thorough
 def test_a_search_is_as_good_as_a_grid(tmp_path: Path) -> None:
     need("cmaes", "study")
     need("optuna", "study")

@@ -110,6 +110,7 @@ def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> N
     assert said.startswith("the nearest has base_x_m -0.5: motions planned: 1; then program[2]: ")
 
 
+@pytest.mark.thorough
 def test_a_search_finds_a_placement_as_good_as_a_grid(tmp_path: Path) -> None:
     need("cmaes", "study")
     need("optuna", "study")

@@ -61,6 +61,7 @@ def places_of(columns: Columns) -> list[tuple[float, float, float]]:
     ]
 
 
+@pytest.mark.thorough
 def test_places_are_solved_where_an_exhaustive_search_finds_joints() -> None:
     columns = computed(space=SPACE, method="ik")
     places = places_of(columns)
@@ -85,6 +86,7 @@ def test_places_are_reached_where_some_of_these_joints_are_free_by_mujoco(
     assert (columns["reached"] == np.array(free)).all()
 
 
+@pytest.mark.thorough
 def test_a_line_reaches_where_the_planner_finds_one(robot: RobotDescription) -> None:
     space = {"box": {"low": [0.3, -0.4, 0.2], "high": [0.7, 0.4, 0.6]}, "spacing_m": 0.2}
     columns = computed(space=space, method="lin", start="home")

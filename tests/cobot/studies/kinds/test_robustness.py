@@ -71,6 +71,7 @@ def test_an_unknown_load_is_carried_as_a_mass_would_be(
     np.testing.assert_allclose(ours[large], theirs[large], rtol=0.06)
 
 
+@pytest.mark.thorough
 def test_the_share_is_that_of_parts_within_the_tolerance() -> None:
     study = robustness({"part_x_m": {"normal": [0, 0.002]}}, 40)
     columns = study.kernel()(0, 40)
@@ -88,6 +89,7 @@ def test_the_share_is_that_of_parts_within_the_tolerance() -> None:
     assert answer[cause] == 40 - within.sum()
 
 
+@pytest.mark.thorough
 def test_errors_of_the_joints_become_errors_of_the_tcp(robot: RobotDescription) -> None:
     """Oracle: for small errors the variance is the sum of the squares of pinocchio's Jacobian."""
     deviation = 5e-4

@@ -70,6 +70,7 @@ def rig() -> Iterator[FrankyRig]:
             made.close()
 
 
+@pytest.mark.thorough
 def test_moves_and_recovers_from_a_reflex(rig: FrankyRig) -> None:
     begun = rig.simulator.ask()["q"][0]
     rig.move(0.1)
