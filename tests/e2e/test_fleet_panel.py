@@ -163,6 +163,7 @@ def test_the_browser_cannot_reach_the_cell_itself(cell: PlantRun) -> None:
         httpx.get(f"{url}/health")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_a_person_uses_the_panel_of_a_cell_in_a_browser(
     hub: Hub, cell: PlantRun, tokens: dict[str, str], tmp_path: Path

@@ -42,7 +42,6 @@ def with_mesh(folder: Path) -> Path:
     return folder / "cell.yaml"
 
 
-@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> None:
     backend = f"mujoco, cell: {with_mesh(tmp_path)}, gripper: {{type: simulated}}"
@@ -165,6 +164,7 @@ def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_aft
             np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), [0.0, 0.0, -1.0], atol=5e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) -> None:
     """An imported file on Program, and the example on Run: docs/how-to/pick-and-place.md."""

@@ -126,6 +126,7 @@ def test_an_interrupted_run_answers_in_part_and_leaves_no_process(tmp_path: Path
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
 
 
+@pytest.mark.thorough
 def test_the_example_of_a_function_answers(tmp_path: Path) -> None:
     done = run(EXAMPLES / "fall.yaml", folder=tmp_path)
     assert done.returncode == 0, done.stderr
