@@ -75,7 +75,7 @@ class CobotError(Exception):
     def with_message(self, message: str) -> Self:
         """A copy of the error with another message."""
         error = type(self)(message, findings=self.findings, details=self.details)
-        error.explanation = self.explanation
+        error.explanation, error.explain = self.explanation, self.explain
         return error
 
 

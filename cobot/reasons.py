@@ -53,6 +53,13 @@ class ReasonCode(StrEnum):
     PACKETS_TOO_FAST = "packets_too_fast"
     READING = "reading"
     WRITING = "writing"
+    # The gripper, and the steps of programs.
+    GRIPPER_BLOCKED = "gripper_blocked"
+    GRIPPER_DEVICE = "gripper_device"
+    GRIPPER_NOTHING = "gripper_nothing"
+    GRIPPER_SIZE = "gripper_size"
+    GRIPPER_SLOW = "gripper_slow"
+    INPUT_NOT_MET = "input_not_met"
     # The computer and its programs.
     DAMAGED = "damaged"
     LATE = "late"

@@ -35,6 +35,7 @@ def stage(folder: Path) -> None:
             *(ROOT / "docs").rglob("*.md"),
             *(ROOT / "docs").glob("*.png"),
             *(ROOT / "docs").glob("*.gif"),
+            *(ROOT / "docs").glob("*.js"),
         ]
     ):
         target = folder / staged(source)

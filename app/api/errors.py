@@ -22,7 +22,7 @@ from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.middleware.versions import BELOW
-from app.api.schemas.explain import Explain, explain_of
+from app.api.schemas.explain import Details, Explain, explain_of
 from cobot import audit, errors
 from cobot.addresses import MANUAL, VERSION
 from cobot.errors import CobotError, exhausted
@@ -78,11 +78,7 @@ class ErrorAnswer(BaseModel):
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
     code: ErrorCode = Field(description="A stable word for programs.")
-    details: dict[str, Any] | None = Field(
-        None,
-        exclude_if=lambda found: found is None,
-        description="Of some codes: facts for programs, see docs/conventions.md. Missing in other answers.",
-    )
+    details: Details = None
 
 
 class RefusedAnswer(ErrorAnswer):

@@ -22,6 +22,7 @@ from cobot.errors import (
     MotionStopped,
     PlanningError,
 )
+from cobot.reasons import Reason, ReasonCode
 
 Result = TypeVar("Result")
 WAIT_FOR_TIMEOUT_S = 60.0
@@ -77,7 +78,10 @@ def wait_until(
                 value = json.dumps(find_input(points, condition["input"])["value"])
                 raise ExecutionError(
                     f"wait_for: {describe(condition)} did not become true within {timeout_s:g} s; the input "
-                    f"is {value}. Check the sensor, or give a longer timeout_s"
+                    f"is {value}. Check the sensor, or give a longer timeout_s",
+                    details=Reason(
+                        "", ReasonCode.INPUT_NOT_MET, (str(condition["input"]),), limit=timeout_s, unit="s"
+                    ).fields(),
                 )
             end_s, paused_before_s = end_s + paused_now_s - paused_before_s, paused_now_s
             continue

@@ -183,7 +183,7 @@ class Interpreter:
             yield done
         except CobotError as exc:
             self._report({"event": "failed", "reason": str(exc), **event})
-            raise exc.with_message(f"{text}: {exc}") from exc
+            raise self._error_at(exc, text, here) from exc
         self._report({"event": "arrived", **done, **event})
 
     @contextlib.contextmanager
@@ -200,8 +200,16 @@ class Interpreter:
             yield
         except CobotError as exc:
             self._report({"event": "failed", "reason": str(exc), **event})
-            raise exc.with_message(f"{text}: {exc}") from exc
+            raise self._error_at(exc, text, here) from exc
         self._report({"event": "done", **event})
+
+    def _error_at(self, error: CobotError, text: str, here: Where) -> CobotError:
+        """The error of a step, with its place. The details have its number in the file that was started, and
+        the step's own sentence."""
+        placed = error.with_message(f"{text}: {error}")
+        number = str(self._place["waypoint"] or "") if here.caller else ".".join(here.numbers)
+        placed.details = {**error.details, "step": number, "message": str(error)}
+        return placed
 
     def _text(self, step: Step, here: Where) -> str:
         return f"{self._prefix}{here}{_label(step)}"
@@ -252,7 +260,7 @@ class Interpreter:
         try:
             found = holds(condition.as_json(), self._client.io())
         except CobotError as exc:
-            raise exc.with_message(f"{text}: {exc}") from exc
+            raise self._error_at(exc, text, here) from exc
         self._log(f"{text}: {describe(condition.as_json())}: {'yes' if found else 'no'}")
         return found
 

@@ -152,7 +152,7 @@ class Sandbox:
         if self._watch.told:
             raise Stopping(self._watch.reason)
         if self.failure is not None and ended[1].endswith(_bytes(self.failure)):
-            raise type(self.failure)(_message(ended[1])) from self.failure
+            raise self.failure.with_message(_message(ended[1])) from self.failure
         raise InputError(_message(ended[1]))
 
     def table(self, items: Mapping[Any, Any] | list[Any]) -> Any:

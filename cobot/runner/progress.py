@@ -7,6 +7,8 @@ import os
 import sys
 from typing import Any
 
+from cobot.errors import CobotError
+
 Report = dict[str, Any]
 
 
@@ -35,13 +37,20 @@ class Progress:
             within: whether the report comes from `ask_paused_s`, which is called during a step.
         """
         self._place = place
+        self._write({**place, "behind": self.behind, "asking": asking, "within": within})
+
+    def _write(self, line: Report) -> None:
         if self._told is None:
             return
-        line = {**place, "behind": self.behind, "asking": asking, "within": within}
         try:
             os.write(self._told, json.dumps(line).encode() + b"\n")
         except BrokenPipeError:  # the service has ended, and the next request will report that
             print("the service no longer reads the progress", file=sys.stderr)
+
+    def fail(self, error: CobotError) -> None:
+        """Report the error that ends the run: its code, details and findings."""
+        failed = {"code": error.code, **error.details}
+        self._write({"failed": failed, "checks": (error.explain or {}).get("checks", [])})
 
     def ask(self, place: Report) -> int | None:
         """Report a step and wait until it is permitted. Returns the step with which to continue instead, if

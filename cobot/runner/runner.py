@@ -102,6 +102,7 @@ def run(order: RunSettings) -> int:
         log(f"ended by {exc}")
         return 128 + exc.number
     except CobotError as exc:
+        order.progress.fail(exc)
         log(f"error: {exc}" if order.lua or order.name == "-" else f"error: {order.name}: {exc}")
         return _return_code(exc)
     finally:

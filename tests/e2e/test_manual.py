@@ -29,6 +29,10 @@ QUESTIONS = {
     "record a trajectory": "questions.html#how-do-i-record-a-trajectory",
     "windows": "windows-csharp-labview-node-red.html#python-on-windows",
     "backup": "operations.html#backup",
+    "How do I open the gripper?": "questions.html#how-do-i-open-the-gripper",
+    "how can I change the speed?": "change-the-speed.html",
+    "why does my robot not move?": "questions.html#why-does-the-robot-not-move",
+    "What should I do to set the weight of my tool?": "questions.html#how-do-i-set-the-tool-and-its-weight",
 }
 """What is typed, and the place that the first result leads to."""
 WATCH = """

@@ -92,8 +92,32 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
             until(lambda: page.run(lowest) < height_px, lambda: f"{page.run(lowest)} of {height_px} px")  # noqa: B023
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")
+        assert page.run("document.querySelector('#clearance').innerText").endswith("ohne lose Teile")
+        page.set_to("#language", "en")
+        said = "document.querySelector('#run-why').innerText"
+        for number, (step, words) in enumerate(WHY.items()):
+            httpx.put(
+                f"{run.url}/programs/why{number}",
+                json={"label": "Why", "text": f'{{"steps": [{{"wait_s": 0}}, {step}]}}'},
+                timeout=WAIT_S,
+            ).raise_for_status()
+            page.click("#tab-run")
+            listed = f"#run-list [data-run=why{number}]"
+            until(lambda: page.run(f"!!document.querySelector('{listed}')"))  # noqa: B023
+            page.click(listed)
+            page.click("#points-run")
+            failed = f"Failed. Step 2: {words}"
+            until(lambda: page.run(said).startswith(failed), lambda: str(page.run(said)))  # noqa: B023
+            assert page.run(said).endswith("Fix the cause, then start it again.")
+            assert ".json" not in page.run(said) + page.run("document.querySelector('#log').innerText")
 
 
+WHY = {
+    '{"gripper": {"command": "grasp"}}': "The gripper holds nothing: no part was there.",
+    '{"gripper": {"command": "move", "width": 0.3}}': "width: 300 mm is beyond the limit of 80 mm.",
+    '{"wait_for": {"input": "gate", "is": true}, "timeout_s": 0.1}': "The input gate did not get its value",
+}
+"""Steps that fail, and what the page says of each."""
 HELD_IS_COVERED = """(arm => arm.bodies.some(
   ({ name, part }, index) => part === "scene" && name === "cube" && !arm.groups[index].visible
 ))(cobotPanel.view.arm)"""
@@ -194,6 +218,8 @@ def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) 
         assert page.run("document.querySelector('#stored-delete').disabled")
         page.click("#stored-open")
         until(lambda: page.run("document.querySelector('#program-name').value") == "Pick and place")
+        names = "[...document.querySelectorAll('#run-list b')].map((each) => each.textContent)"
+        assert page.run(names) == ["Pick and place"], "the unchanged copy is not listed too"
         page.click("#program-save")
         until(lambda: len(run.ask("GET", "/programs")) == 2)
         mine, kept = sorted(run.ask("GET", "/programs"), key=lambda each: bool(each["example"]))

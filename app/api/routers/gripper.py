@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
 from app.api.route import EndpointRouter
+from app.api.schemas.explain import Details, details_of
 from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.services.gripping.commands import GripperOutcome, GripperReport
 from app.services.rights.job import JobKind
@@ -128,6 +129,7 @@ class GripperAnswer(GripperValues):
     message: str = Field(description="The reason, if `success` is false.")
     code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     held: str | None = Field(description="Name of the scene object that is attached now.")
+    details: Details = None
 
 
 COMMAND: dict[str, Any] = {
@@ -192,5 +194,6 @@ def _answer(outcome: GripperOutcome) -> GripperAnswer:
         message=DONE if error is None else str(error),
         code=None if error is None else error.code,
         held=outcome.held,
+        details=details_of(error),
         **GripperValues.of(outcome.state).model_dump(),
     )

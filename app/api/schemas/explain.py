@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
 
@@ -66,6 +66,20 @@ class Explain(BaseModel):
     tried: list[Tried] = Field([], description="Changes that were tried and do not work.")
     spent_s: float = Field(0.0, description="Time spent on the search, s.")
     budget_s: float = Field(0.0, description="Time limit of the search, s: `planning.explain_s`, or less.")
+
+
+Details = Annotated[
+    dict[str, Any] | None,
+    Field(
+        exclude_if=lambda found: found is None,
+        description="Of some codes: facts for programs, see docs/conventions.md. Missing in other answers.",
+    ),
+]
+
+
+def details_of(error: CobotError | None) -> dict[str, Any] | None:
+    """The details of an error; None if there are none."""
+    return dict(error.details) or None if error is not None else None
 
 
 def explain_of(error: CobotError) -> Explain | None:

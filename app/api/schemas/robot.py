@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.errors import ErrorCode
 from app.api.paging import LIMIT, deprecated_value
-from app.api.schemas.explain import Explain
+from app.api.schemas.explain import Details, Explain
 from app.api.schemas.signals import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
@@ -64,6 +64,7 @@ class MoveAnswer(BaseModel):
     actions: list[ActionAnswer] = Field([], description="Results of the actions on the path.")
     stopped_by: str | None = Field(None, description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(None, description="The moment at which it was met.")
+    details: Details = None
 
 
 class ResetAnswer(BaseModel):

@@ -57,8 +57,11 @@ export class Clearance {
     place.hidden = !this.nearest;
     if (!this.nearest) return;
     const { distance_m: distance, between } = this.nearest;
-    const text = word("clearance", { mm: Math.round(1000 * distance), between: between.join(" – ") });
-    if (place.textContent !== text) place.textContent = place.title = text;
+    const said = word("clearance", { mm: Math.round(1000 * distance), between: between.join(" – ") });
+    const parts = this.view()?.parts.size;
+    const text = parts ? `${said} · ${word("clearance_without")}` : said;
+    if (place.textContent !== text) place.textContent = text;
+    place.title = [text, word("clearance_about"), parts && word("clearance_parts")].filter(Boolean).join("\n");
     place.style.setProperty("--hue", hueAt(distance).toFixed(0));
   }
 }

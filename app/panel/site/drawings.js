@@ -49,3 +49,9 @@ export function points({ positions, colours, spacing }) {
   const look = new THREE.PointsMaterial({ size: MAP_SHARE * spacing, vertexColors: true, transparent: true, depthWrite: false });
   return new THREE.Points(shape, look);
 }
+
+// A line or a mesh leaves the picture; null for none.
+export function remove(drawn) {
+  drawn?.removeFromParent();
+  drawn?.geometry.dispose();
+}

@@ -13,10 +13,18 @@ const GOING = ["planning", "running"];
 const OVER = ["finished", "failed", "cancelled", "interrupted"];
 const among = (states) => states.map((state) => `&state=${state}`).join("");
 export const WITH_STEPS = ["sequence", "program"];
+const PLANNED = ["move", "execute", "trajectory", "queue"];
 const element = (id) => document.getElementById(id);
 
 function write(id, text) {
   if (element(id).textContent !== text) element(id).textContent = text;
+}
+
+// What to do after a job that did not reach its end: a word of the catalogue; "" for nothing.
+export function nextAfter(state, kind) {
+  if (state === "failed") return "job_next";
+  if (state !== "cancelled") return "";
+  return WITH_STEPS.includes(kind) ? "halt_next_program" : PLANNED.includes(kind) ? "halt_next_motion" : "";
 }
 
 export class Job {
@@ -121,7 +129,9 @@ export class Job {
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
-    write("job-error", error ? reasonOf(error) : "");
+    const why = error ? reasonOf(error) : "";
+    write("job-error", state === "cancelled" && why === word("error_stopped") ? "" : why);
+    write("job-next", word(nextAfter(state, kind), {}, ""));
     element("job-error").title = error?.detail ?? "";
     write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");
   }

@@ -25,7 +25,7 @@ export class Lease {
   hear(frame) {
     if (frame.type === "control") this.set(frame.token);
     else if (frame.type === "control_released" || frame.type === "control_lost") this.set("");
-    else if (frame.type === "error" && frame.about === "control") element("control").textContent = reasonOf(frame);
+    else if (frame.type === "error" && frame.about === "control") element("control-why").textContent = reasonOf(frame);
     else if (frame.type === "error" && frame.about === "release") this.set("");
   }
 
@@ -36,6 +36,7 @@ export class Lease {
 
   set(token) {
     this.api.control = token;
+    element("control-why").textContent = "";
     this.write();
   }
 

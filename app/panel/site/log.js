@@ -17,8 +17,10 @@ const OVER = ["finished", "failed", "cancelled", "interrupted"];
 const element = (id) => document.getElementById(id);
 
 // An event in a sentence; of one that has none its fields, by their names in docs/events.md.
-function said(type, data) {
+// labelOf: gives the name of a program from that of its file.
+function said(type, data, labelOf) {
   const values = Object.fromEntries(Object.entries(data).map(([field, value]) => [field, value ?? ""]));
+  if (type === "sequence" && data.name) values.name = labelOf(data.name);
   for (const [field, of] of Object.entries(IN_WORDS[type] ?? {})) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
@@ -31,11 +33,16 @@ function said(type, data) {
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
   if (Array.isArray(values.planners)) values.planners = values.planners.join(", ");
   if (values.duration_s) values.duration_s = values.duration_s.toFixed(1);
-  const isTerminated = type === "sequence" && TERMINATED.includes(data.returncode);
-  const name = [isTerminated && "said_sequence_terminated", `said_${type}_${data.what ?? data.state}`, `said_${type}`].filter(Boolean).find((each) => word(each) !== each);
+  const name = [endOf(type, data), `said_${type}_${data.what ?? data.state}`, `said_${type}`].filter(Boolean).find((each) => word(each) !== each);
   if (name) return word(name, values).trim() + (data.held_back ? ` ${word("said_held_back", data)}` : "");
   const shown = Object.entries(data).filter(([, value]) => value !== null && value !== "");
   return shown.map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+}
+
+// The word for the end of a program that was stopped or has failed.
+function endOf(type, { returncode }) {
+  if (type !== "sequence" || !returncode) return "";
+  return TERMINATED.includes(returncode) ? "said_sequence_terminated" : "said_sequence_failed";
 }
 
 // "bad", "warn", or "" for what is no problem.
@@ -59,7 +66,9 @@ function isDetail(event) {
 }
 
 export class Log {
-  constructor() {
+  // labelOf: gives the name of a program from that of its file.
+  constructor(labelOf) {
+    this.labelOf = labelOf;
     this.waiting = [];
     this.asked = false;
     element("log-filter").addEventListener("change", ({ target }) => (element("log").dataset.shown = target.value));
@@ -109,7 +118,7 @@ export class Log {
     moment.textContent = new Date(time).toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
     kind.textContent = word(`event_${type}`);
     kind.dataset.level = level;
-    text.textContent = said(type, data);
+    text.textContent = said(type, data, this.labelOf);
     text.title = [data.what, data.error ?? data.reason].filter(Boolean).join(": ");
     made.told = event;
     made.dataset.type = type;

@@ -96,7 +96,7 @@ class Panel {
     this.drag = new Drag(this.motions, () => this);
     this.viewTools = new ViewTools(() => this.view);
     this.pages = new Pages(() => this.turnPage());
-    this.log = new Log();
+    this.log = new Log((name) => this.runNow.labelOf(name));
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this, this.speed);
     this.pull = new Pull(this.stream, () => this);
@@ -109,7 +109,7 @@ class Panel {
     });
     this.way = new Way(api, () => this.view);
     this.parts = new Parts(api, () => this);
-    this.cell = new Cell(api, () => this.view, (parts) => this.parts.show(parts));
+    this.cell = new Cell(api, () => this.view, (parts) => this.arranged(parts));
     this.clearance = new Clearance(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
     document.addEventListener("cobot-stop", ({ detail }) => {
@@ -247,6 +247,12 @@ class Panel {
     const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
     for (const each of [...heard, this.halt, this.parts]) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
+  }
+
+  // The loose parts of a simulated cell are here.
+  arranged(parts) {
+    this.parts.show(parts);
+    this.clearance.write(); // which says that they do not count
   }
 
   // What is planned, as a ghost and as curves; null for nothing. still: the time at which the ghost stays, s.

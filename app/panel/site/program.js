@@ -57,6 +57,12 @@ export class Program {
     return saved === null ? !this.isEmpty : saved !== this.state;
   }
 
+  // Whether it is a copy of an example in which nothing was changed yet.
+  get isExample() {
+    const { id, copied } = this.document;
+    return !id && copied?.state === this.state;
+  }
+
   get state() {
     return JSON.stringify([this.document.label, this.document.text]);
   }
@@ -89,13 +95,15 @@ export class Program {
   }
 
   // Replaces this program. Undo brings back a program that was not saved.
-  open({ kind, text, label, id = null, version = null }) {
+  // example: the id of the example that it copies; null for none.
+  open({ kind, text, label, id = null, version = null, example = null }) {
     const before = this.isChanged ? this.document : null;
     this.opened += 1;
     this.put({ kind, text, label, id, version, saved: null, opened: this.opened }, before);
     if (!before) this.done = [];
     this.read();
     if (id) this.document.saved = this.state;
+    if (typeof example === "string") this.document.copied = { id: example, state: this.state };
     this.keep();
     this.changed(true);
   }

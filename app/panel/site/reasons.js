@@ -5,7 +5,8 @@ import { named, word } from "./words.js";
 const DEG = 180 / Math.PI;
 const SHOWN_UNITS = { rad: [DEG, "°"], "rad/s": [DEG, "°/s"], "rad/s²": [DEG, "°/s²"], "rad/s³": [DEG, "°/s³"], m: [1000, "mm"], "m/s": [1000, "mm/s"], "m/s²": [1000, "mm/s²"], "m/s³": [1000, "mm/s³"] };
 const MAX_CHECKS = 2;
-const FROM_DEVICE = ["condition_unreadable", "device", "hold_refused", "no_packets", "output_rejected", "reading", "writing"];
+const HOME = "0"; // the step that goes there first
+const FROM_DEVICE = ["condition_unreadable", "device", "gripper_device", "hold_refused", "no_packets", "output_rejected", "reading", "writing"];
 
 function amount(value, unit) {
   const [scale, shown] = SHOWN_UNITS[unit] ?? [1, unit];
@@ -35,7 +36,7 @@ export function causeOf({ cause, by = "" } = {}) {
 export function whyOf({ reason = "", reason_code: code = "", reason_of: of = "", reason_values: values = [], reason_unit: unit = "" }) {
   if (code === "stop") return "";
   const [value, limit] = values.map((each) => (each === null ? "?" : amount(each, unit)));
-  return word(`reason_${code}`, { of, by: named(of), value, limit }, "") || named(reason);
+  return word(`reason_${code}`, { of, by: named(of), value, limit, says: named(reason) }, "") || named(reason);
 }
 
 // Whether the sentence of such a reason has what only the device knows.
@@ -48,9 +49,18 @@ export function sentenceOf(error) {
   return named(error.detail ?? error.message ?? "");
 }
 
+// The step of a program that failed, and the step's own error.
+function ofProgram(error) {
+  const { step, code, message, ...details } = error.details;
+  const why = reasonOf({ ...error, code, details, detail: message ?? sentenceOf(error) });
+  const place = step === HOME ? word("step_home") : step;
+  return place ? word("at_step", { step: place, why }) : why;
+}
+
 // error: {code, explain, details} and the service's sentence as `detail` or `message`; or a text.
 export function reasonOf(error) {
   if (typeof error === "string") return error;
+  if (error.details?.code) return ofProgram(error);
   const { code, explain, details } = error;
   const sentence = sentenceOf(error);
   if (!code) return sentence;

@@ -1,6 +1,7 @@
 // Starts a stored program, or the program that is open on the page Program, as a job of the service. The job continues
 // if this page is closed.
 import { allow } from "./able.js";
+import { nextAfter } from "./job.js";
 import { reasonOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -34,12 +35,13 @@ export class Run {
     const { isEmpty, isChanged, document: { label, kind } } = this.page.program;
     const open = { id: OPEN, label: label || word("program_unnamed"), kind, about: word("stored_changed") };
     const stored = this.stored.list.map((each) => ({ ...each, about: each.example ? word("example") : word("stored_as", each) }));
-    return isEmpty || !isChanged ? stored : [open, ...stored];
+    return isEmpty || !isChanged || this.page.program.isExample ? stored : [open, ...stored];
   }
 
   // The one that the user chose, or else the open program, or else the first one.
   choiceOf(choices) {
-    const wanted = [this.chosen, OPEN, this.page.program.document.id];
+    const { id, copied } = this.page.program.document;
+    const wanted = [this.chosen, OPEN, id, copied?.id];
     return wanted.map((id) => choices.find((each) => each.id === id)).find(Boolean) ?? choices[0];
   }
 
@@ -58,7 +60,7 @@ export class Run {
       this.say(() => word(hold ? "points_steps" : "points_runs"));
       await this.look();
     } catch (error) {
-      this.say(() => reasonOf(error));
+      this.say(() => reasonOf(error), "warn");
     }
   }
 
@@ -84,7 +86,11 @@ export class Run {
     if (!state) setTimeout(() => this.look(), AGAIN_MS);
     if (!ENDS.includes(state)) return;
     this.job = null;
-    this.say(() => (state === "finished" ? word("points_done") : error ? reasonOf(error) : word(`job_${state}`)));
+    if (state === "finished") return void this.say(() => word("points_done"));
+    this.say(() => {
+      const why = error ? reasonOf(error).replace(/[^.!?。]$/, "$&.") : "";
+      return word("run_ended", { state: word(`job_${state}`), why, next: word(nextAfter(state, "sequence"), {}, "") });
+    }, "warn");
   }
 
   write() {
@@ -115,8 +121,10 @@ export class Run {
     return row;
   }
 
-  say(words) {
+  // level: "warn" for a program that has not started or has not reached its end.
+  say(words, level = "") {
     this.words = words;
+    element("run-why").dataset.level = level;
     this.write();
   }
 }

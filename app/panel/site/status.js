@@ -9,6 +9,7 @@ const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtlo
 const LEVELS = { HOLD: "good", TRAJECTORY: "busy", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
 const OWN = { jog: "mode_jog", freedrive: "mode_freedrive" };
 const STREAMING = ["JOINT_IMPEDANCE", "CARTESIAN", "JOINT_TORQUE"];
+const UNNAMED = /^anonymous\b/;
 const element = (id) => document.getElementById(id);
 
 function say(id, text, level = "") {
@@ -76,13 +77,13 @@ export class Status {
       this.device.tell(device);
       element("simulation").hidden = element("simulation-card").hidden = !device || device.hardware;
       say("control", this.holder(control));
-      element("control").title = control.holder ? `${named(control.holder)} (${control.address})` : "";
+      say("control-who", control.holder ? `${named(control.holder)} (${control.address})` : "");
       const { total } = health.cycle_us ?? {};
       const level = health.rtloop?.alive ? "good" : "bad";
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);
     } catch (error) {
       for (const id of ["control", "cycle"]) say(id, "?", "bad");
-      element("control").title = reasonOf(error);
+      say("control-who", reasonOf(error));
     }
   }
 
@@ -90,6 +91,7 @@ export class Status {
   holder({ held, holder, what }) {
     if (!held) return word("nobody");
     if (this.api.control) return word("you");
-    return named(holder ?? what ?? "");
+    const name = holder ?? what ?? "";
+    return UNNAMED.test(name) ? word("unnamed_short") : named(name); // the menu has the address
   }
 }

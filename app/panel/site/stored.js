@@ -101,7 +101,7 @@ export class Stored {
       const found = version ? await this.api.get(`/programs/${id}?version=${version}`) : newest;
       this.conflict = "";
       if (found.example) {
-        this.program.open({ ...found, id: null, version: null });
+        this.program.open({ ...found, id: null, version: null, example: id });
         this.write();
         return void this.page.say(() => word("example_opened", found));
       }

@@ -1,7 +1,7 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
 import { OrbitControls } from "../three/OrbitControls.js";
 import * as THREE from "../three/three.module.min.js";
-import { clearanceLine, points, shadow } from "./drawings.js";
+import { clearanceLine, points, remove, shadow } from "./drawings.js";
 import { Gizmo } from "./gizmo.js";
 import { Pointing } from "./pointing.js";
 import { Drawn, drawnPart } from "./shapes.js";
@@ -134,8 +134,7 @@ export class View {
   }
 
   followTcp() {
-    this.traceLine?.removeFromParent();
-    this.traceLine?.geometry.dispose();
+    remove(this.traceLine);
     this.traceLine = null;
     if (!this.trace) return;
     this.trace = [...this.trace.slice(1 - MAX_TRACED), this.arm.tcpPosition()];
@@ -173,8 +172,7 @@ export class View {
     const keys = parts.map(({ name, shape, size_m: size }) => `${name} ${shape} ${size}`);
     for (const [key, mesh] of this.parts) {
       if (keys.includes(key)) continue;
-      mesh.removeFromParent();
-      mesh.geometry.dispose();
+      remove(mesh);
       this.parts.delete(key);
     }
     parts.forEach((part, index) => {
@@ -205,8 +203,7 @@ export class View {
 
   // The way of the motion that runs: points of the TCP; none for no motion.
   follow(points) {
-    this.way?.removeFromParent();
-    this.way?.geometry.dispose();
+    remove(this.way);
     this.way = points.length ? this.line(points, RUNNING) : null;
     this.draw();
   }
@@ -214,8 +211,7 @@ export class View {
   // The planned path, and a ghost that goes along it again and again; null for none.
   preview(plan) {
     this.ghost?.dispose();
-    this.path?.removeFromParent();
-    this.path?.geometry.dispose();
+    remove(this.path);
     this.ghost = this.path = this.plan = null;
     this.still = null;
     this.showClearance("plan", plan?.duration_s ? plan.closest_environment : null);

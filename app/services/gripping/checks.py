@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cobot.errors import LimitError, NotSupportedError
+from cobot.findings import Finding
 from cobot.grippers import Grasp, GripperCapabilities
 from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, GripperMove, GripperRelease
 from cobot.strict import unit_advice
@@ -44,7 +45,10 @@ def _check_width(name: str, able: GripperCapabilities, width: float, *, grasps: 
     least, most = able.width_m
     if not least - SLACK_M <= width <= most + SLACK_M:
         advice = unit_advice("width", width, most)
-        raise LimitError(f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m{advice}")
+        raise LimitError(
+            f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m{advice}",
+            findings=[_beyond("width", width, able.width_m, "m")],
+        )
     if not able.continuous and not grasps and min(width - least, most - width) > SLACK_M:
         raise LimitError(
             f"width is {width:g} m, the gripper {name} has two positions: {least:g} m (closed) and "
@@ -61,5 +65,10 @@ def _check_range(
         raise NotSupportedError(f"{what} is {value:g} {unit}, but the gripper {name} has no {what} control")
     if not bounds[0] <= value <= bounds[1]:
         raise LimitError(
-            f"{what} is {value:g} {unit}, the gripper {name} allows {bounds[0]:g} to {bounds[1]:g} {unit}"
+            f"{what} is {value:g} {unit}, the gripper {name} allows {bounds[0]:g} to {bounds[1]:g} {unit}",
+            findings=[_beyond(what, value, bounds, unit)],
         )
+
+
+def _beyond(what: str, value: float, bounds: tuple[float, float], unit: str) -> Finding:
+    return Finding("limit", what, value, min(max(value, bounds[0]), bounds[1]), unit, of=(what,))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from app.services.rights.job import Job
 from cobot.errors import CobotError, ExecutionError
 from cobot.grippers import Gripper, GripperCapabilities, GripperState
 from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, GripperMove, GripperRelease
+from cobot.reasons import Reason, ReasonCode
 
 ARRIVED_M = 0.003
 """Tolerance of the width at the end of a move: this distance, m, or this share of the stroke, whichever is
@@ -79,7 +81,16 @@ def missed(state: GripperState) -> CobotError | None:
     if state.object is None or state.object.is_held:
         return None
     where = "" if state.width is None else f" at {state.width:.4f} m"
-    return ExecutionError(f"the gripper has closed on nothing{where}: no object is held")
+    return _failed(
+        f"the gripper has closed on nothing{where}: no object is held",
+        ReasonCode.GRIPPER_NOTHING,
+        state.width,
+    )
+
+
+def _failed(words: str, code: ReasonCode, width: float | None, expected: float = math.nan) -> ExecutionError:
+    reason = Reason(words, code, value=math.nan if width is None else width, limit=expected, unit="m")
+    return ExecutionError(words, details=reason.fields())
 
 
 def shortfall(
@@ -89,18 +100,24 @@ def shortfall(
     if isinstance(command, GripperGrasp):
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):
-            return ExecutionError(
+            return _failed(
                 f"the fingers hold something that is {state.width:.4f} m wide, expected {command.width:g} m "
-                f"(-{command.tolerance_inner:g}, +{command.tolerance_outer:g})"
+                f"(-{command.tolerance_inner:g}, +{command.tolerance_outer:g})",
+                ReasonCode.GRIPPER_SIZE,
+                state.width,
+                math.nan if command.width is None else command.width,
             )
         return None if command.if_missed == "success" else nothing
     if not isinstance(command, GripperMove) or command.if_blocked == "success":
         return None
     if has_arrived(command.width, state, able):
         return None
-    return ExecutionError(
+    return _failed(
         f"the fingers stopped at {state.width:.4f} m, commanded {command.width:g} m: something is in "
-        "their way; to hold an object use grasp"
+        "their way; to hold an object use grasp",
+        ReasonCode.GRIPPER_BLOCKED,
+        state.width,
+        command.width,
     )
 
 

@@ -12,6 +12,7 @@ from app.services.rights.stop_reason import StopReason
 from cobot.clock import Clock
 from cobot.errors import DeviceError, MotionTimeout
 from cobot.grippers import GripperState
+from cobot.reasons import Reason, ReasonCode
 
 MIN_WAIT_S = 0.001
 """Minimum wait, s. Without it, a rest of time from rounding would give a wait of no duration."""
@@ -48,7 +49,8 @@ async def follow(
             if left_s <= 0.0:
                 raise MotionTimeout(
                     f"gripper {name}: {running.name} has not ended within {caller.timeout_s:g} s: "
-                    f"{worker.problem or 'the fingers still move'}"
+                    f"{worker.problem or 'the fingers still move'}",
+                    details=Reason("", ReasonCode.GRIPPER_SLOW, limit=caller.timeout_s, unit="s").fields(),
                 )
             running.news.clear()
             with contextlib.suppress(TimeoutError):
@@ -63,13 +65,18 @@ def _ended(worker: GripperWorker, asked: asyncio.Future[int], name: str) -> Grip
     if not asked.done():
         return None
     if (problem := asked.exception()) is not None:
-        raise DeviceError(f"gripper {name}: {problem}")
+        raise _faulty(name, str(problem))
     reading = worker.reading
     if reading.number <= asked.result():
         return None
     if reading.problem:
-        raise DeviceError(f"gripper {name}: {reading.problem}")
+        raise _faulty(name, reading.problem)
     assert reading.state is not None
     if reading.state.fault:
-        raise DeviceError(f"gripper {name}: {reading.state.fault}")
+        raise _faulty(name, reading.state.fault)
     return None if reading.state.moving else reading.state
+
+
+def _faulty(name: str, problem: str) -> DeviceError:
+    reason = Reason(problem, ReasonCode.GRIPPER_DEVICE, (name,))
+    return DeviceError(f"gripper {name}: {problem}", details=reason.fields())

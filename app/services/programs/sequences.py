@@ -14,7 +14,7 @@ import secrets
 import signal
 import tempfile
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
@@ -34,6 +34,7 @@ from cobot.errors import (
     InputError,
     UnavailableError,
 )
+from cobot.findings import Finding
 from cobot.folders import below
 from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
@@ -47,6 +48,7 @@ PROGRESS = ("iteration", "waypoint", "n_waypoints", "step")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
 """Errors by the runner's return code. All other codes mean that a motion has failed."""
 ERROR_LINE = " error: "
+FINDING = [each.name for each in fields(Finding)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,7 @@ class SequenceService:
         self._steps: RunnerInstructions | None = None
         self._stopped: StopReason | None = None  # why the runner was told to end
         self._error_line = ""  # the newest error that the current runner has printed
+        self._failure: dict[str, Any] | None = None  # the same error in the form of `Progress.fail`
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -163,7 +166,7 @@ class SequenceService:
             raise
         finally:
             self._starting = False
-        self._process, self._stopped, self._error_line = process, None, ""
+        self._process, self._stopped, self._error_line, self._failure = process, None, "", None
         self._steps = RunnerInstructions(answers, order.from_waypoint, self._hold_job, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
@@ -302,7 +305,12 @@ class SequenceService:
             return self._stopped.error
         said = self._error_line.partition(ERROR_LINE)[2]
         detail = said or f"the runner ended with return code {returncode}"
-        return ERRORS.get(returncode, ExecutionError)(detail)
+        failure = self._failure or {"failed": {}, "checks": []}
+        findings = [
+            Finding(**{**{name: each[name] for name in FINDING}, "of": tuple(each["of"])})
+            for each in failure["checks"]
+        ]
+        return ERRORS.get(returncode, ExecutionError)(detail, findings=findings, details=failure["failed"])
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:
         while True:
@@ -321,6 +329,9 @@ class SequenceService:
         while line := await stream.readline():
             with contextlib.suppress(json.JSONDecodeError):  # the last line of a killed runner
                 event = json.loads(line)
+                if "failed" in event:
+                    self._failure = event
+                    continue
                 self.status = replace(
                     self.status,
                     iteration=event["iteration"],

@@ -161,6 +161,16 @@ def test_the_gripper_is_commanded_and_a_missed_part_is_tried_again(robot: Robot)
     assert "iteration 1/1, step 1.run.1 of 1: gripper: release" in lines
 
 
+def test_the_error_of_a_step_has_its_place_and_what_the_service_says_of_it(robot: Robot) -> None:
+    """Oracle: the table of details in docs/conventions.md."""
+    reason = {"reason_code": "gripper_nothing", "reason_values": [0.042, None]}
+    (status, answer), *_ = failing("execution")
+    robot.answers["gripper/grasp"] = [(status, answer | {"details": reason})]
+    with pytest.raises(ExecutionError, match="step 2 of 2: went wrong") as caught:
+        run(robot, HOME, {"gripper": {"command": "grasp"}})
+    assert caught.value.details == reason | {"step": "2", "message": "went wrong: execution"}
+
+
 def test_a_wait_ends_when_its_input_has_the_value(robot: Robot) -> None:
     robot.inputs["part"] = lambda s: s >= 3.0
     run(robot, {"wait_for": PART, "timeout_s": 10}, set_lamp(True))

@@ -28,6 +28,18 @@ def test_the_head_says_what_the_robot_is_and_does(panel: Panel) -> None:
     panel.until("document.querySelector('#control').innerText === 'You'")
     panel.page.click("#take")
     panel.until("document.querySelector('#control').innerText === 'Free'")
+    places = """["#tab-run", "#override-part", "#control-part", "#help"].map((each) => {
+        const { left, top, width } = document.querySelector(each).getBoundingClientRect();
+        return [left, top, width];
+    })"""
+    for width, height in ((1280, 800), (1024, 768), (390, 844)):
+        size(panel, width, height)
+        free = panel.page.run(places)
+        named = "document.querySelector('#control').textContent = 'an unnamed client ' + 'x'.repeat(40)"
+        long = panel.page.run(f"({named}, {places})")
+        assert long == free, "nothing moves under a finger when control changes hands"
+    size(panel, *SIZE)
+    panel.page.run("cobotPanel.status.look()")
     slowly(panel)
     panel.until("document.querySelector('#mode').innerText === 'Moving'")
     panel.until("parseFloat(document.querySelector('#tcp-speed').innerText.replace('TCP ', '')) > 0")

@@ -289,7 +289,7 @@ def taught_in_any_language(panel: Panel, http: httpx.Client) -> None:
 def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     home = {"name": "home", "speed": 1.0}
     panel.page.click("#take")
-    panel.until("document.querySelector('#take').innerText === 'Release'")
+    panel.until("document.querySelector('#take').innerText === 'Release control'")
     refused = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert refused.status_code == 409
     plus = button("joint", 0, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import httpx
 import pytest
@@ -90,7 +91,73 @@ def test_a_motion_that_ends_on_its_way_without_a_stop_says_why(
     assert panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({asked}))") == text
 
 
-@pytest.mark.parametrize("menu", ["override-part", "program-menu", "add"])
+def reason(code: str, values: list[float | None], unit: str = "", of: str = "") -> dict[str, Any]:
+    return {"reason_code": code, "reason_of": of, "reason_values": values, "reason_unit": unit}
+
+
+REASONS: list[tuple[dict[str, Any], str]] = [
+    (reason("gripper_nothing", [0.042, None], "m"), "The gripper holds nothing: no part was there."),
+    (
+        reason("gripper_size", [0.042, 0.05], "m"),
+        "The gripper holds something that is 42 mm wide, expected 50 mm.",
+    ),
+    (
+        reason("gripper_blocked", [0.03, 0.0], "m"),
+        "The fingers stopped at 30 mm instead of 0.0 mm: something is in their way.",
+    ),
+    (reason("gripper_slow", [None, 30.0], "s"), "The gripper has not finished within 30 s."),
+    (
+        reason("gripper_device", [None, None], of="robotiq"),
+        "The gripper has a problem: no answer from the gripper",
+    ),
+    ({"code": "stopped", "cause": "gripper", "by": ""}, "The gripper has lost its object."),
+    ({"code": "stopped", "cause": "move_before", "by": ""}, "The motion before it in the queue failed."),
+    (reason("no_points", [None, 0.2], "s"), "No new point arrived within 0.2 s."),
+    (
+        reason("input_not_met", [None, 5.0], "s", "part"),
+        "The input part did not get its value within 5.0 s. Check the sensor.",
+    ),
+    ({"code": "condition_not_met"}, "The motion ended, but its condition was not met."),
+    (
+        reason("joint_limit", [-2.09, -2.1], "rad", "joint4"),
+        "joint4 is at -120°, near its limit of -120°. Move it the other way.",
+    ),
+]
+"""Details of a step's error, and what the page says of it."""
+
+
+@pytest.mark.parametrize(("details", "text"), REASONS)
+def test_a_program_that_fails_says_at_which_step_and_why(
+    panel: Panel, details: dict[str, Any], text: str
+) -> None:
+    """Oracle: the tables of codes in docs/conventions.md; what they mean to a person is in the texts."""
+    error = {
+        "code": "execution",
+        "detail": "a.json: iteration 1/1, step 4 of 12: no answer from the gripper",
+        "details": {
+            "code": "execution", "step": "4", "message": "no answer from the gripper", **details,
+        },
+    }  # fmt: skip
+    found = panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({json.dumps(error)}))")
+    assert found.startswith(f"Step 4: {text}")
+    assert ".json" not in found
+
+
+def test_a_limit_of_a_step_is_named_with_its_values(panel: Panel) -> None:
+    check = {
+        "check": "limit", "quantity": "position", "value": 3.0, "limit": 2.9, "by": 0.1, "unit": "rad",
+        "share": None, "of": ["joint1"],
+    }  # fmt: skip
+    error = {
+        "code": "execution", "detail": "a.json: step 2 of 3: ...",
+        "details": {"code": "limit", "step": "2", "message": "..."},
+        "explain": {"checks": [check], "works": []},
+    }  # fmt: skip
+    found = panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({json.dumps(error)}))")
+    assert found == "Step 2: joint1: 172° is beyond the limit of 166°."
+
+
+@pytest.mark.parametrize("menu", ["override-part", "control-part", "program-menu", "add"])
 def test_escape_closes_a_menu_and_stops_all_the_same(panel: Panel, menu: str) -> None:
     slowly(panel)
     panel.page.reveal(f"#{menu} > summary")
