@@ -45,6 +45,8 @@ RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
 """Modes in which a client streams targets."""
 
+MAX_BUDGET_S = 10.0
+"""Maximum planning budget of a motion, s."""
 MAX_ACTIONS = 64
 """Maximum number of actions of a motion, however many segments it has."""
 

@@ -1,4 +1,4 @@
-"""Plan, look at the plan, then run it.
+"""Plan, look at the plan, ask for a faster one, then run it.
 
 Start `make run` in another terminal, then:
 
@@ -19,4 +19,6 @@ with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
         print(f"{quantity}: at most {max(use['share']):.0%} of the limit")
     print("nearest to itself:", plan["closest_self"])
     print("nearest to its surroundings:", plan["closest_environment"])
-    robot.execute(plan["plan_id"])
+    better = robot.improve(plan["plan_id"], budget_s=0.2)
+    print(f"{better['duration_s']:.2f} s after more planning: {better['planning']['quality']}")
+    robot.execute(better["plan_id"])

@@ -69,13 +69,11 @@ class Results:
 
 def problem_sets(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene."""
-    archive = next(iter(sorted(ARCHIVES.glob("vamp_planner-*.tar.gz"))), None)
-    if archive is None:
-        lacking = f"problem_sets: no vamp_planner-*.tar.gz in {ARCHIVES}"
-        print(f"{lacking}; see benchmarks/planning/problem_sets.py", file=sys.stderr)
+    source = archive("problem_sets")
+    if source is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        robot = panda(archive, Path(folder))
+        robot = panda(source, Path(folder))
         found = measure(robot, problems(Path(folder), "panda", every))
     count = len(found.plan_ms) + len(found.failures)
     yield row(
@@ -96,6 +94,15 @@ def problem_sets(every: int) -> Iterator[Row]:
         columns=("solved",),
         aim="100 %",
     )
+
+
+def archive(part: str) -> Path | None:
+    """The archive of the problems; None, with a message, if it is missing."""
+    found = next(iter(sorted(ARCHIVES.glob("vamp_planner-*.tar.gz"))), None)
+    if found is None:
+        lacking = f"{part}: no vamp_planner-*.tar.gz in {ARCHIVES}"
+        print(f"{lacking}; see benchmarks/planning/problem_sets.py", file=sys.stderr)
+    return found
 
 
 def panda(archive: Path, folder: Path) -> RobotDescription:

@@ -41,8 +41,8 @@ class Moves(Jobs):
         """Move to a named position. Returns on arrival; raises an error if the position is not reached.
 
         Args:
-            how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
-                `pause_while` and `until`, as in POST /robot/move/named.
+            how: `planner`, `budget_s`, `algorithm`, `synchronization`, `constraints`, `actions`,
+                `start_when`, `pause_while` and `until`, as in POST /robot/move/named.
         """
         return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how}, wait)
 
@@ -70,8 +70,8 @@ class Moves(Jobs):
         """Move to joint angles in rad. Returns on arrival; raises an error if they are not reached.
 
         Args:
-            how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
-                `pause_while` and `until`, as in POST /robot/move/joints.
+            how: `planner`, `budget_s`, `algorithm`, `synchronization`, `constraints`, `actions`,
+                `start_when`, `pause_while` and `until`, as in POST /robot/move/joints.
         """
         body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
         return self._move("joints", body, wait)
@@ -129,8 +129,8 @@ class Moves(Jobs):
         Args:
             speed: share of the maximum speed. The default is 0.1, or 1 if `speed_m_s` or `speed_rad_s` is
                 given.
-            more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
-                `synchronization`, `constraints`, `free_axes`, `cyclic`, `end_joints`, as in POST
+            more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `budget_s`,
+                `algorithm`, `synchronization`, `constraints`, `free_axes`, `cyclic`, `end_joints`, as in POST
                 /robot/move/pose.
         """
         body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}

@@ -47,10 +47,10 @@ y, z. `through`: poses. `via`, `centre`, `axis`: x, y, z. All others are the fie
 docs/motions.md."""
 
 _RATES = ("speed", "accel_scale")
-_JOINT = (*_RATES, "planner", "algorithm", "synchronization", "constraints")
+_JOINT = (*_RATES, "planner", "budget_s", "algorithm", "synchronization", "constraints")
 _TCP = (*_RATES, "speed_m_s", "speed_rad_s", "frame_id", "constraints", "free_axes", "cyclic")
 _WAY = (
-    *("planner", "algorithm", "synchronization", "via", "centre", "axis", "through", "radius"),
+    *("planner", "budget_s", "algorithm", "synchronization", "via", "centre", "axis", "through", "radius"),
     "end_joints",
 )
 PARAMETERS = {

@@ -118,6 +118,14 @@ class Client(ForceMoves, Steps, EventConnection):
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
+    def improve(self, plan_id: str, budget_s: float = 1.0, samples: int = 50) -> Json:
+        """A faster plan with the start and goal of a plan, found within a time, s; the same plan if none is
+        found. `planning.quality` is "improved", or "final" if more time does not help.
+        """
+        path = f"/robot/plans/{quote(plan_id, safe='')}/improve"
+        body = {"budget_s": budget_s, "samples": samples}
+        return self._json("POST", path, json=body, timeout=self._motion_timeout_s)
+
     def rehearse(self, plan_id: str) -> Json:
         """Dry run of a plan on a simulated copy of the robot; nothing moves. Returns `runs_through`,
         `problem`, `effort`."""

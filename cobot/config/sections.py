@@ -23,7 +23,7 @@ from cobot.config.values import (
     RobotName,
     ZenohEndpoint,
 )
-from cobot.types import PlannerName
+from cobot.types import MAX_BUDGET_S, PlannerName
 
 
 class RobotSection(Section):
@@ -82,6 +82,7 @@ class PlanningSection(Section):
     smoothing_rad: Annotated[float, Field(ge=0.0, le=0.01)]
     kept_plans: Annotated[int, Field(ge=1, le=1000)]
     plan_lifetime_s: Annotated[float, Field(ge=1.0, le=86_400.0)]
+    budget_s: Annotated[float, Field(ge=0.0, le=MAX_BUDGET_S)]
     explain_s: Annotated[float, Field(ge=0.0, le=60.0)]
     replan_within_s: Annotated[float, Field(ge=0.0, le=0.5)]
     max_linear_velocity: Rate

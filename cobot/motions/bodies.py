@@ -23,6 +23,7 @@ from cobot.motions.fields import (
     MAX_ARC_RAD,
     AccelScale,
     Angle,
+    Budget,
     Coordinate,
     Direction,
     Finite,
@@ -98,6 +99,7 @@ class JointMotion(SignalFields):
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
     planner: JointPlanner = "ptp"
+    budget_s: Budget = None
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
     constraints: KeptTo = None
@@ -228,6 +230,7 @@ class MovePose(TcpMotion, PathPose):
     )
 
     planner: Planner = "ptp"
+    budget_s: Budget = None
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
     via: PathPoint | None = Field(

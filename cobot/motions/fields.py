@@ -17,7 +17,7 @@ from pydantic_core.core_schema import CoreSchema, literal_schema, no_info_after_
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.planners import ANY_GOAL, PLANNERS, summaries
-from cobot.types import PLANNED_JERK, Algorithm
+from cobot.types import MAX_BUDGET_S, PLANNED_JERK, Algorithm
 from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -95,6 +95,16 @@ AccelScale = Annotated[
         "the same as `speed`.",
     ),
 ]
+BudgetS = Annotated[
+    Finite,
+    Field(
+        ge=0.0,
+        le=MAX_BUDGET_S,
+        description="Time for planning, s. What the first motion leaves of it is used to find faster ones "
+        "(ompl, chomp and auto). 0: the first motion is the answer.",
+    ),
+]
+Budget = Annotated[BudgetS | None, Field(description="Default: `planning.budget_s`.")]
 SynchronizationName = Annotated[
     Literal["time", "phase"],
     Field(

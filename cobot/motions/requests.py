@@ -78,6 +78,8 @@ class MotionRequest:
         via: shape (3,), m in the base frame: a point on the arc.
         seed: seed for planners that draw random samples.
         timeout_s: time limit of a search.
+        budget_s: time for planning; what the first motion leaves of it is used for faster ones. 0: the first
+            motion is the answer.
         algorithm: algorithm of planner ompl.
         synchronization: synchronization of the joints.
         arc: replaces `via`. An arc with an angle ignores the goal.
@@ -115,6 +117,7 @@ class MotionRequest:
     end_joints: Array | None = None
     in_tool: bool = False
     signals: PathSignals = NO_SIGNALS
+    budget_s: float = 0.0
 
     def __post_init__(self) -> None:
         check_request(self)

@@ -97,11 +97,11 @@ def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
     """Plan along the path of the request, or straight to its goal."""
     if request.traits.way is Way.PATH:
         trajectory = function_of(request.planner)(robot, request)
-        return None if trajectory is None else _validate(robot, request, trajectory)
+        return None if trajectory is None else validated(robot, request, trajectory)
     goal = nearest_goal(robot, request)
     if is_there(request.start, goal):
         return None
-    return _validate(robot, request, function_of(request.planner)(robot, request, goal))
+    return validated(robot, request, function_of(request.planner)(robot, request, goal))
 
 
 def _search(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
@@ -118,19 +118,19 @@ def _search(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
         return None
     if request.planner is PlannerName.AUTO:
         return _choose(robot, request, goals)
-    return _validate(robot, request, function_of(request.planner)(robot, request, goals))
+    return validated(robot, request, function_of(request.planner)(robot, request, goals))
 
 
 def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
     """The motion of ptp, or if ptp fails, that of ompl."""
     try:
-        trajectory = _validate(robot, request, plan_ptp(robot, request, goals[0]))
+        trajectory = validated(robot, request, plan_ptp(robot, request, goals[0]))
         taken = Notice("auto", {"planner": PlannerName.PTP.value})
         return replace(trajectory, note="auto took ptp: the direct joint motion is free", notices=(taken,))
     except PlanningError as exc:
         straight = exc
     try:
-        trajectory = _validate(robot, request, function_of(PlannerName.OMPL)(robot, request, goals))
+        trajectory = validated(robot, request, function_of(PlannerName.OMPL)(robot, request, goals))
     except PlanningError as exc:
         message = f"auto found no motion: ptp: {straight}; {exc}"
         raise type(exc)(message, findings=straight.findings + exc.findings) from exc
@@ -139,7 +139,12 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     return replace(trajectory, note=note, notices=(taken,))
 
 
-def _validate(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
+def validated(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
+    """The motion, once it has passed the checks of every plan and those of its constraints.
+
+    Raises:
+        PlanningError: it fails one.
+    """
     try:
         validate(robot, trajectory, request.scaled_limits(robot))
         if (held := _held(robot, request)) is not None:

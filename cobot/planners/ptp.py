@@ -45,6 +45,11 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
     return time_optimal(robot, path, limits).trajectory
 
 
+def fastest_s(start: Array, goal: Array, limits: JointLimits) -> float:
+    """The time that the slowest joint needs alone, s. No motion from rest to rest is faster."""
+    return _in_time(start, goal, limits).duration_s
+
+
 def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
     """One profile for the share of the way, for all joints."""
     way = goal - start

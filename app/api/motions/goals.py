@@ -58,6 +58,7 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
         found = goals.pose(_arc_by_angle(body, constraints), body.frame_id)
     elif isinstance(body, MovePose):
         found = goals.pose(_to_pose(body, constraints), body.frame_id)
+        found = replace(found, budget_s=goals.budget_s(body.budget_s))
     else:
         joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
         goals.require_joints(joints, checked=checked)
@@ -69,6 +70,7 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
             algorithm=body.algorithm,
             synchronization=Synchronization(body.synchronization),
             constraints=constraints,
+            budget_s=goals.budget_s(body.budget_s),
         )
     signals = signals_of(body, found.scaling, services)
     return replace(found, signals=signals) if signals else found

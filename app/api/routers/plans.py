@@ -24,6 +24,7 @@ from app.api.schemas.plan_answers import (
     NoticeAnswer,
     PlanAnswer,
     PlanDistance,
+    PlanningAnswer,
     PlanPoint,
     PlanUse,
     RehearsalAnswer,
@@ -32,6 +33,7 @@ from app.api.schemas.plan_answers import (
 from app.api.schemas.plans import (
     Approve,
     Execute,
+    Improve,
     KeptPlan,
     MotionQuery,
     PlanArc,
@@ -205,6 +207,20 @@ async def rehearse(plan: PlanOfPath, request: Request, gone: Gone) -> RehearsalA
     return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
 
 
+@router.endpoint(
+    "POST /robot/plans/{plan}/improve", Role.AGENT, timeout_s=20.0, responses=responses(404, 409, 422, 503)
+)
+async def improve(plan: PlanOfPath, body: Improve, request: Request) -> PlanAnswer:
+    """Find a faster plan with the same start and goal; the given one stays as it is. Nothing moves. If no
+    faster plan is found, the answer is the given one.
+    """
+    call = Call(request)
+    found = await call.services.plans.improve(plan, body.budget_s, body.samples, call.timeout_s)
+    if found.plan_id == plan:
+        return _shown(found, call.services.plans.expires_in_s(found))
+    return _report_plan(found, call)
+
+
 @router.endpoint("POST /robot/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 503))
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Allow an agent to run a plan once, or withdraw the approval. Look at the plan first."""
@@ -306,6 +322,8 @@ def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
         plan_id=plan.plan_id,
         expires_in_s=expires_in_s,
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
+        planning_time_s=plan.planning_s,
+        planning=PlanningAnswer.of(plan.planned),
         note="" if trajectory is None else trajectory.note,
         notices=[
             NoticeAnswer(kind=each.kind, values=dict(each.values))

@@ -17,6 +17,7 @@ from app.api.route import EndpointRouter
 from app.api.schemas.device import Acknowledge, AcknowledgeAnswer
 from app.api.schemas.explain import details_of, explain_of
 from app.api.schemas.jobs import ACCEPTED, MoveQuery, answer_accepted, answer_end
+from app.api.schemas.plan_answers import PlanningAnswer
 from app.api.schemas.robot import (
     Angles,
     JointStates,
@@ -187,6 +188,7 @@ def answer(outcome: Outcome) -> MoveAnswer:
         motion_id=outcome.motion_id,
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
+        planning=PlanningAnswer.of(outcome.planned),
         note=outcome.note,
         explain=None if error is None else explain_of(error),
         actions=[ActionAnswer.model_validate(asdict(each)) for each in outcome.signals.actions],

@@ -6,6 +6,7 @@ from pydantic import BaseModel, Field
 
 from cobot.motions.fields import HOME, example
 from cobot.motions.forecast import Closest
+from cobot.motions.improving import Planned, PlanQuality
 from cobot.robot.nearest import Nearest
 from cobot.trajectory import NoticeKind
 
@@ -19,10 +20,19 @@ CLOSEST_ENVIRONMENT = {
     "distance_m": 0.28,
     "points": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.28]],
 }
+PLANNING = {
+    "quality": "improved",
+    "first_duration_s": 1.3,
+    "tries": 61,
+    "improvements": 5,
+    "lower_bound_s": 1.05,
+}
 PLANNED = {
     "plan_id": "plan_2f1c9a0b7d3e4855",
     "expires_in_s": 600.0,
     "duration_s": 1.1,
+    "planning_time_s": 0.5,
+    "planning": PLANNING,
     "note": "",
     "path": [
         {
@@ -129,6 +139,38 @@ class NoticeAnswer(BaseModel):
     values: dict[str, str | float] = Field(description="Its facts.")
 
 
+class PlanningAnswer(BaseModel):
+    """How good a planned motion is, and what its planning took."""
+
+    quality: PlanQuality = Field(
+        description="first: the first motion that has passed all checks. improved: a faster one; more "
+        "planning time may find a still faster one. final: more planning time does not help, because the "
+        "planner has no choice, or because the duration is within 1 % of `lower_bound_s`."
+    )
+    first_duration_s: float = Field(description="Duration of the first motion, s.")
+    tries: int = Field(
+        description="Number of other motions that were tried. A number of tries, on any "
+        "computer, gives the same motion."
+    )
+    improvements: int = Field(description="Number of tries that found a faster motion.")
+    lower_bound_s: float | None = Field(
+        description="Duration below which no motion to the goal can be, even if nothing were in the way, s: "
+        "the time that the slowest joint needs alone. null: not computed, because there was no budget."
+    )
+
+    @classmethod
+    def of(cls, planned: Planned | None) -> PlanningAnswer | None:
+        if planned is None:
+            return None
+        return PlanningAnswer(
+            quality=planned.quality,
+            first_duration_s=planned.first_s,
+            tries=planned.tries,
+            improvements=planned.improvements,
+            lower_bound_s=planned.lower_bound_s,
+        )
+
+
 class PlanAnswer(BaseModel):
     """A motion that has been planned and checked, but not run."""
 
@@ -139,6 +181,10 @@ class PlanAnswer(BaseModel):
         description="Time for which the plan is kept, s; shorter if there are many plans."
     )
     duration_s: float = Field(description="Duration at full speed, s; 0 if the arm is already there.")
+    planning_time_s: float = Field(0.0, description="Time that planning took, s.")
+    planning: PlanningAnswer | None = Field(
+        None, description="How good the motion is; null for several motions and for commands to the gripper."
+    )
     note: str = Field(
         description="The planner that auto chose and the reason, and how the motion leaves a "
         "start in collision."

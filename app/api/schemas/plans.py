@@ -17,7 +17,7 @@ from cobot.motions.bodies import (
     Radius,
     TcpMotion,
 )
-from cobot.motions.fields import HOME, Finite, example
+from cobot.motions.fields import HOME, BudgetS, Finite, example
 from cobot.strict import StrictModel
 
 Start = Annotated[
@@ -89,6 +89,15 @@ class Planning(RequestModel):
     start: Start = None
     samples: Samples = 50
     explain: ExplainIt = True
+
+
+class Improve(RequestModel):
+    """The time for finding a faster plan."""
+
+    model_config = example({"budget_s": 0.5, "samples": 3})
+
+    budget_s: BudgetS = 1.0
+    samples: Samples = 50
 
 
 class PlanNamed(Planning, MoveNamed):

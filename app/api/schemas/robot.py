@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.api.errors import ErrorCode
 from app.api.paging import LIMIT, deprecated_value
 from app.api.schemas.explain import Details, Explain
+from app.api.schemas.plan_answers import PlanningAnswer
 from app.api.schemas.signals import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
@@ -36,6 +37,7 @@ class MoveAnswer(BaseModel):
             "motion_id": 12,
             "duration_s": 3.21,
             "planning_time_s": 0.01,
+            "planning": None,
             "note": "",
             "explain": None,
             "actions": [],
@@ -53,6 +55,9 @@ class MoveAnswer(BaseModel):
     motion_id: int | None = Field(None, description="Number of the motion; null if nothing moved.")
     duration_s: float = Field(description="Time from request to answer, s.")
     planning_time_s: float = Field(description="Part of that time that planning took, s.")
+    planning: PlanningAnswer | None = Field(
+        None, description="How good the planned motion is; null for several motions and for plans."
+    )
     note: str = Field(
         "",
         description="The planner that auto chose and the reason; how the motion left a start in collision "

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from app.services.motion.force_zero import ForceZero
+from app.services.motion.improvement import plan_within_budget
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest, plan_motion
 from app.services.motion.signal_follower import CommandGripper, FollowsSignals, SignalFollower
@@ -33,6 +34,7 @@ from cobot.errors import (
 )
 from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
+from cobot.motions.improving import Improving, Planned
 from cobot.motions.requests import MotionRequest
 from cobot.motions.signal_places import TcpWay, place_signals, resting
 from cobot.motions.signals import NO_PLACED, PathSignals, Placed
@@ -51,6 +53,9 @@ LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
 """Maximum delay of the answer after the motion's timeout, s: the sum of all waits, and the time for
 sending.
 """
+MAX_BUDGET_SHARE = 0.5
+"""Largest share of a motion's timeout that its planning budget may use."""
+Result = TypeVar("Result")
 WHERE = {
     MotionResult.STOPPED: "on its path",
     MotionResult.STOPPED_ASIDE: "off its path, which left no room to slow down within the limits,",
@@ -93,6 +98,26 @@ class MotionService:
             return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
         except MotionTimeout as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
+
+    async def plan_goal(
+        self, claim: Claim, request: MotionRequest, timeout_s: float
+    ) -> tuple[Trajectory | None, Planned]:
+        """Plan for a claim within the request's budget, see `plan_within_budget`. An interruption of the
+        claim ends planning, and what has been planned is lost.
+        """
+
+        async def compute(work: Callable[[RobotDescription], Result]) -> Result:
+            return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
+
+        def plan_first() -> Coroutine[Any, Any, Trajectory | None]:
+            return self.plan(claim, request, timeout_s)
+
+        budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
+        found = await plan_within_budget(
+            self._planning, self._link.clock, compute, request, plan_first, budget_s
+        )
+        motion = found.best if isinstance(found, Improving) else found
+        return motion, Planned.of(request, found)
 
     async def place(
         self, segments: Sequence[PathSignals], ends_s: Sequence[float], trajectory: Trajectory

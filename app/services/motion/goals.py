@@ -110,6 +110,10 @@ class Goals:
             raise InputError(f"frame_id: {name!r} moves with the joints; valid are: {valid}")
         raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
 
+    def budget_s(self, asked_s: float | None) -> float:
+        """The planning budget of a motion, s: what it asks for, or that of the settings."""
+        return self._settings.budget_s if asked_s is None else asked_s
+
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
         """The request to a planner for a goal, from the arm's position `start`, shape (dof,), rad."""
         if goal.in_tool:

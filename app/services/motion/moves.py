@@ -18,6 +18,7 @@ from app.services.rights.signal_results import NO_RESULTS, SignalResults
 from cobot.clock import Clock
 from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence
+from cobot.motions.improving import Planned
 from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.signal_places import resting
 from cobot.motions.signals import NO_PLACED, PathSignals, Placed
@@ -32,7 +33,8 @@ Join = Callable[[RobotDescription], Blended]
 class Outcome:
     """The result of a motion request. `error` is None if the arm has arrived and settled.
 
-    `note` comes from the trajectory; `signals` has the results of its actions and conditions.
+    `note` comes from the trajectory; `signals` has the results of its actions and conditions; `planned` says
+    how good a single motion is.
     """
 
     error: CobotError | None
@@ -41,6 +43,7 @@ class Outcome:
     planning_time_s: float
     note: str = ""
     signals: SignalResults = NO_RESULTS
+    planned: Planned | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +54,13 @@ class JoinedMoves:
         trajectory: None if the arm is already at the goal.
         signals: signals of each motion.
         ends_s: path time at which each motion ends.
+        planned: how good the motion is; None: several motions.
     """
 
     trajectory: Trajectory | None
     signals: tuple[PathSignals, ...]
     ends_s: tuple[float, ...]
+    planned: Planned | None = None
 
     def to_run(self, start: Array) -> Trajectory | None:
         """The trajectory to run from `start`, shape (dof,), rad. An arm that is already at the goal gets a
@@ -92,9 +97,10 @@ class MoveService:
 
         async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
             request = self._goals.request(goal, start)
-            motion = await self._motion.plan(claim, request, caller.timeout_s)
+            motion, quality = await self._motion.plan_goal(claim, request, caller.timeout_s)
             claim.goal = goal
-            return JoinedMoves(motion, (goal.signals,), (0.0 if motion is None else motion.duration_s,))
+            ends_s = (0.0 if motion is None else motion.duration_s,)
+            return JoinedMoves(motion, (goal.signals,), ends_s, quality)
 
         return await self._move(plan_motion, caller)
 
@@ -110,7 +116,7 @@ class MoveService:
 
         async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
             async def plan(request: MotionRequest) -> Trajectory | None:
-                return await self._motion.plan(claim, request, caller.timeout_s)
+                return (await self._motion.plan_goal(claim, request, caller.timeout_s))[0]
 
             async def join(work: Join) -> Blended:
                 return await claim.run_interruptibly(self._planning.compute(work, caller.timeout_s))
@@ -169,7 +175,7 @@ class MoveService:
         self, plan_motion: Callable[[Claim, Array], Awaitable[JoinedMoves]], caller: Caller
     ) -> Outcome:
         begun_s = self._clock.now_s()
-        planned_s, note, begun = begun_s, "", _Begun()
+        planned_s, note, begun, quality = begun_s, "", _Begun(), None
         with await self._ownership.claim_motion(caller) as claim, contextlib.ExitStack() as watch:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
@@ -177,7 +183,7 @@ class MoveService:
                 state = await self._motion.require_ready()
                 claim.accept()
                 course = await plan_motion(claim, state.commanded_position)
-                trajectory = course.to_run(state.commanded_position)
+                trajectory, quality = course.to_run(state.commanded_position), course.planned
                 planned_s = self._clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note
@@ -188,7 +194,7 @@ class MoveService:
                 claim.fail(exc)
             now_s = self._clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
-            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note, begun.results)
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note, begun.results, quality)
 
     async def run(
         self,

@@ -10,6 +10,8 @@ import numpy as np
 from cobot.errors import ConflictError
 from cobot.motions.forecast import Forecast
 from cobot.motions.gripper_bodies import GripperRequest
+from cobot.motions.improving import Improving, Planned
+from cobot.motions.requests import MotionRequest
 from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -41,6 +43,9 @@ class Plan:
         to_run: the trajectory that is run; None if the plan has neither a motion nor an action.
         signals: actions and conditions on the path.
         gripper: the gripper command, if the plan is one; None for a motion.
+        goal: the request, if the plan is one motion.
+        found: the planned motion, as the search for a faster one needs it; None if there is no motion.
+        planning_s: duration of its planning, s.
     """
 
     plan_id: str
@@ -56,6 +61,14 @@ class Plan:
     to_run: Trajectory | None = None
     signals: Placed = NO_PLACED
     gripper: GripperRequest | None = None
+    goal: MotionRequest | None = None
+    found: Trajectory | Improving | None = None
+    planning_s: float = 0.0
+
+    @property
+    def planned(self) -> Planned | None:
+        """How good the plan is; None for several motions and gripper commands."""
+        return None if self.goal is None else Planned.of(self.goal, self.found)
 
     @property
     def words(self) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -57,15 +58,21 @@ class PlanAttempt:
         begin: Array,
         timeout_s: float,
         explain_s: float,
+        turn: asyncio.Lock,
     ) -> None:
-        self._planning, self._robot, self._clock = planning, robot, clock
+        """
+        Args:
+            turn: held while a planning process works, so that plans use one process at a time.
+        """
+        self._planning, self._robot, self._clock, self._turn = planning, robot, clock, turn
         self.asked, self.begin = asked, begin
         self._until_s = clock.now_s() + timeout_s
         self._explain_s = explain_s if asked.explain else 0.0
 
     async def compute(self, work: Callable[[RobotDescription], Result]) -> Result:
         """Run a computation in a planning process."""
-        return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
+        async with self._turn:
+            return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
 
     async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
         """The result of `work` for the request. A failure is explained if there is time."""
@@ -74,12 +81,17 @@ class PlanAttempt:
                 check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
             return await self.compute(work)
         except (PlanningError, LimitError) as exc:
-            budget_s = min(self._explain_s, self._left_s() - ANSWER_S)
+            budget_s = min(self._explain_s, self.spare_s)
             if exc.findings and budget_s > 0.0:
                 exc.explanation = await self.compute(
                     partial(explain, request=request, error=exc, budget_s=budget_s)
                 )
             raise
+
+    @property
+    def spare_s(self) -> float:
+        """Time that is left for more than the answer, s."""
+        return self._left_s() - ANSWER_S
 
     def _left_s(self) -> float:
         return self._until_s - self._clock.now_s()

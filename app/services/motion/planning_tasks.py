@@ -16,6 +16,7 @@ from cobot.errors import CobotError, InputError
 from cobot.findings import Explanation
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.forecast import Forecast
+from cobot.motions.improving import Improving
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.motions.stretches import Leg, Stretch
@@ -41,6 +42,16 @@ def plan_motion(robot: RobotDescription, request: PlanRequest) -> Trajectory | N
         return plan_waypoints(robot, request)
     leg = plan_rated(robot, request)
     return None if leg is None else leg.motion
+
+
+def improve_motion(
+    robot: RobotDescription, request: MotionRequest, found: Trajectory | Improving, slice_s: float
+) -> Improving:
+    """See `cobot.planners.search.improve`. The first call gets the first motion."""
+    from cobot.planners.search.improve import begin, improve
+
+    state = begin(robot, request, found) if isinstance(found, Trajectory) else found
+    return improve(robot, request, state, slice_s)
 
 
 def in_scene(

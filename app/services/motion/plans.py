@@ -7,6 +7,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
+from app.services.motion.improvement import improve_within, plan_within_budget
 from app.services.motion.moves import JoinedMoves, MoveService, Outcome
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOptions
@@ -44,6 +46,7 @@ from cobot.errors import (
 from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
 from cobot.motions.gripper_bodies import GripperRequest
+from cobot.motions.improving import Improving
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
 from cobot.motions.signals import NO_PLACED
@@ -111,20 +114,132 @@ class PlanService:
         begin = await self._present() if asked.start is None else self._read_start(asked.start)
         limits = deepcopy(self._robot.limits)
         attempt = PlanAttempt(
-            self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s
+            self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s, self._turn
         )
         try:
-            async with asyncio.timeout(timeout_s), self._turn:
+            async with asyncio.timeout(timeout_s):
+                if len(goals) == 1:
+                    return await self._make_one(goals[0], limits, attempt)
+                versions = self._versions
                 found, course = await self._forecast(goals, radii_m, attempt)
         except TimeoutError as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
         planners = frozenset(str(goal.planner) for goal in goals)
+        return await self._keep_motion(
+            begin, found, course, limits, versions, planners=planners, motions=len(goals)
+        )
+
+    async def improve(self, plan_id: str, budget_s: float, samples: int, timeout_s: float) -> Plan:
+        """A faster plan for the request of a plan, found within a time, s. The given plan stays as it is. If
+        no faster one is found, it is the result.
+
+        Raises:
+            NotFoundError: the plan is unknown or has expired.
+            ConflictError: a limit, the scene or the tool has changed.
+            InputError: the plan is not one motion.
+        """
+        plan, versions = self.get(plan_id), self._versions
+        plan.require_unchanged(self._robot)
+        request, found = plan.goal, plan.found
+        if request is None:
+            kind = "a gripper command" if plan.gripper is not None else f"of {plan.motions} motions"
+            raise InputError(f"plan {plan_id}: is {kind}; only a plan of one motion can be improved")
+        if found is None:
+            return plan
+        options, begun_s = PlanOptions(samples=samples, explain=False), self._clock.now_s()
+        attempt = PlanAttempt(
+            self._planning, self._robot, self._clock, options, plan.start, timeout_s, 0.0, self._turn
+        )
+        budget_s = min(budget_s, attempt.spare_s)
+        better = await improve_within(
+            self._clock, attempt.compute, request, found, budget_s, lambda: self._versions == versions
+        )
+        plan.require_unchanged(self._robot)
+        is_faster = isinstance(better, Improving) and better.best.duration_s < _best(found).duration_s
+        if not is_faster:
+            same = replace(plan, found=better)
+            if plan_id in self._plans:
+                self._plans[plan_id] = same
+            return same
+        described = await attempt.compute(
+            partial(describe, trajectory=_best(better), start=plan.start, samples=samples)
+        )
+        planning_s = plan.planning_s + self._clock.now_s() - begun_s
+        return await self._keep_one(plan.limits, versions, request, better, described, planning_s)
+
+    async def _make_one(self, goal: MotionRequest, limits: JointLimits, attempt: PlanAttempt) -> Plan:
+        """Plan one motion within its budget. It is planned once more if the scene or the tool changes
+        meanwhile.
+        """
+        request, begun_s = self._goals.request(goal, attempt.begin), self._clock.now_s()
+        samples, budget_s = attempt.asked.samples, min(goal.budget_s, attempt.spare_s)
+        found: Trajectory | Improving | None
+
+        def plan_first() -> Awaitable[Trajectory | None]:
+            return attempt.of(request, partial(plan_motion, request=request))
+
+        while True:
+            versions = self._versions
+            if budget_s > 0.0:
+                found = await plan_within_budget(
+                    self._planning, self._clock, attempt.compute, request, plan_first, budget_s
+                )
+                best = None if found is None else _best(found)
+                work = partial(describe, trajectory=best, start=request.start, samples=samples)
+                described = await attempt.compute(work)
+            else:
+                work = partial(forecast, request=request, samples=samples)
+                described = await attempt.of(request, work)
+                found = described.trajectory
+            if self._versions == versions:
+                break
+            budget_s -= self._clock.now_s() - begun_s
+        planning_s = self._clock.now_s() - begun_s
+        return await self._keep_one(limits, versions, request, found, described, planning_s)
+
+    async def _keep_one(
+        self,
+        limits: JointLimits,
+        versions: tuple[int, int],
+        request: MotionRequest,
+        found: Trajectory | Improving | None,
+        described: Forecast,
+        planning_s: float,
+    ) -> Plan:
+        motion = described.trajectory
+        duration_s = 0.0 if motion is None else motion.duration_s
+        course = JoinedMoves(motion, (request.signals,), (duration_s,))
+        return await self._keep_motion(
+            request.start,
+            described,
+            course,
+            limits,
+            versions,
+            planners=frozenset([str(request.planner)]),
+            goal=request,
+            found=found,
+            planning_s=planning_s,
+        )
+
+    async def _keep_motion(
+        self,
+        begin: Array,
+        described: Forecast,
+        course: JoinedMoves,
+        limits: JointLimits,
+        versions: tuple[int, int],
+        **fields: Any,
+    ) -> Plan:
+        """Keep a plan of motions, with their actions and conditions."""
         to_run, signals = course.to_run(begin), NO_PLACED
         if to_run is not None:
             signals = await self._motion.place(course.signals, course.ends_s, to_run)
-        return self._keep(
-            begin, found, limits, planners=planners, motions=len(goals), to_run=to_run, signals=signals
-        )
+        return self._keep(begin, described, limits, versions, to_run=to_run, signals=signals, **fields)
+
+    @property
+    def _versions(self) -> tuple[int, int]:
+        """The versions of the scene and of the tool."""
+        return self._robot.collision.scene.version, self._robot.model.tool.version
 
     async def make_gripper(self, request: GripperRequest, samples: int, timeout_s: float) -> Plan:
         """Plan a gripper command; nothing moves. When the plan is run, the arm must be at its current
@@ -136,15 +251,17 @@ class PlanService:
         """
         begin = np.array((await self._motion.require_ready()).commanded_position)
         work = partial(describe, trajectory=None, start=begin, samples=samples)
+        versions = self._versions
         async with self._turn:
             found = await self._planning.compute(work, timeout_s)
-        return self._keep(begin, found, deepcopy(self._robot.limits), gripper=request)
+        return self._keep(begin, found, deepcopy(self._robot.limits), versions, gripper=request)
 
-    def _keep(self, begin: Array, found: Forecast, limits: JointLimits, **fields: Any) -> Plan:
-        """Keep a plan that was made in the current scene with the current tool."""
+    def _keep(
+        self, begin: Array, described: Forecast, limits: JointLimits, versions: tuple[int, int], **fields: Any
+    ) -> Plan:
+        """Keep a plan that was made with these versions of the scene and of the tool."""
         made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
-        scene, tool = self._robot.collision.scene.version, self._robot.model.tool.version
-        plan = Plan(number, begin, found, limits, made_s, scene, tool, by=acting.get().name, **fields)
+        plan = Plan(number, begin, described, limits, made_s, *versions, by=acting.get().name, **fields)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -153,11 +270,6 @@ class PlanService:
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: PlanAttempt
     ) -> tuple[Forecast, JoinedMoves]:
         begin, samples = attempt.begin, attempt.asked.samples
-        if len(goals) == 1:
-            request = self._goals.request(goals[0], begin)
-            found = await attempt.of(request, partial(forecast, request=request, samples=samples))
-            duration_s = 0.0 if found.trajectory is None else found.trajectory.duration_s
-            return found, JoinedMoves(found.trajectory, (goals[0].signals,), (duration_s,))
 
         async def plan(request: MotionRequest) -> Trajectory | None:
             return await attempt.of(request, partial(plan_motion, request=request))
@@ -332,3 +444,7 @@ class PlanService:
             if len(self._plans) <= self._kept and first.made_s >= oldest_s:
                 return
             del self._plans[first.plan_id]
+
+
+def _best(found: Trajectory | Improving) -> Trajectory:
+    return found.best if isinstance(found, Improving) else found

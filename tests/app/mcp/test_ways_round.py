@@ -38,7 +38,11 @@ def test_what_an_agent_may_change_by_rest_moves_nothing() -> None:
         for what in ("named", "pose", "joints", "arc", "path", "sequence", "gripper")
     }
     stops = {"POST /stop", "POST /robot/gripper/stop"}
-    others = stops | {"POST /robot/plans/{plan}/rehearse", "POST /{robot}/{Class}/{method}"}
+    others = stops | {
+        "POST /robot/plans/{plan}/rehearse",
+        "POST /robot/plans/{plan}/improve",
+        "POST /{robot}/{Class}/{method}",
+    }
     assert given == plans | others | {
         f"WS {path}" for path in ("/events", "/foxglove", "/robot/stream", "/rosbridge")
     }

@@ -5,7 +5,10 @@ Oracles: where /robot/joint_states says the arm is, and the limits of joint_limi
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from virtual_service import VirtualService, virtual_service
 
 from app.api.schemas.plan_answers import PlanAnswer
+from app.services.rights.stop_reason import StopReason
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 
@@ -433,3 +437,110 @@ def test_a_plan_is_approved_and_run_by_its_address(service: VirtualService) -> N
     for what in ("approve", "execute"):
         answer = service.post(f"/robot/plans/plan_none/{what}")
         assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+
+
+WALL = {"shape": "box", "size": [0.6, 0.04, 0.85], "x": 0.55, "y": 0.0, "z": 0.425}
+LEFT, RIGHT = ([angle, 0.5, *HOME[2:]] for angle in (-0.8, 0.8))
+
+
+@pytest.fixture
+def walled(service: VirtualService, monkeypatch: pytest.MonkeyPatch) -> Iterator[VirtualService]:
+    """A wall between two positions. Each look at the clock takes a search for faster motions 1/32 s."""
+    ticks = itertools.count()
+    clock = SimpleNamespace(monotonic=lambda: next(ticks) / 32)
+    monkeypatch.setattr("cobot.planners.search.improve.time", clock)
+    post(service, "/robot/move/joints", {"joints": LEFT, "speed": 1.0})
+    assert post(service, "/scene", {"objects": {"wall": WALL}}).status_code == 200
+    yield service
+    assert post(service, "/scene", {"clear": True}).status_code == 200
+
+
+def over(service: VirtualService, planner: str = "ompl", **more: Any) -> Any:
+    body = {"joints": RIGHT, "speed": 1.0, "planner": planner, **more}
+    answer = post(service, "/robot/plan/joints", body)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_a_plan_with_a_budget_is_faster_and_runs(walled: VirtualService) -> None:
+    first, better = over(walled), over(walled, budget_s=0.75)
+    assert first["planning"] == {
+        "quality": "first",
+        "first_duration_s": first["duration_s"],
+        "tries": 0,
+        "improvements": 0,
+        "lower_bound_s": None,
+    }
+    assert better["planning"]["quality"] == "improved"
+    assert better["planning"]["first_duration_s"] == first["duration_s"]
+    assert better["planning"]["lower_bound_s"] < better["duration_s"] < first["duration_s"]
+    assert better["planning"]["tries"] == 24
+    assert over(walled, budget_s=0.75)["duration_s"] == better["duration_s"]
+    assert post(walled, "/robot/execute", {"plan_id": better["plan_id"]}).json()["success"]
+    np.testing.assert_allclose(joints(walled), RIGHT, atol=5e-3)
+
+
+def test_a_plan_is_improved_and_stays_as_it_is(walled: VirtualService) -> None:
+    first = over(walled)
+    path = f"/robot/plans/{first['plan_id']}/improve"
+    better = post(walled, path, {"budget_s": 0.75, "samples": 9}).json()
+    assert better["plan_id"] != first["plan_id"]
+    assert better["duration_s"] == over(walled, budget_s=0.75)["duration_s"] < first["duration_s"]
+    assert len(better["path"]) == 9
+    assert walled.get(f"/robot/plans/{first['plan_id']}").json()["duration_s"] == first["duration_s"]
+    further = post(walled, f"/robot/plans/{better['plan_id']}/improve", {"budget_s": 0.75}).json()
+    assert further["planning"]["tries"] > better["planning"]["tries"]
+    assert further["duration_s"] <= better["duration_s"]
+    nothing = post(walled, path, {"budget_s": 0.0}).json()
+    assert (nothing["plan_id"], nothing["planning"]["quality"]) == (first["plan_id"], "first")
+
+
+def test_a_plan_that_cannot_be_improved_says_so(walled: VirtualService) -> None:
+    near = {"joints": [-0.9, *LEFT[1:]], "speed": 1.0}
+    direct = over(walled, "ptp", joints=near["joints"], budget_s=5.0)
+    assert (direct["planning"]["quality"], direct["planning"]["tries"]) == ("final", 0)
+    path = f"/robot/plans/{direct['plan_id']}/improve"
+    assert post(walled, path, {}).json()["plan_id"] == direct["plan_id"]
+    both = post(walled, "/robot/plan/sequence", {"motions": [near, near]}).json()
+    assert both["planning"] is None
+    answer = post(walled, f"/robot/plans/{both['plan_id']}/improve", {})
+    assert answer.status_code == 422
+    assert "is of 2 motions; only a plan of one motion can be improved" in answer.text
+    assert post(walled, "/robot/plans/plan_0/improve", {}).status_code == 404
+    for budget_s in (-1.0, 10.5):
+        assert post(walled, path, {"budget_s": budget_s}).status_code == 422
+    post(walled, "/scene", {"clear": True})
+    changed = post(walled, path, {})
+    assert changed.status_code == 409
+    assert "the scene had version" in changed.text
+
+
+def test_a_motion_with_a_budget_is_planned_then_goes(walled: VirtualService) -> None:
+    body = {"joints": RIGHT, "speed": 1.0, "planner": "ompl"}
+    answer = post(walled, "/robot/move/joints", body | {"budget_s": 0.75}).json()
+    assert answer["success"], answer
+    assert answer["planning"]["quality"] == "improved"
+    assert answer["planning"]["tries"] == 24
+    np.testing.assert_allclose(joints(walled), RIGHT, atol=5e-3)
+
+
+def test_a_stop_during_the_budget_ends_the_motion_before_it_begins(
+    walled: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slices: list[None] = []
+
+    async def stopped_meanwhile(*arguments: Any) -> Any:
+        slices.append(None)
+        if len(slices) == 2:
+            await walled.app.state.services.stopping.stop_motion(StopReason("the test stops it", "request"))
+        return await plan(*arguments)
+
+    planning = walled.app.state.services.planning
+    plan = planning.compute
+    monkeypatch.setattr(planning, "compute", stopped_meanwhile)
+    body = {"joints": RIGHT, "speed": 1.0, "planner": "ompl", "budget_s": 2.0}
+    answer = post(walled, "/robot/move/joints", body).json()
+    assert (answer["success"], answer["motion_id"]) == (False, None)
+    assert answer["code"] == "stopped"
+    assert len(slices) == 2
+    np.testing.assert_allclose(joints(walled), LEFT, atol=5e-3)

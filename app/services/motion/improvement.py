@@ -1,0 +1,93 @@
+"""Planning within a time budget: the first motion, then faster ones.
+
+A planning process improves a motion for a short time and returns it. In between it is free for other tasks,
+and a motion that has been found is not lost with its process.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Protocol, TypeVar
+
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import improve_motion
+from cobot.clock import Clock
+from cobot.errors import PlanningError, UnavailableError
+from cobot.motions.improving import Improving
+from cobot.motions.planners import Way
+from cobot.motions.requests import MotionRequest
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+
+Result = TypeVar("Result")
+SLICE_S = 0.1
+"""Time for which a process improves a motion before it returns it, s. The last try of a slice may take
+longer."""
+MIN_SLICE_S = 0.002
+"""Time below which a slice is not worth its transfer to a process, s."""
+
+log = logging.getLogger("cobot.planning")
+
+
+class Compute(Protocol):
+    """Runs a function in a planning process."""
+
+    def __call__(self, work: Callable[[RobotDescription], Result], /) -> Awaitable[Result]: ...
+
+
+async def plan_within_budget(
+    planning: PlanningService,
+    clock: Clock,
+    compute: Compute,
+    request: MotionRequest,
+    plan_first: Callable[[], Awaitable[Trajectory | None]],
+    budget_s: float,
+) -> Trajectory | Improving | None:
+    """Plan a motion, and use the rest of the budget, s, for faster ones. If the scene or the tool changes
+    meanwhile, all is planned again.
+
+    Raises:
+        CobotError: as `plan_first`.
+    """
+    until_s = clock.now_s() + budget_s
+    while True:
+        scene, tool = planning.scene, planning.tool
+
+        def is_unchanged(scene: object = scene, tool: object = tool) -> bool:
+            return planning.scene is scene and planning.tool is tool
+
+        found: Trajectory | Improving | None = await plan_first()
+        if found is not None:
+            left_s = until_s - clock.now_s()
+            found = await improve_within(clock, compute, request, found, left_s, is_unchanged)
+        if is_unchanged():
+            return found
+        log.info("the scene or the tool has changed during planning: planning again")
+
+
+async def improve_within(
+    clock: Clock,
+    compute: Compute,
+    request: MotionRequest,
+    found: Trajectory | Improving,
+    budget_s: float,
+    is_unchanged: Callable[[], bool],
+) -> Trajectory | Improving:
+    """The fastest motion that is found within a time, s, from now on. It ends early when no faster one can be
+    found, the scene or the tool has changed, or no planning process can work on it.
+    """
+    until_s, left_s = clock.now_s() + budget_s, budget_s
+    while request.traits.way is Way.SEARCH and left_s >= MIN_SLICE_S and is_unchanged():
+        spent_s = found.spent_s if isinstance(found, Improving) else 0.0
+        work = partial(improve_motion, request=request, found=found, slice_s=min(left_s, SLICE_S))
+        try:
+            found = await compute(work)
+        except (PlanningError, UnavailableError) as exc:
+            log.warning("a motion is not improved further: %s", exc)
+            break
+        if found.done:
+            break
+        left_s = min(left_s - (found.spent_s - spent_s), until_s - clock.now_s())
+    return found

@@ -1,0 +1,70 @@
+"""What a planning budget gains: the duration of a motion over its lower bound, for several budgets.
+
+    pip download vamp-planner==0.6.4 --no-deps --no-binary vamp-planner --dest build/peers
+    python -m benchmarks budgets
+
+The problems are those of `benchmarks.planning.problem_sets`. The budget is processor time, with the first
+motion. The lower bound is the time that the slowest joint needs alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, archive, panda, problems
+from benchmarks.table import Row, row
+from cobot.errors import CobotError
+from cobot.planners import MotionRequest, plan
+from cobot.planners.search.improve import begin, improve
+from cobot.robot.description import RobotDescription
+from cobot.types import PlannerName, Scaling
+
+BUDGETS_S = (0.05, 0.2, 1.0, 5.0)
+COLUMNS = ("first", *(f"{budget_s:g} s" for budget_s in BUDGETS_S))
+
+
+def budgets(every: int) -> Iterator[Row]:
+    """Every so-manyth problem of each scene."""
+    source = archive("budgets")
+    if source is None:
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        robot = panda(source, Path(folder))
+        found = [ratios(robot, each) for each in problems(Path(folder), "panda", every)]
+    rows = np.array([each for each in found if each])
+    for name, share in (("median", 50.0), ("p95", 95.0)):
+        yield row(
+            f"duration over its lower bound, {len(rows)} problems, with a budget: {name}",
+            "",
+            tuple(map(float, np.percentile(rows, share, axis=0))),
+            "the lower bound",
+            (1.0,) * len(COLUMNS),
+            columns=COLUMNS,
+        )
+
+
+def ratios(robot: RobotDescription, problem: Problem) -> list[float]:
+    """Duration over lower bound of the first motion and within each budget; empty if there is no motion."""
+    there = replace(robot, collision=robot.collision.among(problem.scene))
+    request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), timeout_s=TIMEOUT_S)
+    begun_s = time.process_time()
+    try:
+        first = plan(there, request)
+    except CobotError:
+        return []
+    if first is None:
+        return []
+    state = begin(there, request, first)
+    found = [first.duration_s / state.lower_bound_s]
+    for budget_s in BUDGETS_S:
+        left_s = budget_s - (time.process_time() - begun_s)
+        if left_s > 0.0:
+            state = improve(there, request, state, left_s, clock=time.process_time)
+        found.append(state.best.duration_s / state.lower_bound_s)
+    return found
