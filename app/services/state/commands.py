@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,12 @@ class Commands:
             self._slot, self.handed_over = number, (motion_id, trajectory)
             motions = self._link.motions
             motions.prepare(motion_id, trajectory.duration_s)
-            await self._write(number, motion_id, trajectory, fence, signals)
+            try:
+                await self._write(number, motion_id, trajectory, fence, signals)
+            except BaseException:  # also cancelled: nothing has been sent
+                self.handed_over = None
+                motions.forget_begin()
+                raise
             try:
                 self._link.heartbeat.require_awake()
                 await self._send(
@@ -134,11 +140,21 @@ class Commands:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> None:
+        """Write a trajectory into a slot. Returns, or raises, only when nothing writes into the slot any
+        more, so that the next command never shares it with a thread of this one.
+        """
         slot = self._memory.slots[number]
-        if trajectory.segments > IN_THREAD_SEGMENTS:
-            await asyncio.to_thread(slot.write, motion_id, trajectory, fence, signals)
-        else:
+        if trajectory.segments <= IN_THREAD_SEGMENTS:
             slot.write(motion_id, trajectory, fence, signals)
+            return
+        writing = asyncio.create_task(asyncio.to_thread(slot.write, motion_id, trajectory, fence, signals))
+        try:
+            await asyncio.shield(writing)
+        except asyncio.CancelledError:
+            while not writing.done():
+                with contextlib.suppress(asyncio.CancelledError):
+                    await asyncio.wait({writing})
+            raise
 
     async def set_rate(self, rate: float) -> None:
         """Change the rate of path time per clock time of the current motion, from 0 (pause) to 1.

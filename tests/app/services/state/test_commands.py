@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import numpy as np
 import pytest
 from rig import CAPACITY, Rig
 
-from app.services.state.commands import loading_s
+from app.services.state.commands import IN_THREAD_SEGMENTS, loading_s
 from app.services.state.link import RobotLink
 from cobot.errors import NotReadyError, UnavailableError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
-from cobot.types import LoopMode, PlannerName, Scaling
+from cobot.types import Array, LoopMode, PlannerName, Scaling
 
 STALE_S = 60.0
 """The cycle is stepped by hand: what it has published may be old."""
@@ -81,4 +82,67 @@ def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
         asyncio.run(link.commands.reset(0.2))
     rig.step(500)
     assert rig.mode is LoopMode.ESTOP
+    link.close()
+
+
+class SlowSlot:
+    """A slot that a thread writes into until it is let go."""
+
+    def __init__(self) -> None:
+        self.go_on = threading.Event()
+        self.written: list[int] = []
+        self.at_once = self.most_at_once = 0
+
+    def write(self, motion_id: int, *_: object) -> None:
+        self.at_once += 1
+        self.most_at_once = max(self.most_at_once, self.at_once)
+        self.go_on.wait(60.0)
+        self.written.append(motion_id)
+        self.at_once -= 1
+
+
+def long_motion(home: Array) -> Trajectory:
+    rest = np.zeros((IN_THREAD_SEGMENTS + 1, len(home), ORDER))
+    rest[:, :, 0] = home
+    return Trajectory(np.arange(len(rest) + 1.0), rest)
+
+
+@pytest.mark.parametrize("command", ["start", "replace"])
+def test_a_cancelled_command_keeps_its_turn_until_its_thread_has_ended(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """A second thread in the same slot could mix two motions into one that nobody has checked."""
+    rig.step(10)
+    link, slot = attached(rig), SlowSlot()
+    monkeypatch.setattr(link.memory, "slots", (slot, slot))
+    motion, head = long_motion(rig.home), int(rig.memory.head.data["id"])
+
+    def begin() -> asyncio.Task[object]:
+        if command == "start":
+            return asyncio.ensure_future(link.commands.start(motion, link.stops))
+        return asyncio.ensure_future(link.commands.replace(motion, 0.0, link.stops))
+
+    async def cancelled() -> None:
+        first = begin()
+        while not slot.at_once:
+            await asyncio.sleep(0.001)
+        second = begin()
+        for _ in range(3):  # a task may be cancelled more than once
+            first.cancel()
+            await asyncio.sleep(0.001)
+        assert not first.done()
+        assert slot.most_at_once == 1
+        slot.go_on.set()
+        with pytest.raises(asyncio.CancelledError):
+            await first
+        second.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await second
+
+    asyncio.run(cancelled())
+    assert slot.most_at_once == 1
+    assert int(rig.memory.head.data["id"]) == head, "nothing has been sent"
+    assert link.commands.handed_over is None
+    rig.step(10)
+    assert rig.mode is LoopMode.HOLD
     link.close()
