@@ -7,9 +7,11 @@ anybody can and takes numpy's differences of consecutive cycles; the process tab
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -83,6 +85,93 @@ def require_able(run: Run, record: Record) -> None:
     run.until(lambda: robot_health(run).get("mode") in ("HOLD", "ESTOP", "FAULT"))
     run.until(lambda: reset(run) and run.healthy())
     run.until(lambda: move(run, HOME).json().get("success"))
+    assert record.violations() == []
+
+
+class NewGoals:
+    """A motion whose goal a client changes again and again, until a request fails.
+
+    Attributes:
+        asking: set while a request waits for its answer.
+        statuses: of the answers; 0 is a connection that broke.
+    """
+
+    ANGLES = (2.4, 0.4, 1.8, 0.8)
+
+    def __init__(self, run: Run) -> None:
+        self._url = run.url
+        self.asking = threading.Event()
+        self.statuses: list[int] = []
+        self._thread = threading.Thread(target=self._talk, daemon=True)
+        self._thread.start()
+        run.until(lambda: self.statuses.count(200) > 1)
+
+    def _talk(self) -> None:
+        with httpx.Client(base_url=self._url, timeout=WAIT_S) as http:
+            body = {"joints": AWAY, "speed": 0.1}
+            job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
+            for angle in itertools.cycle(self.ANGLES):
+                goal = {"joints": [angle, *AWAY[1:]], "speed": 0.1, "planner": "ompl"}
+                self.asking.set()
+                try:
+                    self.statuses.append(http.post(f"/jobs/{job}/retarget", json=goal).status_code)
+                except httpx.HTTPError:
+                    self.statuses.append(0)
+                self.asking.clear()
+                if self.statuses[-1] != 200:
+                    return
+
+    def wait(self) -> None:
+        self._thread.join(WAIT_S)
+        assert not self._thread.is_alive()
+
+
+@pytest.mark.parametrize("after_s", few([0.01, 0.0]))
+@pytest.mark.parametrize("which", ["app", "rtloop"])
+def test_what_is_killed_while_a_goal_changes_leaves_an_arm_at_rest(
+    crashing: Run, record: Record, which: str, after_s: float
+) -> None:
+    run = crashing
+    goals = NewGoals(run)
+    old = child(run, which, None)
+    assert goals.asking.wait(WAIT_S)
+    time.sleep(after_s)
+    old.kill()
+    goals.wait()
+    run.until(lambda: run.restarted(which, old.pid) and run.healthy())
+    run.until(lambda: robot_health(run).get("mode") == "HOLD")
+    jobs = httpx.get(f"{run.url}/jobs", timeout=WAIT_S).json()["jobs"]
+    assert not [job for job in jobs if job["ended_at"] is None]
+    require_able(run, record)
+
+
+def test_a_recording_of_a_motion_with_a_new_goal_has_the_way_to_it(crashing: Run, record: Record) -> None:
+    """Oracles: the path that the service has for the motion after the change; the joints that are measured in
+    the end."""
+    run = crashing
+    require_arrival(run, HOME)
+    with httpx.Client(base_url=run.url, timeout=WAIT_S) as http:
+        body = {"joints": [1.5, *HOME[1:]], "speed": 0.5}
+        job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
+        run.until(lambda: http.get(f"/jobs/{job}").json()["progress"] > 0.2)
+        goal = {"joints": [-0.5, 0.3, *HOME[2:]], "speed": 0.5}
+        changed = http.post(f"/jobs/{job}/retarget", json=goal)
+        assert changed.status_code == 200, changed.text
+        planned = np.array([each["joints"] for each in http.get("/robot/motion").json()["path"]])
+        assert http.get(f"/jobs/{job}?wait_s=60").json()["state"] == "finished"
+        dumped = http.post("/recordings", json={"action": "dump", "seconds": 30}).json()
+        found = http.get(f"/recordings/{dumped['names'][0]}/path?samples=1000").json()
+        http.delete(f"/recordings/{dumped['names'][0]}")
+    rows = np.array([each["joints"] for each in found["path"]])
+    np.testing.assert_allclose(rows[-1], goal["joints"], atol=5e-3)
+    off = np.abs(planned[:, None] - rows).max(axis=2).min(axis=1)
+    assert off.max() < 0.05, "the recorded arm was near each place of the new path"
+    number = changed.json()["motion_id"]
+    texts = [each["text"] for each in found["events"]]
+    assert [text for text in texts if f"motion {number} " in text] == [
+        f"motion {number} begun",
+        f"motion {number} arrived",
+    ]
     assert record.violations() == []
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from sample_counts import samples
 from virtual_service import PlanningHere, VirtualService
 
 from app.services.motion.retarget import KINDS
@@ -512,3 +513,83 @@ def test_where_there_is_no_new_way_the_motion_stops(
         stopped = around.post("/scene", ball_at(around, angle)).json()["stopped"]
     assert "ball" in stopped, why
     assert ended(around, job)["state"] == "cancelled"
+
+
+ATTACKS, REQUESTS, CHECKED_AFTER = 20, 20, 50
+"""Number of attacks, of requests in each, and after how many requests what was commanded is checked. With
+COBOT_SHARE_OF_SAMPLES=125 there are 50,000 requests."""
+GARBAGE: list[Any] = [
+    *(body for body, _, _ in REFUSED),
+    {"joints": [1e308] * 7, "speed": 1.0},
+    {"joints": HOME, "speed": 1e-300},
+    {"joints": HOME, "planner": "ompl", "algorithm": "'; stop"},
+    {"x": 1e9, "y": 0.0, "z": 0.0},
+    {"name": "home\u0000" * 50},
+    "home",
+]
+
+
+def hostile_goal(run: VirtualService, random: np.random.Generator) -> Any:
+    """A random goal: most are possible, some are out of reach, in collision or no goal at all."""
+    limits = run.rig.limits
+    kind, speed = random.random(), float(random.uniform(0.01, 1.0))
+    if kind < 0.1:
+        return GARBAGE[random.integers(len(GARBAGE))]
+    if kind < 0.3:
+        joints = random.uniform(limits.min_position, limits.max_position)
+    else:
+        joints = np.clip(
+            np.array(run.joints()) + random.normal(scale=10.0 ** random.uniform(-6.0, 0.0), size=7),
+            1.001 * limits.min_position,
+            1.001 * limits.max_position,
+        )
+    if kind < 0.8:
+        planner = str(random.choice(["ptp", "ptp", "auto", "chomp" if kind > 0.795 else "auto"]))
+        return {"joints": joints.tolist(), "speed": speed, "planner": planner}
+    pose = run.app.state.services.robot.model.forward(joints)
+    x, y, z = pose.position.tolist()
+    planner = str(random.choice(["ptp", "lin"]))
+    return {"x": x, "y": y, "z": z, "b": float(random.uniform(-3.0, 3.0)), "speed": speed, "planner": planner}
+
+
+def disturb(run: VirtualService, random: np.random.Generator) -> None:
+    """What else clients do meanwhile."""
+    kind = random.random()
+    if kind < 0.02:
+        run.post("/stop").raise_for_status()
+    elif kind < 0.08:
+        run.post("/robot/speed_override", {"fraction": float(random.choice([0.0, 0.01, 0.3, 1.0, 1.0]))})
+    run.sleep(float(random.choice([0.0, 0.003, 0.05, 0.3])))
+
+
+def require_nothing_broken(run: VirtualService) -> None:
+    require_within_limits(run)
+    rows, limits = np.array(run.rig.commanded), run.rig.limits
+    assert (rows >= limits.min_position - 1e-9).all()
+    assert (rows <= limits.max_position + 1e-9).all()
+    collision = run.app.state.services.robot.collision
+    assert collision.clearance.distances(rows[::20], 0.1).min() >= collision.margin_m - 5.1e-4
+
+
+@pytest.mark.parametrize("seed", range(ATTACKS))
+def test_an_attack_with_new_goals_breaks_no_limit(run: VirtualService, seed: int) -> None:
+    """Oracles: all commanded positions, their differences, and the distances between the bodies at them."""
+    random, statuses = np.random.default_rng(seed), list[int]()
+    job = moving(run)
+    while len(statuses) < samples(REQUESTS):
+        if run.get(f"/jobs/{job}").json()["state"] not in ("running", "paused"):
+            run.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
+            run.sleep(2.0)
+            body = {"joints": random.uniform(-1.0, 1.0, 7).tolist(), "speed": 1.0, "planner": "auto"}
+            began = run.post("/robot/move/joints?wait=false", body)
+            job = began.json().get("id", job)
+        answer = new_goal(run, job, hostile_goal(run, random))
+        statuses.append(answer.status_code)
+        assert answer.status_code in (200, 404, 409, 422), answer.text
+        assert "Traceback" not in answer.text
+        disturb(run, random)
+        if len(statuses) % CHECKED_AFTER == 0:
+            require_nothing_broken(run)
+            del run.rig.commanded[:-4]
+    require_nothing_broken(run)
+    assert 200 in statuses
