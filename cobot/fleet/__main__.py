@@ -23,7 +23,7 @@ from cobot.codes import ERROR_OF, Code
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.fleet.messages import DEADLINE_S, REST_S
 from cobot.fleet.serving import add_certificate, add_serve
-from cobot.foreign import plain_lines
+from cobot.foreign import joined_text, plain_lines, plain_text
 from cobot.launch.process import as_command
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
@@ -35,6 +35,9 @@ WATCH_S = 0.5
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
 """HTTP status for the rest of a file, and for a file without a rest."""
+MAX_CELL = 48
+"""Maximum number of characters in a column of the list; `show` has the whole text."""
+MAX_LINE = 4000
 COLUMNS = ("cell", "robot", "state", "mode", "job", "program", "control", "version")
 DESCRIPTION = """\
 All cells of a plant in one place: docs/fleet.md.
@@ -47,6 +50,7 @@ All cells of a plant in one place: docs/fleet.md.
   cobot fleet run CELL ... --program ID   start a stored program of the cells
   cobot fleet pause|resume|speed|control CELL ...
   cobot fleet roll-out FOLDER CELL ...    install programs and settings: on one cell first, then in waves
+  cobot fleet forget CELL ...    remove cells that are gone, for example after a change of their names
   cobot fleet pull FOLDER    copy recordings from the hub, which has fetched them from the cells
   cobot fleet certificate FOLDER hub|cell NAME ...   make certificates: TLS, and commands other than stops"""
 
@@ -145,6 +149,9 @@ def _parser() -> argparse.ArgumentParser:
         help="time to watch the robots after each wave, s; default: 5",
     )
     roll_out.set_defaults(run=_roll_out)
+    forget = actions.add_parser("forget", parents=[url], help="remove cells that are gone")
+    forget.add_argument("cells", nargs="+", metavar="CELL")
+    forget.set_defaults(run=_forget)
     pull = actions.add_parser("pull", parents=[url], help="copy recordings from the hub to this computer")
     pull.add_argument("folder", type=Path, metavar="FOLDER")
     pull.add_argument("cells", nargs="*", metavar="CELL", help="default: all")
@@ -164,14 +171,20 @@ def _list(chosen: argparse.Namespace) -> int:
     if chosen.json:
         print(json.dumps(answer, indent=1))
         return EXIT_OK
-    rows = [COLUMNS, *(tuple(str(robot[name]) for name in COLUMNS) for robot in answer["robots"])]
+    rows: list[tuple[str, ...]] = [COLUMNS]
+    rows += [tuple(plain_text(robot[name], MAX_CELL) for name in COLUMNS) for robot in answer["robots"]]
     widths = [max(len(row[index]) for row in rows) for index in range(len(COLUMNS))]
     for row in rows:
         print("  ".join(each.ljust(width) for each, width in zip(row, widths, strict=True)).rstrip())
     for robot in answer["robots"]:
         for line in _concerns(robot):
-            print(f"{robot['cell']}/{robot['robot']}: {line}")
+            _tell(f"{robot['cell']}/{robot['robot']}: {line}")
     return EXIT_OK
+
+
+def _tell(line: str) -> None:
+    """Print a line with texts of cells. They can neither move the cursor nor look like another line."""
+    print(plain_text(line, MAX_LINE), flush=True)
 
 
 def _concerns(robot: dict[str, Any]) -> list[str]:
@@ -195,28 +208,41 @@ def _show(chosen: argparse.Namespace) -> int:
             if isinstance(value, dict):
                 value = [f"{each} {count}" for each, count in value.items()]
             if value not in ("", [], None):
-                print(f"{name:16} {', '.join(value) if isinstance(value, list) else value}")
+                _tell(f"{name:16} {', '.join(value) if isinstance(value, list) else value}")
         print()
     for event in answer["events"]:
-        print(f"{event['time'][:23]}  {event['robot']}  {event['type']}  {json.dumps(event['data'])}")
+        _tell(f"{event['time'][:23]}  {event['robot']}  {event['type']}  {json.dumps(event['data'])}")
     return EXIT_OK
 
 
 def _watch(chosen: argparse.Namespace) -> int:
     seen: dict[tuple[str, str], str] = {}
+    robots: list[dict[str, Any]] = _ask(chosen, "GET", "/cells")["robots"]
     while True:
-        for robot in _ask(chosen, "GET", "/cells")["robots"]:
+        for robot in robots:
             name = robot["cell"], robot["robot"]
             line = "  ".join(filter(None, (robot["state"], robot["job"], robot["program"], *_said(robot))))
             if seen.get(name) != line:
                 seen[name] = line
-                text = (
-                    json.dumps(robot)
-                    if chosen.json
-                    else f"{time.strftime('%H:%M:%S')}  {'/'.join(name)}  {line}"
-                )
-                print(text, flush=True)
+                if chosen.json:
+                    print(json.dumps(robot), flush=True)
+                else:
+                    _tell(f"{time.strftime('%H:%M:%S')}  {'/'.join(name)}  {line}")
         time.sleep(WATCH_S)
+        robots = _robots_again(chosen)
+
+
+def _robots_again(chosen: argparse.Namespace) -> list[dict[str, Any]]:
+    """All robots, once the hub answers again if it is restarted."""
+    problem = ""
+    while True:
+        try:
+            return list(_ask(chosen, "GET", "/cells")["robots"])
+        except UnavailableError as exc:
+            if not problem:
+                problem = str(exc)
+                print(f"cobot: {plain_lines(exc)}", file=sys.stderr, flush=True)
+            time.sleep(WATCH_S)
 
 
 def _said(robot: dict[str, Any]) -> list[str]:
@@ -292,7 +318,7 @@ def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
         good = False
     for robot in [] if chosen.json else robots:
         concern = "" if robot["code"] == "ok" else f"{refusal}: "
-        print(f"{robot['cell']}/{robot['robot']}: {concern}{robot['text']}")
+        _tell(f"{robot['cell']}/{robot['robot']}: {concern}{joined_text(robot['text'])}")
     return EXIT_OK if good and all(robot["code"] == "ok" for robot in robots) else EXIT_FAILED
 
 
@@ -311,7 +337,8 @@ def _roll_out(chosen: argparse.Namespace) -> int:
         try:
             found = _ask(chosen, "GET", path)
             for line in found["lines"][printed:]:
-                print(line, flush=True)
+                if not chosen.json:
+                    _tell(line)
             printed = len(found["lines"])
             if found["state"] != "running":
                 break
@@ -325,19 +352,38 @@ def _roll_out(chosen: argparse.Namespace) -> int:
     return EXIT_OK if found["state"] == "done" else EXIT_FAILED
 
 
+def _forget(chosen: argparse.Namespace) -> int:
+    answers = [_ask(chosen, "DELETE", f"/cells/{quote(cell, safe='')}") for cell in chosen.cells]
+    if chosen.json:
+        print(json.dumps(answers, indent=1))
+    return EXIT_OK
+
+
 def _pull(chosen: argparse.Namespace) -> int:
     """Copy recordings that do not exist here yet. An interrupted copy continues where it ended."""
     found = _ask(chosen, "GET", "/recordings")["recordings"]
+    known = {each["cell"] for each in [*found, *_ask(chosen, "GET", "/cells")["robots"]]}
+    for cell in chosen.cells:
+        if cell not in known:
+            raise InputError(
+                f"the hub knows no cell {cell!r}; it knows: {', '.join(sorted(known)) or 'none'}"
+            )
     wanted = [each for each in found if not chosen.cells or each["cell"] in chosen.cells]
-    new = 0
+    new = []
     for each in wanted:
         names = [_plain(each[name]) for name in ("cell", "robot", "name")]
         file = chosen.folder.joinpath(*names)
         if not file.exists():
             _download(chosen, f"/recordings/{'/'.join(quote(name, safe='') for name in names)}", file)
-            new += 1
-            print("/".join(names), flush=True)
-    print(f"{new} new, {len(wanted) - new} already here")
+            new.append("/".join(names))
+            if not chosen.json:
+                print(new[-1], flush=True)
+    here = len(wanted) - len(new)
+    print(
+        json.dumps({"new": new, "already_here": here})
+        if chosen.json
+        else f"{len(new)} new, {here} already here"
+    )
     return EXIT_OK
 
 

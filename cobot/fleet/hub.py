@@ -54,6 +54,7 @@ ROLL_OUT_S = 20.0
 CHECK_S = 180.0
 """Timeout for a cell to check or store a bundle, in seconds."""
 ASK_S = 2.0
+MAX_PROGRAMS_BYTES = 2**20
 MAX_PICTURE_BYTES = 4 * 2**20
 PNG = b"\x89PNG\r\n\x1a\n"
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
@@ -186,6 +187,10 @@ class Hub:
         self.robots_of(cell, robot)
         replies = payloads(self._session.get(self._keys.of(cell, robot, "programs"), timeout=ASK_S))
         for content in replies:
+            if len(content) > MAX_PROGRAMS_BYTES:
+                raise UnavailableError(
+                    f"{cell}/{robot}: the list of programs has {len(content)} bytes, which is too long"
+                )
             with contextlib.suppress(ValidationError):
                 return [each.model_dump() for each in _PROGRAMS.validate_json(content)]
         raise UnavailableError(f"{cell}/{robot}: the cell does not answer")
@@ -238,6 +243,20 @@ class Hub:
             names = ", ".join(each["robot"] for each in robots)
             raise NotFoundError(f"the cell {cell} has no robot {robot!r}; it has: {names}")
         return found
+
+    def forget(self, cell: str) -> None:
+        """Remove the data of a cell that is gone. If it connects again, it is a new cell.
+
+        Raises:
+            NotFoundError: the fleet has no such cell.
+            ConflictError: it is connected.
+        """
+        self.robots_of(cell)
+        with self._lock:
+            if self._instances.get(cell):
+                raise ConflictError(f"the cell {cell} is connected; end its process before you remove it")
+            for name in [name for name in self._tiles if name[0] == cell]:
+                del self._tiles[name]
 
     def events(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
         """The last events of a cell, the oldest first.
@@ -332,9 +351,9 @@ class Hub:
         return found
 
     def _why_no_answer(self, name: tuple[str, str], action: FleetAction) -> str:
-        tile = self._tiles[name]
+        tile = self._tiles.get(name)
         end = NOT_STOPPED if isinstance(action, StopArm) else NOT_KNOWN
-        if tile.gone_s is not None:
+        if tile is not None and tile.gone_s is not None:
             return f"the cell has been gone for {time.monotonic() - tile.gone_s:.1f} s; {end}"
         return f"the cell has not answered; {end}"
 
@@ -434,6 +453,8 @@ class Hub:
         with self._lock:
             instances = self._instances.setdefault(cell, set())
             (instances.add if here else instances.discard)(instance)
+            if not instances:
+                del self._instances[cell]
             for (name, _), tile in self._tiles.items():
                 if name == cell:  # a new process has to publish a state first: this one is of the last
                     known = tile.state.instance in instances

@@ -14,6 +14,8 @@ MAX_BYTES = 64 * 1024
 """Maximum size of a message."""
 KEPT_EVENTS = 50
 """Number of events per robot that cells and hubs keep for clients that connect later."""
+MAX_PROBLEMS, MAX_DRIFT = 20, 100
+"""Maximum number of problems, and of changed programs, in a state."""
 MAX_LIFETIME_S = 60.0
 """Maximum time between the issue of a command and its deadline."""
 NOT_ENDED = ("queued", "planning", "running", "paused")
@@ -73,11 +75,11 @@ class FleetState(StrictModel):
     program: Text = ""
     control: Text = ""
     speed_override: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
-    problems: list[Text] = Field(default_factory=list)
+    problems: Annotated[list[Text], Field(max_length=MAX_PROBLEMS)] = Field(default_factory=list)
     panel: Text = ""
     bundle: Text = ""
     recordings: bool = False
-    drift: list[Text] = Field(default_factory=list)
+    drift: Annotated[list[Text], Field(max_length=MAX_DRIFT)] = Field(default_factory=list)
     counters: Annotated[dict[Text, Annotated[int, Field(ge=0)]], Field(max_length=20)] = Field(
         default_factory=dict
     )

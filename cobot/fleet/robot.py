@@ -17,7 +17,16 @@ from cobot.errors import CobotError, UnavailableError
 from cobot.fleet.bundles import BundlesCell
 from cobot.fleet.commands import CommandBook
 from cobot.fleet.executing import ServiceCommands
-from cobot.fleet.messages import KEPT_EVENTS, FleetCommand, FleetState, HubTime, RobotEvent, StopArm
+from cobot.fleet.messages import (
+    KEPT_EVENTS,
+    MAX_DRIFT,
+    MAX_PROBLEMS,
+    FleetCommand,
+    FleetState,
+    HubTime,
+    RobotEvent,
+    StopArm,
+)
 from cobot.fleet.recordings import GivenRecordings
 from cobot.fleet.watching import ArmWatch, ServiceWatch
 from cobot.launch.stop import stop
@@ -66,9 +75,10 @@ class FleetRobot:
         if self._commands is not None:
             bundles = self._commands.bundles
             versions = {each["id"]: each["version"] for each in self.programs}
-            found |= {"bundle": bundles.title, "drift": bundles.drift(versions) if versions else []}
-            if bundles.restart:
-                service = service | {"problems": [*service["problems"], bundles.restart[:2000]]}
+            drift = bundles.drift(versions) if versions else []
+            found |= {"bundle": bundles.title, "drift": drift[:MAX_DRIFT]}
+            restart = [bundles.restart[:2000]] if bundles.restart else []
+            service = service | {"problems": [*restart, *service["problems"]][:MAX_PROBLEMS]}
         return FleetState(robot=self.name, **self._facts, **service, **found)
 
     @property

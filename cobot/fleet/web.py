@@ -216,6 +216,13 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any, *, has_panels: bool) -> No
     def cell_(cell: str) -> dict[str, Any]:
         return {"fleet": hub.fleet, "robots": hub.robots_of(cell)}
 
+    @app.delete("/cells/{cell}")
+    def forget(cell: str, who: Person = person) -> dict[str, Any]:
+        _require_operator(who, "the removal of a cell")
+        hub.forget(cell)
+        log.warning("%s has removed the cell %s", who.name, cell)
+        return {"removed": cell}
+
     @app.get("/cells/{cell}/events", dependencies=[person])
     def events(cell: str) -> dict[str, Any]:
         return {"events": hub.events(cell)}
@@ -282,8 +289,7 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str, stops: Capac
 def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.post("/bundles")
     async def add(request: Request, who: Person = person) -> dict[str, Any]:
-        if Role[who.role.upper()] < Role.OPERATOR:
-            raise PermissionDenied(f"{who.name} has the role {who.role}; a bundle needs operator")
+        _require_operator(who, "a bundle")
         name, bundle = hub.roll_outs.add(await request.body())
         log.info("%s has sent the bundle %s", who.name, bundle.title)
         return {"bundle": name, "title": bundle.title}
@@ -304,6 +310,15 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.post("/roll-outs/{roll_out}/cancel")
     def cancel(roll_out: str, who: Person = person) -> dict[str, Any]:
         return hub.roll_outs.cancel(roll_out, who.role)
+
+
+def _require_operator(who: Person, what: str) -> None:
+    """
+    Raises:
+        PermissionDenied: the role of this person is too low.
+    """
+    if Role[who.role.upper()] < Role.OPERATOR:
+        raise PermissionDenied(f"{who.name} has the role {who.role}; {what} needs operator")
 
 
 def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:

@@ -2,15 +2,8 @@
 
     .venv/bin/python examples/fleet/start.py
 
-It prints the address of the page and a token, and ends with Ctrl-C. Certificates, settings and logs are in a
-folder that is deleted then. In another terminal:
-
-    export COBOT_FLEET=... COBOT_TOKEN=... COBOT_CERTIFICATE=...          (as it prints them)
-    .venv/bin/cobot fleet list
-    .venv/bin/cobot fleet roll-out examples/fleet/seams one two three --version 1 --wave 2
-    .venv/bin/cobot fleet run --all --program seam
-    .venv/bin/cobot fleet stop --all
-    .venv/bin/cobot fleet pull recordings                                 (faults make some)
+It prints the address of the page, a token, and commands for another terminal. It ends with Ctrl-C.
+Certificates, settings and logs are in a folder that is deleted then.
 """
 
 from __future__ import annotations
@@ -27,6 +20,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 CELLS = ("one", "two", "three")
+NEXT = """\
+.venv/bin/cobot fleet list
+.venv/bin/cobot fleet roll-out examples/fleet/seams one two three --version 1 --wave 2
+.venv/bin/cobot fleet run --all --program seam
+.venv/bin/cobot fleet stop --all
+env -u COBOT_TOKEN .venv/bin/cobot record dump --url http://localhost:{port}    # a recording in the cell one
+.venv/bin/cobot fleet pull recordings                                     # some seconds later"""
 RESTART_S = 30.0
 """Time after a kill in which a command is tried again, in seconds. The arm of a killed cell ends a moment
 later than the cell, and until then the cell cannot start."""
@@ -34,7 +34,7 @@ COBOT = [sys.executable, "-P", "-m", "cobot"]
 SETTINGS = """\
 robot: {{name: arm-{cell}}}
 logs: {folder}/{cell}
-web: {{port: 0}}
+web: {{port: {web}}}
 ros: {{enabled: false}}
 planning: {{workers: 1}}
 fleet:
@@ -56,7 +56,7 @@ def free_port() -> int:
 def prepare(folder: Path) -> list[list[str]]:
     """Make certificates, a token and settings. Returns the commands to run."""
     certificates = folder / "certificates"
-    port, page, panels = free_port(), free_port(), free_port()
+    port, page, panels, first = free_port(), free_port(), free_port(), free_port()
     for kind, names in (("hub", ("localhost", "127.0.0.1")), ("cell", CELLS)):
         command = [*COBOT, "fleet", "certificate", str(certificates), kind, *names]
         subprocess.run(command, check=True, capture_output=True)
@@ -81,12 +81,15 @@ def prepare(folder: Path) -> list[list[str]]:
     for cell in CELLS:
         config = folder / f"{cell}.yaml"
         zone = "north" if cell == "one" else "south"
-        config.write_text(SETTINGS.format(cell=cell, zone=zone, folder=folder, port=port), encoding="utf-8")
+        web = first if cell == CELLS[0] else 0
+        settings = SETTINGS.format(cell=cell, zone=zone, folder=folder, port=port, web=web)
+        config.write_text(settings, encoding="utf-8")
         commands.append([*COBOT, "run", "--config", str(config)])
     print(f"the page:  https://localhost:{page} (your browser does not know the certificate; go on to it)")
     print(f"the token: {token}")
     print(f"export COBOT_FLEET=https://localhost:{page} COBOT_TOKEN={token}", end=" ")
-    print(f"COBOT_CERTIFICATE={certificates}/ca.pem", flush=True)
+    print(f"COBOT_CERTIFICATE={certificates}/ca.pem")
+    print(NEXT.format(port=first), flush=True)
     return commands
 
 

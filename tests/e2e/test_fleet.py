@@ -419,6 +419,44 @@ def test_the_command_line_lists_shows_and_stops(hub: Hub, cell: Run, fleet: Any)
     assert (status, "does not answer" in errors) == (1, True)
 
 
+ESCAPES = "\x1b[2J\ntwo/arm ready\u202e<img src=x onerror=alert(1)>"
+
+
+def test_a_hostile_cell_can_neither_forge_lines_nor_fill_the_hub_and_is_removed_when_gone(
+    hub: Hub, cell: Run, foreign: Any, fleet: Any
+) -> None:
+    key = f"cobot/{FLEET}/evil/arm"
+    state = {"cell": "evil", "robot": "arm", "instance": "0123456789abcdef", "version": "1"}
+    state |= {"configuration": "", "state": "fault", "reason": ESCAPES, "job": "x" * 2000}
+    programs = json.dumps([{"id": "a" * 2000, "label": "", "version": 1}] * 1000).encode()
+    with foreign.declare_queryable(f"{key}/programs", lambda query: query.reply(f"{key}/programs", programs)):
+        token = foreign.liveliness().declare_token(f"cobot/{FLEET}/evil/0123456789abcdef")
+
+        def published() -> bool:
+            foreign.put(f"{key}/state", json.dumps(state).encode())
+            return bool(hub.robot("evil")["alive"])
+
+        until(published)
+        for changes in ({"reason": "y" * 1_000_000}, {"problems": ["z"] * 1000}):
+            foreign.put(f"{key}/state", json.dumps(state | changes).encode())
+        status, listed, _ = fleet("list")
+        assert status == 0
+        assert not [c for c in listed if not c.isprintable() and c != "\n"]
+        assert sum(line.startswith("two") for line in listed.splitlines()) == 0
+        assert max(map(len, listed.splitlines())) < 500
+        assert "\x1b" not in fleet("show", "evil")[1]
+        assert (hub.robot("evil")["reason"], hub.robot("evil")["problems"]) == (ESCAPES, [])
+        answer = hub.http.get("/cells/evil/robots/arm/programs")
+        assert (answer.status_code, "bytes" in answer.json()["detail"]) == (503, True)
+        status, _, errors = fleet("forget", "evil")
+        assert (status, "the cell evil is connected; end its process" in errors) == (1, True)
+        token.undeclare()
+    hub.until_state("evil", "gone")
+    assert fleet("forget", "evil")[0] == 0
+    assert hub.robot("evil")["state"] == "unknown"
+    assert "there is no cell 'evil'" in fleet("forget", "evil")[2]
+
+
 def test_watching_prints_changes(hub: Hub, cell: Run) -> None:
     watch = subprocess.Popen(
         [sys.executable, "-P", "-m", "cobot", "fleet", "watch", "--url", hub.url],

@@ -66,7 +66,9 @@ function tileOf(robot) {
   stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`), () => command(path));
   const look = element("button", { type: "button", class: "look" }, word("picture"));
   look.onclick = () => showPicture(robot);
-  foot.append(panel, link, look, stop);
+  const forget = element("button", { type: "button", class: "forget" }, word("forget"));
+  forget.onclick = () => ask(word("forget_question").replace("{cell}", robot.cell), () => remove(robot.cell), word("forget"));
+  foot.append(panel, link, look, forget, stop);
   tile.append(head, list, element("p", { class: "faults" }), commandsOf(robot), foot);
   return tile;
 }
@@ -144,6 +146,7 @@ function fill(tile, robot) {
   faults.textContent = faultsOf(robot);
   faults.hidden = !faults.textContent;
   tile.querySelector(".open-panel").hidden = !panels;
+  tile.querySelector(".forget").hidden = robot.state !== "gone";
   const link = tile.querySelector("a");
   link.hidden = !/^https?:\/\//.test(robot.panel);
   if (!link.hidden) link.href = robot.panel;
@@ -295,6 +298,15 @@ async function command(path, action) {
     tell([word(bad.length || !answer.robots.length ? failed : done), ...lines].join("\n"), bad.length > 0 || !answer.robots.length);
   } catch (error) {
     tell(`${word(failed)}\n${error.message}`, true);
+  }
+}
+
+async function remove(cell) {
+  try {
+    const response = await fetch(`cells/${encodeURIComponent(cell)}`, { method: "DELETE", headers: identity(), signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (!response.ok) throw new Error((await response.json()).detail);
+  } catch (error) {
+    tell(`${word("not_done")}\n${error.message}`, true);
   }
 }
 
