@@ -5,7 +5,7 @@ Methods with the prefix `c_` run in every cycle and are real-time safe; methods 
 
 from rtloop.backends.compiled cimport Measured
 from rtloop.inboxes.commands cimport ESTOP, FAST, STOP
-from rtloop.mode_machine cimport BRAKE, COAST, PATH, STREAM, ModeMachine
+from rtloop.mode_machine cimport BRAKE, COAST, HAND, PATH, STREAM, ModeMachine
 from rtloop.planned.handover cimport NO_LOAD, START
 from cobot.ipc.state_block cimport StateScalars
 from rtloop.tool_and_scene cimport ALL, BEING_READ
@@ -129,7 +129,7 @@ cdef class Controller(ModeMachine):
         self.streaming.box.answer(result)
         if result == ACCEPTED:
             self._enter(self.streaming.mode)
-            self.c_let(STREAM)
+            self.c_let(HAND if self.streaming.guided else STREAM)
             self.settling.c_begin()
 
     def _open_session(self, mode):

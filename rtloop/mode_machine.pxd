@@ -17,6 +17,7 @@ cdef enum Guide:
     STREAM = 2  # The command moves.
     BRAKE = 3  # The command moves: the safety layer brings it to rest.
     COAST = 4  # The device comes to rest by itself, anywhere: the command is where it is.
+    HAND = 5  # A person guides the arm, or it comes to rest after that: the command is where it is.
 
 
 cdef class ModeMachine:
@@ -44,6 +45,7 @@ cdef class ModeMachine:
     cdef void c_guide(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *
     cdef void c_let(self, Guide guide) noexcept nogil
     cdef void _heed_stream(self) except *
+    cdef void _go_with_hand(self, Measured measured, double robot_time_s, bint fresh) except *
     cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *
     cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *
     cdef void _end_at_once(self, reason) except *

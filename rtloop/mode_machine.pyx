@@ -197,7 +197,7 @@ cdef class ModeMachine:
 
     cdef bint c_switches_off(self) noexcept nogil:
         """Whether the drives are to be switched off in this cycle. Call it once per cycle."""
-        cdef bint moved = self._guide != NOTHING and self._guide != COAST
+        cdef bint moved = self._guide != NOTHING and self._guide != COAST and self._guide != HAND
         return not moved and self.drives.c_count_down(self.settling.settled)
 
     cdef bint c_streams(self) noexcept nogil:
@@ -211,6 +211,8 @@ cdef class ModeMachine:
         cdef double allowed
         if self._guide == COAST:
             self._coast(measured, fresh)
+        elif self._guide == HAND:
+            self._go_with_hand(measured, robot_time_s, fresh)
         elif self._guide == PATH:
             self._follow(measured, robot_time_s, fresh)
         elif self.c_streams():
@@ -263,7 +265,12 @@ cdef class ModeMachine:
 
     def _slow_down(self):
         self._stop_unseen = True
-        if not self.follower.by_itself and (self.safety.pursuing or self.streaming.session):
+        if self.streaming.guided:
+            self.settling.c_begin()
+            result = self.streaming.end_guiding()
+            if result is not ACCEPTED:
+                self.fault(result.reason)
+        elif not self.follower.by_itself and (self.safety.pursuing or self.streaming.session):
             self.c_let(BRAKE)
         else:
             self.follower.slow_down()
@@ -286,6 +293,19 @@ cdef class ModeMachine:
             memcpy(self._desired, feed.source.ref, 3 * self._dof * sizeof(double))
         elif self._guide == STREAM:
             self.c_let(BRAKE)
+
+    cdef void _go_with_hand(self, Measured measured, double robot_time_s, bint fresh) except *:
+        """Command the measured position while a person guides the arm, and until it is at rest after that."""
+        if fresh:
+            # Against the last position, which is the command: a jump shows when the cycle compares both again.
+            self.settling.c_tracks(measured.c_values, self._yield_rad)
+            self._desired_rows[:] = 0.0
+            self._desired_rows[0] = measured.position
+            self.safety.reset(measured.position)
+        if self.c_streams():
+            self.streaming.c_advance(measured.c_values + EXTERNAL_EFFORT_ROW * self._dof, robot_time_s)
+            if self.streaming.feed.problem != NO_PROBLEM:
+                self.stop(self.streaming.explain_end())
 
     cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *:
         """Follow the path. A device that executes motions itself stops at any position after a stop; until
@@ -429,8 +449,10 @@ cdef class ModeMachine:
         An arm that was pushed aside is held at its position, unless the position is unknown. An arm that is
         pushed continuously and does not come to rest is held too.
         """
+        guided = self.streaming.guided
         result = self.streaming.close()
-        if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
+        aside = self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread
+        if guided or aside:
             self.start_at(position)
         if self._mode == STOPPING:
             self._enter(LoopMode.HOLD, self.reason)

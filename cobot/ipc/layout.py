@@ -105,6 +105,7 @@ class Stream(IntEnum):
     JOINT_IMPEDANCE = 1
     CARTESIAN = 2
     JOINT_TORQUE = 3
+    GUIDED = 4  # no targets: the device lets a person guide the arm by hand
 
 
 class Interpolation(IntEnum):

@@ -30,6 +30,7 @@ _TARGETS = {
     Stream.JOINT_IMPEDANCE: ("joints", "joint_velocity", "joint_acceleration"),
     Stream.CARTESIAN: ("pose", "wrench", "twist", "twist_rate"),
     Stream.JOINT_TORQUE: ("joints",),
+    Stream.GUIDED: (),
 }
 
 

@@ -209,6 +209,33 @@ class ImpedanceControlled(Protocol):
 
 
 @runtime_checkable
+class GuidedByHand(Protocol):
+    """A backend without springs in its drives, whose device itself lets a person guide the arm by hand."""
+
+    def begin_guiding(self) -> None:
+        """Let the device release the arm, which is at rest, with the next `write`. Until `follow_commands`
+        each command is the measured position, and the device must not follow it.
+
+        Raises:
+            BackendError: the device does not permit it; the arm is still held.
+        """
+        ...
+
+    def end_guiding(self) -> None:
+        """Let the device hold the arm where it is, from the next `write` on. Real-time safe; does nothing if
+        the arm is held. Without calls of `write` the device must do this by itself, because rtloop may have
+        been killed.
+        """
+        ...
+
+    def follow_commands(self) -> None:
+        """Follow the commands from the next `write` on. The first one is the position of the arm, which is at
+        rest.
+        """
+        ...
+
+
+@runtime_checkable
 class TorqueControlled(Protocol):
     """A backend whose drives have their own compliance and accept torques in addition to the commanded
     position, for torque streams. An `ImpedanceControlled` backend does not need it.

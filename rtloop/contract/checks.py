@@ -9,13 +9,14 @@ from collections.abc import Callable
 import numpy as np
 
 from cobot.contract_checks import ContractError, NotTested
-from cobot.ipc.layout import MotionResult
+from cobot.ipc.layout import MotionResult, Stream
 from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.robot.device import STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
-from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
+from rtloop.backends import BackendError, GuidedByHand, Measured, Reporting, capabilities_of
 from rtloop.contract.cell import REST_S, CheckedBackend
 from rtloop.contract.driver import Driver
+from rtloop.contract.stream import end_session, open_session
 from rtloop.results import ACCEPTED
 
 HELD_RAD = 1e-3
@@ -101,6 +102,23 @@ def motion(cell: CheckedBackend) -> str:
         driver.move()
         moved = float(np.abs(driver.heard.measured - before).max())
     return f"up to {moved:.2f} rad"
+
+
+def guiding(cell: CheckedBackend) -> str:
+    """The device lets a person guide the arm and holds it again; then the arm can move."""
+    with cell.drive() as driver:
+        if not isinstance(driver.backend, GuidedByHand):
+            raise NotTested("the device does not release the arm by itself for hand guiding")
+        open_session(driver, Stream.GUIDED)
+        driver.run(REST_S)
+        off = float(np.abs(driver.heard.commands[-1][0][0] - driver.heard.measured).max())
+        end_session(driver)
+        driver.until("the arm is held after hand guiding", lambda: driver.mode != LoopMode.JOINT_IMPEDANCE)
+        driver.until("the arm rests after hand guiding", lambda: driver.mode != LoopMode.STOPPING)
+        if driver.mode != LoopMode.HOLD or off > HELD_RAD:
+            raise ContractError(f"hand guiding ends in mode {driver.mode.name}: {driver.reason}")
+        driver.move()
+    return "held again, and moved"
 
 
 def stop(cell: CheckedBackend) -> str:
@@ -249,6 +267,7 @@ CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     "status": status,
     "motion": motion,
     "stop": stop,
+    "guiding": guiding,
     "limits": limits,
     "staleness": staleness,
     "entry": entry,

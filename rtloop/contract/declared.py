@@ -14,7 +14,7 @@ CLAIMS = {
     "impedance": ("set_impedance",),
     "torque": ("write_torque", "set_impedance"),
     "wrench": ("write_wrench",),
-    "freedrive": ("set_impedance",),
+    "freedrive": ("set_impedance", "begin_guiding"),
     "payload": ("set_tool",),
     "io": ("set_output",),
 }

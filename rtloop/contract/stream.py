@@ -17,17 +17,8 @@ STREAMED_RAD, STREAM_S = 0.02, 0.3
 
 def begin_stream(driver: Driver) -> None:
     """Open a session whose targets move the arm. Raises ContractError: the session is rejected."""
-    memory = driver.memory
-    session, block, ack = memory.session.data, memory.setpoint, memory.session_ack
-    session["number"] += 1
-    _fill_in(session, driver)
-    memory.session.publish()
-    driver.until(
-        "rtloop answers a session",
-        lambda: ack.try_read() and int(ack.data["session"]) == int(session["number"]),
-    )
-    if int(ack.data["result"]) != Ack.ACCEPTED:
-        raise ContractError(f"a stream is rejected: {text(ack.data['message'])}")
+    open_session(driver, Stream.JOINT_IMPEDANCE)
+    session, block = driver.memory.session.data, driver.memory.setpoint
     start = driver.heard.commands[-1][0][0]
     goal = start + np.sign(driver.middle - start) * STREAMED_RAD
     for share in np.linspace(0.0, 1.0, round(STREAM_S / driver.period_s)):
@@ -37,10 +28,31 @@ def begin_stream(driver: Driver) -> None:
         driver.step()
 
 
-def _fill_in(session: np.ndarray, driver: Driver) -> None:
+def open_session(driver: Driver, stream: Stream) -> None:
+    """Open a session. Raises ContractError: it is rejected."""
+    memory = driver.memory
+    session, ack = memory.session.data, memory.session_ack
+    session["number"] += 1
+    _fill_in(session, driver, stream)
+    memory.session.publish()
+    driver.until(
+        "rtloop answers a session",
+        lambda: ack.try_read() and int(ack.data["session"]) == int(session["number"]),
+    )
+    if int(ack.data["result"]) != Ack.ACCEPTED:
+        raise ContractError(f"a stream is rejected: {text(ack.data['message'])}")
+
+
+def end_session(driver: Driver) -> None:
+    """End the session, as its client does."""
+    driver.memory.session.data["open"] = 0
+    driver.memory.session.publish()
+
+
+def _fill_in(session: np.ndarray, driver: Driver, stream: Stream) -> None:
     session["open"], session["pid"] = 1, os.getpid()
     session["stops"] = driver.memory.requests.data["stops"]
-    session["stream"], session["interpolation"] = Stream.JOINT_IMPEDANCE, Interpolation.LINEAR
+    session["stream"], session["interpolation"] = stream, Interpolation.LINEAR
     session["decimation"] = 1
     session["stiffness"] = session["cartesian_stiffness"] = 0.0
     backend = driver.backend

@@ -15,7 +15,8 @@ cdef class Session:
     cdef Feed feed
     cdef TargetFeed targets
     cdef PointFeed points
-    cdef bint has_targets, has_points
+    cdef bint has_targets, has_points, _released
+    cdef readonly bint guided
     cdef public object _backend  # Whether it can give way is asked when a session begins.
     cdef readonly object overlay, t1_share
     cdef object _exerted, _backend_name

@@ -6,7 +6,7 @@ from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
 from cobot.reasons import Reason, ReasonCode
 from cobot.robot.limits import streamed
 from cobot.types import CartesianLimits, LoopMode
-from rtloop.backends import BackendError, Impedance, ImpedanceControlled
+from rtloop.backends import BackendError, GuidedByHand, Impedance, ImpedanceControlled
 from rtloop.results import ACCEPTED, Rejected
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource
@@ -27,6 +27,7 @@ MODES = {
     Stream.JOINT_IMPEDANCE: LoopMode.JOINT_IMPEDANCE,
     Stream.CARTESIAN: LoopMode.CARTESIAN,
     Stream.JOINT_TORQUE: LoopMode.JOINT_TORQUE,
+    Stream.GUIDED: LoopMode.JOINT_IMPEDANCE,
 }
 cdef int COUNT_CONTACT = Intervention.CONTACT
 # Number of cycles between two checks whether the client's process still exists.
@@ -47,6 +48,7 @@ cdef class Session:
         session: number of the session that moves the arm, 0 for none.
         mode: rtloop's mode for this session.
         t1_share: share of the joints' speed in T1, None if the session was not begun in T1.
+        guided: whether the device itself lets a person guide the arm. Then there are no targets.
         overlay: adds forces or torques to positions, a `rtloop.streaming.overlay.Overlay`; None if positions
             and an impedance suffice.
     """
@@ -82,7 +84,7 @@ cdef class Session:
         self._contact_monitor = ContactMonitor(limits.names)
         self.session = 0
         self.mode = LoopMode.HOLD
-        self.has_targets = self.has_points = False
+        self.has_targets = self.has_points = self.guided = self._released = False
 
     @property
     def move_running(self):
@@ -149,7 +151,10 @@ cdef class Session:
         Returns:
             `ACCEPTED`, or `Rejected` if the robot refuses; the session has ended in both cases.
         """
-        self.session = 0
+        held = self.end_guiding()
+        if self.guided and held == ACCEPTED:
+            held = self._guide(self._backend.follow_commands)
+        self.session, self.guided = 0, False
         self._client.end()
         self._safety.use(self._limits)
         self._safety.stay_within(None)
@@ -159,6 +164,19 @@ cdef class Session:
         try:
             if isinstance(self._backend, ImpedanceControlled):
                 self._backend.set_impedance(None)
+        except BackendError as exc:
+            words = f"the robot cannot be held at its position: {exc}"
+            return Rejected(Reason(words, ReasonCode.HOLD_REFUSED))
+        return held
+
+    def end_guiding(self):
+        """Let the device hold the arm again, if a person guides it. Returns `Rejected` if it refuses."""
+        released, self._released = self._released, False
+        return self._guide(self._backend.end_guiding) if released else ACCEPTED
+
+    def _guide(self, call):
+        try:
+            call()
         except BackendError as exc:
             words = f"the robot cannot be held at its position: {exc}"
             return Rejected(Reason(words, ReasonCode.HOLD_REFUSED))
@@ -176,7 +194,8 @@ cdef class Session:
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))
         # Poses have their own limits, torques have only the robot's.
-        joints = stream is Stream.JOINT_IMPEDANCE or int(request["servo_mode"]) != ServoMode.NONE
+        guided = stream is Stream.GUIDED
+        joints = stream is Stream.JOINT_IMPEDANCE or guided or int(request["servo_mode"]) != ServoMode.NONE
         within = self._session_limits
         if self.t1_share is not None:
             within = within.in_t1(self.t1_share)
@@ -189,6 +208,9 @@ cdef class Session:
         cdef Source source = self._source(stream, request, limits, within.tcp, points)
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(self._impedance(stream, request, command))
+        if guided:
+            self._backend.begin_guiding()
+        self.guided = self._released = guided
         self.overlay = overlay_of(request, self._backend, self._limits, self._period_s)
         self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
         self._collision_monitor.begin(command, touching=bool(request["force_axes"].any()))
@@ -216,7 +238,7 @@ cdef class Session:
             return points
         if points is not None:
             return ForceServo(points, self._model, limits, tcp, self._period_s, request)
-        if stream is Stream.JOINT_IMPEDANCE:
+        if stream is Stream.JOINT_IMPEDANCE or stream is Stream.GUIDED:
             return JointSource(kind, limits, self._limits.max_velocity, self._period_s, command_s)
         if stream is Stream.CARTESIAN:
             return CartesianSource(kind, self._model, limits, tcp, self._period_s, command_s, request)
@@ -251,11 +273,13 @@ cdef class Session:
             self.feed.problem = CLIENT_ENDED
         elif self._cycle % ALIVE_CYCLES == 0 and self._client.c_gone():
             self.feed.problem = CLIENT_DIED
-        self.feed.c_advance(external, external + self.feed.source.dof, robot_time_s)
+        if not self.guided:
+            self.feed.c_advance(external, external + self.feed.source.dof, robot_time_s)
         if self._contact_monitor.c_check(external):
             self._safety.c_count(COUNT_CONTACT)
             self.feed.problem = CONTACT
-        self.feed.c_watch_surroundings()
+        if not self.guided:
+            self.feed.c_watch_surroundings()
         if self.has_points and self.feed.holding:
             self.feed.c_end(OBSTACLE)
 
@@ -283,7 +307,7 @@ cdef class Session:
         return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
-        """Whether this is a servo session. Its points come from the service, so no other client can end
-        it.
+        """Whether this is a servo session or hand guiding by the device. The service keeps both going, so no
+        other client can end them.
         """
-        return self.session != 0 and self.has_points
+        return self.session != 0 and (self.has_points or self.guided)

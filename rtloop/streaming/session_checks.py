@@ -12,7 +12,7 @@ from cobot.ipc.layout import Interpolation, ServoMode, Stream
 from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
 from cobot.robot.device import WORDS, Capabilities
 from cobot.servo.protocol import MAX_WATCHDOG_S
-from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
+from rtloop.backends import Backend, GuidedByHand, ImpedanceControlled, capabilities_of
 from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection, result_of
 
 UNIT_TOLERANCE = 1e-2
@@ -32,6 +32,8 @@ def _results(request: np.ndarray, backend: Backend, name: str) -> Iterator[Accep
     yield _check_stream(request, capabilities_of(backend), name)
     yield _check_servo(request)
     yield _check_capabilities(request, capabilities_of(backend), name)
+    if request["stream"] == Stream.GUIDED and not isinstance(backend, GuidedByHand):
+        yield Rejected(f"the device of the backend {name} cannot release the arm for hand guiding by itself")
     yield _check_stiffness(request, backend)
     for field in ("damping_ratio", "cartesian_damping_ratio"):
         yield result_of(damping_flaw(field, request[field]))

@@ -58,8 +58,8 @@ async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     """Let a person move the arm by hand: it moves where it is pushed and stays where it is released.
 
     Freedrive ends by DELETE, by a stop, or if it is not renewed within `timeout_s` with the `session` of the
-    answer. A joint slows down before its limit, and the arm before an obstacle. If the backend does not
-    support freedrive, the answer is a 501 with its name.
+    answer. A joint slows down before its limit, and the arm before an obstacle, unless the device releases
+    its arm itself. If the backend does not support freedrive, the answer is a 501 with its name.
     """
     call = Call(request)
     service = call.services.freedrive

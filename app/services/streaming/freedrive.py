@@ -5,6 +5,9 @@ follow the hand (admittance control): the external torque on a joint, above a th
 velocity, as with a damper. The nearer the measured arm is to a joint limit or an obstacle, the smaller is the
 velocity, as in a jog (`jog_limits`). A joint that is pushed further resists.
 
+A device that releases its arm itself does the rest too: there are no targets, and the arm does not slow down
+before a limit or an obstacle.
+
 Freedrive ends when it is switched off, by a stop, and when it is not renewed in time, for example because the
 client is disconnected. A renewal does not restart freedrive that has ended.
 """
@@ -25,7 +28,7 @@ from cobot.errors import CobotError, ConflictError, NotSupportedError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
 from cobot.robot.description import RobotDescription
-from cobot.types import Array
+from cobot.types import Array, JointLimits
 
 TIMEOUTS_S = (0.5, 60.0)
 """Minimum and maximum time after which freedrive has to be renewed, s."""
@@ -46,6 +49,8 @@ PUSHED_SHARE = 0.02
 """Maximum external torque when freedrive starts, as a share of the effort limit. Above it, the arm would
 drift without being pushed.
 """
+PUSHED_N = 20.0
+"""Maximum force on the TCP when a device releases its arm itself, N: more than the noise of a sensor."""
 ROOM_RAD = 0.05
 """Distance from a joint's limit that is kept free, rad or m, because soft springs yield to continued
 pushing.
@@ -129,6 +134,19 @@ class Guidance:
         return allowed, f"{name} is at {position[joint]:.2f} {unit}, near its limit of {end:.2f} {unit}"
 
 
+def outside(limits: JointLimits, position: Array) -> str:
+    """The joint that is furthest outside its limits, and what to do; "" if all are within them."""
+    past = np.maximum(limits.min_position - position, position - limits.max_position)
+    joint = int(past.argmax())
+    if not past[joint] > 0.0:
+        return ""
+    low, high, unit = limits.min_position[joint], limits.max_position[joint], limits.unit(joint)
+    return (
+        f"{limits.names[joint]} is at {position[joint]:.2f} {unit}, outside its limits of {low:.2f} to "
+        f"{high:.2f} {unit}: guide it back"
+    )
+
+
 class FreedriveService:
     """Freedrive of one robot."""
 
@@ -165,12 +183,13 @@ class FreedriveService:
             ConflictError: another client moves the arm or has control, or the arm is already being pushed.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
-        self._require_able()
+        by_device = self._require_able()
         self._streams.require_control()
-        self._require_untouched()
+        self._require_untouched(by_device)
         info = self._streams.info
         request = nominal_session(info)
-        request["stream"], request["interpolation"] = Stream.JOINT_IMPEDANCE, Interpolation.RUCKIG
+        stream = Stream.GUIDED if by_device else Stream.JOINT_IMPEDANCE
+        request["stream"], request["interpolation"] = stream, Interpolation.RUCKIG
         request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
         request["stiffness"] = info["stiffness"] / SOFTNESS
         request["damping_ratio"] = 1.0
@@ -178,7 +197,7 @@ class FreedriveService:
         self._session, self._number, self._limited_by = session, session.number, ""
         self._client = CLIENT.get()
         self._hold(timeout_s)
-        guidance = Guidance(self._robot, request["stiffness"])
+        guidance = None if by_device else Guidance(self._robot, request["stiffness"])
         self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
 
     def renew(self, session: int, timeout_s: float) -> None:
@@ -226,7 +245,8 @@ class FreedriveService:
         self._timeout_s = timeout_s
         self._until_s = self._link.clock.now_s() + timeout_s
 
-    def _require_able(self) -> None:
+    def _require_able(self) -> bool:
+        """Whether the device releases the arm itself, because its drives have no springs."""
         named = self._link.device()
         if named is None:
             raise ConflictError("freedrive: the capabilities of the robot's backend cannot be read")
@@ -234,10 +254,18 @@ class FreedriveService:
         refusal = device.capabilities.lacks(backend, "guiding the arm by hand", "freedrive")
         if refusal:
             raise NotSupportedError(refusal)
+        return not device.capabilities.impedance
 
-    def _require_untouched(self) -> None:
+    def _require_untouched(self, by_device: bool) -> None:
         """Check that nothing pushes the arm yet, because any measured effort would move it."""
-        external, limits = self._link.state().record["external_effort"], self._robot.limits
+        state, limits = self._link.state(), self._robot.limits
+        force = float(np.linalg.norm(state.wrench[:3]))
+        if by_device and force > PUSHED_N:
+            raise ConflictError(
+                f"freedrive: the TCP already feels {force:.1f} N, allowed are {PUSHED_N:g} N: let go of the "
+                "arm, and see that its tool is set (POST /robot/tool)"
+            )
+        external = state.record["external_effort"]
         shares = np.abs(external) / limits.max_effort
         joint = int(shares.argmax())
         if shares[joint] > PUSHED_SHARE:
@@ -247,10 +275,10 @@ class FreedriveService:
                 "tool is set (POST /robot/tool)"
             )
 
-    async def _run(self, session: StreamSession, guidance: Guidance) -> None:
+    async def _run(self, session: StreamSession, guidance: Guidance | None) -> None:
         """Send targets until the session ends, then wait until the arm is at rest."""
         try:
-            await self._guide(session, guidance)
+            await (self._watch(session) if guidance is None else self._guide(session, guidance))
         except CobotError as exc:
             session.end(str(exc))
         finally:
@@ -259,6 +287,15 @@ class FreedriveService:
         self._ended = reason
         if self._session is session:  # else the next one has begun
             self._session = None
+
+    async def _watch(self, session: StreamSession) -> None:
+        """End hand guiding by the device if it is not renewed, and report a joint outside its limits."""
+        while not session.over:
+            await asyncio.sleep(PERIOD_S)
+            if self._link.clock.now_s() > self._until_s:
+                session.end(f"freedrive was not renewed for {self._timeout_s:g} s")
+                return
+            self._limited_by = outside(self._robot.limits, self._link.state().position)
 
     async def _guide(self, session: StreamSession, guidance: Guidance) -> None:
         before_s, sequence = self._link.clock.now_s(), 0

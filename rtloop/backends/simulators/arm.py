@@ -19,6 +19,8 @@ STEP_S = 0.001
 STIFFNESS_SHARE = 0.2
 """Stiffness if the controller's program has chosen an impedance, as a fraction of the maximum stiffness."""
 DAMPING_RATIO = 0.7
+GUIDED_SHARE = 1.0 / 16.0
+"""Share of the maximum stiffness whose critical damping a guided arm has."""
 Springs = Literal["joint", "cartesian"]
 
 
@@ -94,6 +96,25 @@ class ControllerArm:
     def _find_jacobian(self) -> Array:
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
         return self._jacobian
+
+    def release(self) -> None:
+        """Let a person guide the arm: only dampers and the compensation of gravity act on it."""
+        nominal = self._drives.nominal_stiffness
+        self._drives.set_impedance(Impedance(False, GUIDED_SHARE * nominal, np.ones(len(nominal))))
+
+    def drift(self, milliseconds: int) -> None:
+        """Let a released arm move, for this number of milliseconds. Its target is where it is."""
+        rows = self._rows
+        rows[1:] = 0.0
+        for _ in range(milliseconds):
+            rows[0] = self.measured.position
+            self._drives.write(rows)
+            self._drives.read(self.measured)
+        self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
+
+    def hold(self) -> None:
+        """Let the drives follow positions again."""
+        self._drives.set_impedance(None)
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
         """Move to a target, rad, with this velocity, rad/s, in this number of milliseconds."""

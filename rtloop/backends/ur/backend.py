@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Mapping
+from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,14 +70,23 @@ HALF_TURN = (0.0, 0.0, 0.0, 1.0)
 """Rotation between the controller's base frame and `base_link` of the maker's descriptions, (w, x, y, z)."""
 
 
+class _Hand(Enum):
+    """Hand guiding. After it, commands do not count until rtloop has seen the arm at rest."""
+
+    OFF = auto()
+    GUIDES = auto()
+    ENDED = auto()
+
+
 class UrBackend:
-    """An externally clocked `Backend` for the controller: `Paced`, `Reporting`, `Stepwise`, `CarriesTool` and
-    `HasIo`."""
+    """An externally clocked `Backend` for the controller: `Paced`, `Reporting`, `Stepwise`, `CarriesTool`,
+    `GuidedByHand` and `HasIo`."""
 
     Options = UrOptions
     capabilities = Capabilities(
         periods_s=PERIODS_S,
         measured=frozenset({"position", "velocity", "desired_effort", "wrench"}),
+        freedrive=True,
         payload=True,
         io=True,
         stops={2: False},  # the drives belong to the controller
@@ -125,6 +135,7 @@ class UrBackend:
         self._answered = True
         self._periods = 1
         self._begun = False
+        self._hand = _Hand.OFF
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
@@ -202,12 +213,16 @@ class UrBackend:
         if not self._enabled:
             return
         result = first_rejection(self._checks_of_a_command(data))
-        if result is ACCEPTED and self._transition.sent is None:
+        follows = self._hand is _Hand.OFF
+        if result is ACCEPTED and follows and self._transition.sent is None:
             result = self._begin(data, command[0])
         if isinstance(result, Rejected):
             self._last_motion = result
             self._abandon()
             raise BackendError(f"the robot does not accept commands: {result.reason}")
+        if not follows:
+            self._program.send_hand(guided=self._hand is _Hand.GUIDES)
+            return
         position = self._transition.follow(command[0])
         for _ in range(self._periods):
             self._transition.pass_period()
@@ -224,7 +239,7 @@ class UrBackend:
         self._program.close()
         self._link.close()
 
-    # Paced, Reporting, CarriesTool, HasIo
+    # Paced, Reporting, CarriesTool, GuidedByHand, HasIo
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
@@ -260,6 +275,19 @@ class UrBackend:
         self._tool = tool
         if self._enabled:
             self._program.send_tool(tool)
+
+    def begin_guiding(self) -> None:
+        if not self._options.freedrive:
+            raise BackendError("robot.backend.freedrive is false: set it to true to guide this arm by hand")
+        self._hand = _Hand.GUIDES
+        self._transition.forget()
+
+    def end_guiding(self) -> None:
+        if self._hand is _Hand.GUIDES:
+            self._hand = _Hand.ENDED
+
+    def follow_commands(self) -> None:
+        self._hand = _Hand.OFF
 
     def io(self) -> list[IoPoint]:
         return points(self._newest)
@@ -312,6 +340,7 @@ class UrBackend:
         self._making_ready.close()
         self._program.drop()
         self._transition.forget()
+        self._hand = _Hand.OFF
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
         """Begin at the position in which the controller holds the arm, if the first command is near it."""
@@ -345,7 +374,7 @@ class UrBackend:
         if reason := hindrance(data.get("safety_status", data["safety_mode"])):
             yield Rejected(reason)
         mode = data["robot_mode"]
-        if mode != UrRobotMode.RUNNING:
+        if mode != UrRobotMode.RUNNING and not (self._hand is _Hand.GUIDES and mode == UrRobotMode.BACKDRIVE):
             yield Rejected(f"the robot mode: {mode_in_words(mode)}")
         if not self._program.is_connected:
             yield Rejected(
@@ -398,6 +427,8 @@ class UrBackend:
         yield f"software {self._link.said_version}"
         if data["safety_mode"] == SafetyMode.REDUCED:
             yield "reduced mode: the controller permits less speed and force"
+        if self._hand is _Hand.GUIDES:
+            yield "a person guides the arm by hand"
         if data.get("robot_status_bits", 0) & FREEDRIVE_BUTTON:
             yield "the freedrive button is pressed"
         if data["target_speed_fraction"] < 1.0:

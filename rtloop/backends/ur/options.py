@@ -30,6 +30,8 @@ class UrOptions(BackendOptions):
         stop_rad_s2: deceleration of that stop, rad/s².
         lookahead_s, gain: parameters of `servoj`, which smooths the positions and follows them.
         entry_rad: maximum distance of a joint from the controller's target when commands begin, rad.
+        freedrive: whether cobot's program can release the arm for hand guiding. With false it has none of the
+            functions of URScript for that.
         check_pose: whether the pose that the controller reports must be that of the model.
     """
 
@@ -49,4 +51,5 @@ class UrOptions(BackendOptions):
     lookahead_s: Annotated[float, Field(ge=0.03, le=0.2)] = 0.03
     gain: Annotated[float, Field(ge=100.0, le=2000.0)] = 1000.0
     entry_rad: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
+    freedrive: bool = True
     check_pose: bool = True

@@ -20,7 +20,9 @@ FIRST_TIMEOUT_S = 3.0
 """Time that the program waits for its first command, s."""
 _HELLO = struct.Struct(">ii")
 _MESSAGE = struct.Struct(">8i")
-END, POSITION, PAYLOAD = 0, 1, 2
+END, POSITION, PAYLOAD, GUIDE, WAIT = 0, 1, 2, 3, 4
+FREEDRIVE = "# freedrive"
+"""End of each line of the program that is left out without freedrive."""
 MAX_PERIODS = 1000
 
 
@@ -38,10 +40,12 @@ def script(options: UrOptions, host: str, port: int, token: int, period_s: float
         "STOP": repr(options.stop_rad_s2),
         "LOOKAHEAD": repr(options.lookahead_s),
         "GAIN": repr(options.gain),
+        "ENTRY": repr(options.entry_rad),
     }
     for name, value in values.items():
         text = text.replace(f"@@{name}@@", str(value))
-    lines = (line.partition("#")[0].rstrip() for line in text.splitlines())
+    used = (line for line in text.splitlines() if options.freedrive or not line.endswith(FREEDRIVE))
+    lines = (line.partition("#")[0].rstrip() for line in used)
     return "\n".join(filter(None, lines)) + "\n"
 
 
@@ -148,6 +152,12 @@ class MotionProgram:
         """Send the payload: mass, and centre of mass in the frame of the flange."""
         numbers = [round(1e3 * tool.mass), *(round(1e6 * float(value)) for value in tool.centre)]
         self._send(_MESSAGE.pack(PAYLOAD, *numbers, 0, 0, 0))
+
+    def send_hand(self, *, guided: bool) -> None:
+        """Release the arm for hand guiding until the next message is due, or hold it and wait for a
+        position.
+        """
+        self._send(_MESSAGE.pack(GUIDE if guided else WAIT, *[0] * 7))
 
     def drop(self) -> None:
         """End the program, if it still runs."""

@@ -31,6 +31,7 @@ from cobot.config import SETTINGS_FILE
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs loopback addresses besides 127.0.0.1")
 HOME = np.radians(POSITIONS["home"]).tolist()
 THERE = np.radians([-10.0, -95.0, 105.0, -100.0, -80.0, 20.0]).tolist()
+PUSH_N, NO_PUSH = 30.0, [0.0] * 6
 NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1, 3, 5, 7
 
 
@@ -59,7 +60,9 @@ def ur(
 @pytest.fixture
 def run(ur: RunOverUr, controller: ControllerProcess) -> RunOverUr:
     """With a controller that permits motion, and an arm at its home position."""
-    controller.ask(safety=NORMAL, blocked="", remote=True, spoil="", silent=False, loss=0.0, slider=1.0)
+    controller.ask(
+        safety=NORMAL, blocked="", remote=True, spoil="", silent=False, loss=0.0, slider=1.0, push=NO_PUSH
+    )
     able(ur)
     move(ur, "named", name="home")
     return ur
@@ -207,6 +210,93 @@ def test_faults_are_named_and_a_reset_ends_them(
     rest_tour.again(named)
     move(run, "joints", joints=THERE)
     nothing_refused(controller)
+
+
+def guided(run: RunOverUr, controller: ControllerProcess) -> int:
+    """The number of a session of freedrive in which a hand pushes the arm, by the controller's events."""
+
+    def begun() -> Any:
+        answer = httpx.post(f"{run.url}/robot/freedrive", json={"timeout_s": 60.0}, timeout=WAIT_S)
+        said.append(answer.text)
+        return answer.json()["session"] if answer.status_code == 200 else None
+
+    said: list[str] = []
+    begins = controller.ask()["events"].count("freedrive begins")
+    found = int(run.until(begun))
+    run.until(lambda: controller.ask()["events"].count("freedrive begins") > begins)
+    controller.ask(push=[0.0, PUSH_N, 0.0, 0.0, 0.0, 0.0])
+    run.until(lambda: np.abs(np.subtract(controller.ask()["measured"], HOME)).max() > 0.02)
+    return found
+
+
+def freedrive(run: RunOverUr) -> dict[str, Any]:
+    found: dict[str, Any] = httpx.get(f"{run.url}/robot/freedrive", timeout=WAIT_S).json()
+    return found
+
+
+def test_freedrive_lets_a_hand_move_the_arm_until_it_is_switched_off(
+    run: RunOverUr, controller: ControllerProcess
+) -> None:
+    def switched_off() -> tuple[bool, str]:
+        """A session that has ended because the computer was late is begun again."""
+        guided(run, controller)
+        controller.ask(push=NO_PUSH)
+        answer = httpx.delete(f"{run.url}/robot/freedrive", timeout=WAIT_S).json()
+        return answer["ended"] == "freedrive was switched off", str(answer)
+
+    rest_tour.again(switched_off)
+    assert controller.ask()["events"][-1] == "freedrive ends"
+    rest = controller.ask()["measured"]
+    np.testing.assert_allclose(run.joints(), rest, atol=5e-3)
+    assert robot_health(run)["mode"] == "HOLD"
+    move(run, "joints", joints=THERE)
+    np.testing.assert_allclose(controller.ask()["measured"], THERE, atol=5e-3)
+    nothing_refused(controller)
+
+
+@pytest.mark.parametrize("process", ["rtloop", "app"])
+def test_a_process_that_is_killed_ends_freedrive(
+    run: RunOverUr, controller: ControllerProcess, process: str
+) -> None:
+    guided(run, controller)
+    old = run.child(process)
+    assert old is not None
+    old.kill()
+    run.until(lambda: controller.ask()["events"][-3:].count("freedrive ends") > 0)
+    controller.ask(push=NO_PUSH)
+    run.until(run.healthy)
+    able(run)
+    assert freedrive(run)["session"] is None
+    move(run, "joints", joints=THERE)
+
+
+def test_freedrive_that_is_not_renewed_ends(run: RunOverUr, controller: ControllerProcess) -> None:
+    def ended() -> tuple[bool, str]:
+        number = guided(run, controller)
+        body = {"session": number, "timeout_s": 0.5}
+        said = httpx.post(f"{run.url}/robot/freedrive", json=body, timeout=WAIT_S).text
+        run.until(lambda: freedrive(run)["session"] is None)
+        said += freedrive(run)["ended"]
+        return "freedrive was not renewed for 0.5 s" in said, said
+
+    rest_tour.again(ended)
+    assert controller.ask()["events"][-1] == "freedrive ends"
+
+
+def test_freedrive_is_refused_with_the_reason(run: RunOverUr, controller: ControllerProcess) -> None:
+    """While something pulls at the arm; and with a program that Local Control has ended."""
+
+    def begin() -> str:
+        return httpx.post(f"{run.url}/robot/freedrive", json={}, timeout=WAIT_S).text
+
+    controller.ask(push=[0.0, 0.0, -2.0 * PUSH_N, 0.0, 0.0, 0.0])
+    run.until(lambda: "already feels" in begin())
+    controller.ask(push=NO_PUSH, remote=False, program="stop")
+    run.until(lambda: robot_health(run).get("mode") == "FAULT")
+    assert "program on the controller has ended" in begin()
+    run.until(lambda: "Remote Control" in httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
+    controller.ask(remote=True)
+    able(run)
 
 
 def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(

@@ -15,7 +15,7 @@ import numpy as np
 from cobot.orientations import Quaternion
 from cobot.types import Array
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.reflexes import check_command
+from rtloop.backends.simulators.reflexes import LIMIT_RAD, VELOCITY_SHARE, check_command
 from rtloop.backends.ur.fields import AXES, OUTPUTS, RuntimeState, SafetyMode, UrRobotMode
 from rtloop.backends.ur.simulator.functions import ProgramContext
 from rtloop.backends.ur.simulator.options import UrControllerOptions
@@ -74,6 +74,7 @@ class UrController:
         self._acceleration = np.zeros(AXES)
         self._script: Script | None = None
         self._context = ProgramContext(self)
+        self._is_released = False
         self._secondary: list[Script] = []
         self._next_mode: tuple[float, UrRobotMode] | None = None
         self.program_name = ""
@@ -183,8 +184,13 @@ class UrController:
             self.robot_mode = mode
         self._context.goal = None
         self._run_programs()
-        goal = self._context.goal if self.runtime == RuntimeState.PLAYING else None
-        self._move(goal)
+        plays = self.runtime == RuntimeState.PLAYING
+        self._context.is_guided &= plays
+        self._set_released(self._context.is_guided)
+        if self._is_released:
+            self._drift()
+        else:
+            self._move(self._context.goal if plays else None)
 
     def _run_programs(self) -> None:
         self._secondary = [each for each in self._secondary if self._goes_on(each)]
@@ -200,6 +206,31 @@ class UrController:
             self.events.append(f"program {script.name}: {exc}")
             self.messages.append((*_place(exc), f"runtime_error:{exc}"))
             return False
+
+    def _set_released(self, released: bool) -> None:
+        """Release the arm for freedrive, or hold it again."""
+        if released == self._is_released:
+            return
+        self._is_released = released
+        if released:
+            self.arm.release()
+        else:
+            self.arm.hold()
+
+    def _drift(self) -> None:
+        """Let a person move the arm, within the reflexes."""
+        arm, limits = self.arm, self.arm.limits
+        arm.drift(round(1e3 * self.period_s))
+        measured = arm.measured
+        self._velocity, self._acceleration = measured.velocity.copy(), np.zeros(AXES)
+        past = np.maximum(limits.min_position - measured.position, measured.position - limits.max_position)
+        if past.max() > LIMIT_RAD:
+            name = limits.names[int(past.argmax())]
+            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} was guided beyond its limit")
+        speed = np.abs(measured.velocity) / limits.max_velocity
+        if speed.max() > VELOCITY_SHARE:
+            name = limits.names[int(speed.argmax())]
+            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} was guided too fast")
 
     def _move(self, goal: Array | None) -> None:
         """Follow a goal if the reflexes permit it, otherwise brake."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,7 @@ class ProgramContext:
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None for none.
         brake_rad_s2: deceleration while there is no goal.
+        is_guided: whether the arm is in freedrive.
     """
 
     def __init__(self, controller: UrController) -> None:
@@ -44,8 +46,10 @@ class ProgramContext:
         self._sockets: dict[str, _Socket] = {}
         self.goal: Array | None = None
         self.brake_rad_s2 = STOP_RAD_S2
+        self.is_guided = False
 
     def close(self) -> None:
+        self.is_guided = False
         for each in self._sockets.values():
             each.stream.close()
         self._sockets.clear()
@@ -97,6 +101,8 @@ class ProgramContext:
             "get_target_payload": made(lambda: controller.payload),
             "servoj": waiting(self._servoj),
             "stopj": waiting(self._stopj),
+            "freedrive_mode": made(lambda: self._set_guided(True)),
+            "end_freedrive_mode": made(lambda: self._set_guided(False)),
             "sync": waiting(self._sync),
             "sleep": waiting(self._sleep),
             "set_tcp": made(self._set_tcp),
@@ -104,6 +110,7 @@ class ProgramContext:
             "textmsg": made(lambda *words: controller.events.append(" ".join(map(str, words))[:500])),
             "popup": made(lambda *words, **_: controller.events.append(f"popup: {words[0]}"[:500])),
             "to_str": made(str),
+            "sqrt": made(math.sqrt),
             "socket_open": waiting(self._socket_open),
             "socket_close": made(self._socket_close),
             "socket_send_int": made(
@@ -149,6 +156,8 @@ class ProgramContext:
                 "servoj: 6 joints, lookahead_time 0.03 to 0.2 and gain 100 to 2000 are allowed, "
                 f"got {len(q)}, {lookahead_time:g} and {gain:g}"
             )
+        if self.is_guided:
+            raise ValueError("servoj: the arm is in freedrive, end it with end_freedrive_mode() first")
         begin, goal = self._controller.arm.setpoint.copy(), np.array(q, dtype=float)
         cycles = max(1, round(t / self._controller.period_s))
         for cycle in range(1, cycles + 1):
@@ -160,6 +169,11 @@ class ProgramContext:
         while float(np.abs(self._controller.velocity).max()) > AT_REST_RAD_S:
             yield
         self.brake_rad_s2 = STOP_RAD_S2
+
+    def _set_guided(self, guided: bool) -> None:
+        if guided != self.is_guided:
+            self._controller.events.append(f"freedrive {'begins' if guided else 'ends'}")
+        self.is_guided = guided
 
     def _sync(self) -> Run:
         yield

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from virtual_service import VirtualService
 
-from app.services.streaming.freedrive import MAX_LEAD_RAD, PUSHED_SHARE, ROOM_RAD, Guidance
+from app.services.streaming.freedrive import MAX_LEAD_RAD, PUSHED_SHARE, ROOM_RAD, Guidance, outside
 from app.services.streaming.jog_limits import TCP_M_S
 from cobot.ipc.device_record import fill_capabilities
 from cobot.robot.description import RobotDescription
@@ -261,3 +261,14 @@ def test_a_push_within_the_threshold_moves_nothing_and_a_hard_one_not_too_fast(
         assert (np.abs(guidance.velocity) <= limits.max_velocity).all()
         moves = np.abs(guidance.velocity) > 1e-9
         assert (np.sign(guidance.velocity) == np.sign(external))[moves].all(), "each joint gives way"
+
+
+def test_a_joint_that_a_device_lets_pass_its_limit_is_named(run: VirtualService) -> None:
+    limits = run.rig.robot.limits
+    within = (limits.min_position + limits.max_position) / 2.0
+    assert outside(limits, within) == ""
+    position = within.copy()
+    position[2] = limits.max_position[2] + 0.1
+    said = outside(limits, position)
+    assert said.startswith(f"{limits.names[2]} is at {position[2]:.2f} rad, outside its limits of ")
+    assert said.endswith("guide it back")
