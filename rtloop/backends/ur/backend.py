@@ -62,6 +62,10 @@ USEFUL = (
 )
 REST_RAD_S, REST_S = 0.01, 2.0
 """Maximum speed of a joint at rest, rad/s, and timeout for it at the start, s."""
+ENDED_PACKAGES = 3
+"""Packages after the end of cobot's program until it is a fault. The program ends just before the first package
+that has the cause, such as an emergency stop.
+"""
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
 POSE_S = 0.1
@@ -135,6 +139,7 @@ class UrBackend:
         self._answered = True
         self._periods = 1
         self._begun = False
+        self._unconnected = 0  # packages since the program has ended
         self._hand = _Hand.OFF
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
@@ -209,10 +214,13 @@ class UrBackend:
         if self._beat.due or self._answered:
             return
         self._answered = True
+        self._unconnected = 0 if self._program.is_connected else self._unconnected + 1
         self._outputs.follow(data, self._transport.clock())
         if not self._enabled:
             return
         result = first_rejection(self._checks_of_a_command(data))
+        if result is ACCEPTED and self._unconnected:
+            return
         follows = self._hand is _Hand.OFF
         if result is ACCEPTED and follows and self._transition.sent is None:
             result = self._begin(data, command[0])
@@ -376,11 +384,13 @@ class UrBackend:
         mode = data["robot_mode"]
         if mode != UrRobotMode.RUNNING and not (self._hand is _Hand.GUIDES and mode == UrRobotMode.BACKDRIVE):
             yield Rejected(f"the robot mode: {mode_in_words(mode)}")
-        if not self._program.is_connected:
+        if self._unconnected > ENDED_PACKAGES:
             yield Rejected(
                 "cobot's program on the controller has ended: it was stopped at the teach pendant or by "
                 f"another client, or commands were missing for {self._options.timeout_s:g} s"
             )
+        if self._unconnected:
+            return
         runtime = data["runtime_state"]
         if runtime != RuntimeState.PLAYING:
             name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)

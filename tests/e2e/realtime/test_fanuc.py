@@ -243,8 +243,8 @@ def test_an_interface_that_is_deaf_is_said_and_a_reset_connects_again(
     controller.ask(e_stop=True)
     faulted(run)
     controller.ask(e_stop=False)
-    answer = httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-    assert "cannot be enabled: the controller does not answer a request to" in answer.text
+    words = "cannot be enabled: the controller does not answer a request to"
+    run.until(lambda: words in httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
     controller.ask(deaf=False, close=True)
     able(run)
     move(run, "joints", joints=HOME)

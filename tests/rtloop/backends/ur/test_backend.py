@@ -597,3 +597,20 @@ def test_an_arm_with_other_joints_is_rejected(
     limits = load_robot(settings).limits
     with pytest.raises(BackendError, match="has 6 joints, this robot has 7"):
         UrBackend(with_options(settings), limits, transport=joined(ur, arm.limits))
+
+
+def test_a_program_that_ends_before_its_cause_is_reported_does_not_hide_it(connect: Joined) -> None:
+    """The connection of the program ends at once, the emergency stop is in a later package.
+
+    Oracle: the order in which a controller's two connections are read.
+    """
+    backend, way = opened(connect)
+    hold(backend, way, 5)
+    command = np.zeros((3, 6))
+    command[0] = way.controller.arm.setpoint
+    backend.wait(0.1)
+    way.controller.set_safety(SafetyMode.ROBOT_EMERGENCY_STOP)
+    backend._program.poll()
+    assert not backend._program.is_connected
+    backend.write(command)
+    assert "emergency stop" in refusal(backend, way)
