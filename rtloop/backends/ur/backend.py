@@ -63,8 +63,8 @@ USEFUL = (
 REST_RAD_S, REST_S = 0.01, 2.0
 """Maximum speed of a joint at rest, rad/s, and timeout for it at the start, s."""
 ENDED_PACKAGES = 3
-"""Packages after the end of cobot's program until it is a fault. The program ends just before the first package
-that has the cause, such as an emergency stop.
+"""Packages after the end of cobot's program until it is a fault. The program ends just before the first
+package that has the cause, such as an emergency stop.
 """
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
