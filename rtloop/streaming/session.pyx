@@ -6,7 +6,7 @@ from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
 from cobot.reasons import Reason, ReasonCode
 from cobot.robot.limits import streamed
 from cobot.types import CartesianLimits, LoopMode
-from rtloop.backends import BackendError, GuidedByHand, Impedance, ImpedanceControlled
+from rtloop.backends import BackendError, Impedance, ImpedanceControlled
 from rtloop.results import ACCEPTED, Rejected
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource
