@@ -297,7 +297,7 @@ cdef class ModeMachine:
     cdef void _go_with_hand(self, Measured measured, double robot_time_s, bint fresh) except *:
         """Command the measured position while a person guides the arm, and until it is at rest after that."""
         if fresh:
-            # Against the last position, which is the command: a jump shows when the cycle compares both again.
+            # The command is the last position, so a jump shows when the cycle compares both again.
             self.settling.c_tracks(measured.c_values, self._yield_rad)
             self._desired_rows[:] = 0.0
             self._desired_rows[0] = measured.position
