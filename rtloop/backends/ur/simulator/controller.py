@@ -186,7 +186,7 @@ class UrController:
         self._run_programs()
         plays = self.runtime == RuntimeState.PLAYING
         self._context.is_guided &= plays
-        self._set_released(self._context.is_guided)
+        self._switch_release(self._context.is_guided)
         if self._is_released:
             self._drift()
         else:
@@ -207,7 +207,7 @@ class UrController:
             self.messages.append((*_place(exc), f"runtime_error:{exc}"))
             return False
 
-    def _set_released(self, released: bool) -> None:
+    def _switch_release(self, released: bool) -> None:
         """Release the arm for freedrive, or hold it again."""
         if released == self._is_released:
             return

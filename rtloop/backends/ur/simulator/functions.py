@@ -101,8 +101,8 @@ class ProgramContext:
             "get_target_payload": made(lambda: controller.payload),
             "servoj": waiting(self._servoj),
             "stopj": waiting(self._stopj),
-            "freedrive_mode": made(lambda: self._set_guided(True)),
-            "end_freedrive_mode": made(lambda: self._set_guided(False)),
+            "freedrive_mode": made(lambda: self._switch_freedrive(True)),
+            "end_freedrive_mode": made(lambda: self._switch_freedrive(False)),
             "sync": waiting(self._sync),
             "sleep": waiting(self._sleep),
             "set_tcp": made(self._set_tcp),
@@ -170,7 +170,7 @@ class ProgramContext:
             yield
         self.brake_rad_s2 = STOP_RAD_S2
 
-    def _set_guided(self, guided: bool) -> None:
+    def _switch_freedrive(self, guided: bool) -> None:
         if guided != self.is_guided:
             self._controller.events.append(f"freedrive {'begins' if guided else 'ends'}")
         self.is_guided = guided
