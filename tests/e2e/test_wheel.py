@@ -81,6 +81,7 @@ def whole(wheel: Path, environment: Environment) -> bool:
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("client_first", few([True, False]))
 def test_beside_the_client_each_stays_whole(
     wheel: Path, client: Path, tmp_path: Path, client_first: bool

@@ -19,6 +19,7 @@ from dds_peers import own_domain
 from fastapi import FastAPI
 from node_rig import DEFINITIONS, NodeRig
 from ros_peer import Peer, until
+from thorough import few
 
 from app.graph.actions import GoalHandle, GoalStatus, RejectedGoalError
 from app.graph.graph import Graph, Message
@@ -385,7 +386,7 @@ def test_a_message_too_large_for_the_service_is_rejected_alone(
     assert got["result"]["error_string"] == "arrived"
 
 
-@pytest.mark.parametrize(("points", "rates"), [(7_400, True), (14_800, False)])
+@pytest.mark.parametrize(("points", "rates"), few([(7_400, True), (14_800, False)]))
 def test_a_goal_as_large_as_the_documents_say_arrives_whole(bench: Bench, points: int, rates: bool) -> None:
     """The limits of docs/fjt.md, with numbers of full precision."""
     trajectories = Trajectories(bench)
@@ -400,7 +401,7 @@ def test_a_goal_as_large_as_the_documents_say_arrives_whole(bench: Bench, points
     assert all(len(point["accelerations"]) == 7 * rates for point in received)
 
 
-@pytest.mark.parametrize("points", [9_000, 15_000])
+@pytest.mark.parametrize("points", few([9_000, 15_000]))
 def test_a_goal_with_too_many_points_is_aborted_with_the_reason(bench: Bench, points: int) -> None:
     got = Trajectories(bench).begin(2, points)(30.0)
     assert got["status"] == GoalStatus.ABORTED

@@ -75,7 +75,7 @@ BEST_RAD = {"cage": {4: 4.92, 16: 9.11, 54: 5.58}, "bin": {41: 1.17, 47: 1.33}}
 """Of some motions that are found by long ways at first: the best of many searches of 10 s."""
 
 
-@pytest.mark.parametrize("kind", BEST_RAD)
+@pytest.mark.parametrize("kind", few(BEST_RAD))
 def test_ways_out_of_narrow_places_are_not_much_longer_than_the_best_and_the_same_again(
     robot: RobotDescription, kind: str
 ) -> None:

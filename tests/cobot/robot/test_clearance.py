@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from odd_arm import by_mujoco, odd_arm
 from sample_counts import ENOUGH, samples
+from thorough import few
 
 from benchmarks.planning import scenes
 from cobot.robot.clearance import Clearance
@@ -93,7 +94,7 @@ def test_a_gradient_is_how_the_distance_changes(robot: RobotDescription) -> None
         assert good > 0.97 * total, (good, total)
 
 
-@pytest.mark.parametrize("kind", scenes.KINDS)
+@pytest.mark.parametrize("kind", few(scenes.KINDS))
 def test_dense_samples_find_nothing_on_motions_that_are_proven_free(
     robot: RobotDescription, kind: str
 ) -> None:

@@ -176,6 +176,7 @@ def test_a_search_and_an_insertion_find_the_slot(service: Touched, tmp_path: Pat
     assert tcp["z"] < TOP_Z + TIPS_M - 0.009
 
 
+@pytest.mark.thorough
 def test_what_is_not_met_is_handled_by_on_error(service: Touched, tmp_path: Path) -> None:
     miss = {"press": {**DOWN, "force": 10, "max_distance": 0.01, "retract": 0.01}}
     with pytest.raises(ConditionNotMet, match=r"step 2 of 2: there is no contact within 0.01 m"):
@@ -246,6 +247,7 @@ def test_a_pause_keeps_the_contact_and_a_stop_ends_the_program(
     assert service.health()["robot"]["mode"] == "HOLD"
 
 
+@pytest.mark.thorough
 def test_each_motion_with_force_waits_until_it_is_permitted(service: Touched, tmp_path: Path) -> None:
     asked: list[str] = []
 

@@ -769,13 +769,16 @@ def start(tmp_path: Path, source: str, *arguments: str) -> subprocess.Popen[str]
 
 @pytest.mark.parametrize(
     ("source", "returncode"),
-    [
-        ("textmsg('x')", 0),
-        ("x = = 1", 2),
-        ("error('mine')", 2),
-        ("movej({0})", 4),
-        ("require('ros_bind').ros_publisher_factory('/a', 'std_msgs/msg/Bool')", 4),
-    ],
+    few(
+        [
+            ("textmsg('x')", 0),
+            ("x = = 1", 2),
+            ("error('mine')", 2),
+            ("movej({0})", 4),
+            ("require('ros_bind').ros_publisher_factory('/a', 'std_msgs/msg/Bool')", 4),
+        ],
+        2,
+    ),
 )
 def test_return_codes_are_those_of_sequences(tmp_path: Path, source: str, returncode: int) -> None:
     process = start(tmp_path, source)

@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 from cobot_run import WAIT_S
 from rosbags.highlevel import AnyReader
+from thorough import few
 
 JOINTS = {"joints": [0, 0, 0, -1.57, 0, 1.57, 0]}
 STATE = {"name": ["joint1"], "position": [0.1], "velocity": [0.2], "effort": [0.3]}
@@ -123,7 +124,7 @@ def test_the_first_failure_ends_the_sequence(tmp_path: Path, service: Service) -
 
 @pytest.mark.parametrize(
     ("status", "code", "returncode"),
-    [(422, "limit", 2), (409, "conflict", 3), (503, "unavailable", 4), (500, "error", 3)],
+    few([(422, "limit", 2), (409, "conflict", 3), (503, "unavailable", 4), (500, "error", 3)]),
 )
 def test_refusals_have_return_codes(
     tmp_path: Path, service: Service, status: int, code: str, returncode: int

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from random_json import Garbage
+from thorough import few
 
 from cobot.ipc.layout import ServoMode
 from cobot.servo.fields import BrokenRule
@@ -393,7 +394,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", few(range(5)))
 def test_garbage_is_refused_and_counted_and_nothing_is_raised(seed: int) -> None:
     garbage = Garbage(seed)
     for _ in range(1000):

@@ -12,6 +12,7 @@ import pinocchio
 import pytest
 import yaml
 from extreme_arms import EXTREMES, extreme_robot, urdf
+from thorough import few
 
 from benchmarks.any_arm import measure
 from cobot.config import Settings, load_settings
@@ -53,7 +54,7 @@ class Arm:
         return Impedance(cartesian, share * nominal, np.full(len(nominal), 0.7))
 
 
-@pytest.fixture(scope="module", params=sorted(EXTREMES))
+@pytest.fixture(scope="module", params=few(sorted(EXTREMES), 2))
 def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Arm:
     name = str(request.param)
     return Arm(name, extreme_robot(name, tmp_path_factory.mktemp(name)))

@@ -9,6 +9,7 @@ import json
 
 import pytest
 from franka_settings import franka_settings
+from thorough import few
 from ur_arm import ur_settings
 
 from cobot.config import Settings
@@ -66,7 +67,7 @@ def fanuc(settings: Settings) -> CheckedBackend:
     return cell_for(settings.model_copy(update={"rt": rt}), "fanuc")
 
 
-@pytest.fixture(scope="module", params=[2, 8])
+@pytest.fixture(scope="module", params=few([2, 8]))
 def ur(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> CheckedBackend:
     """An e-Series and a CB3."""
     return cell_for(ur_settings(tmp_path_factory.mktemp("ur"), request.param), "ur")

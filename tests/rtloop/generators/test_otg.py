@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import ruckig
 from sample_counts import samples
+from thorough import few
 
 from cobot.types import Array
 from rtloop.generators import otg
@@ -189,7 +190,7 @@ def _explain(row: Array, motion: otg.AxisProfile, expected: float, seed: int) ->
     assert missed > 1e-13, f"seed {seed}: {motion.duration}, not {expected}, for {row.tolist()}"
 
 
-@pytest.mark.parametrize("kind", ["any", "to rest", "edges", "near rest", "beyond"])
+@pytest.mark.parametrize("kind", few(["any", "to rest", "edges", "near rest", "beyond"], 2))
 def test_a_position_is_reached_as_ruckig_reaches_it(kind: str) -> None:
     rng, n = np.random.default_rng(SEED), samples(2_500) * 10
     rows = _rows(rng, kind, n)
@@ -390,7 +391,7 @@ def test_where_ruckig_keeps_axes_in_phase_it_is_the_same_motion() -> None:
     assert compared > samples(1_000)
 
 
-@pytest.mark.parametrize("kind", ["any", "to rest", "near rest"])
+@pytest.mark.parametrize("kind", few(["any", "to rest", "near rest"]))
 def test_axes_that_are_on_no_line_arrive_together_as_with_ruckig(kind: str) -> None:
     rng, compared = np.random.default_rng(SEED), 0
     for _ in range(samples(3_000)):

@@ -7,6 +7,7 @@ import pytest
 from laws.limiter import NOTHING, Watch
 from laws.limiter import Safety as PlainSafety
 from sample_counts import samples
+from thorough import few
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
@@ -106,7 +107,7 @@ def test_what_passes_and_what_is_caught_is_what_the_law_says(robot: RobotDescrip
 
 
 @pytest.mark.parametrize("streamed", [False, True])
-@pytest.mark.parametrize("catch_up", [np.inf, 0.5])
+@pytest.mark.parametrize("catch_up", few([np.inf, 0.5]))
 def test_a_pursuit_goes_where_the_law_goes(robot: RobotDescription, streamed: bool, catch_up: float) -> None:
     """Requests wander off from the past at a constant acceleration, so that they are caught and met again.
 

@@ -23,6 +23,7 @@ from laws import torque as torque_law
 from laws.comparison import close
 from laws.servo_through_points import ThroughPoints as ThroughPointsLaw
 from sample_counts import ENOUGH, samples
+from thorough import few
 
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode
@@ -521,7 +522,7 @@ class Walk:
         return count
 
 
-@pytest.mark.parametrize("mode", [mode for mode in ServoMode if mode is not ServoMode.NONE])
+@pytest.mark.parametrize("mode", few([mode for mode in ServoMode if mode is not ServoMode.NONE], 2))
 def test_servo_points_of_random_clients(robot: RobotDescription, points: Points, mode: ServoMode) -> None:
     random, limits, dof = points.random, robot.limits, robot.limits.dof
     force = mode in (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)

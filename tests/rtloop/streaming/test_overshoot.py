@@ -47,7 +47,7 @@ def followed(rig: Rig, follow: Follow, make: Make, rate_hz: int) -> tuple[Array,
 
 
 @pytest.mark.parametrize("name", STREAMS)
-@pytest.mark.parametrize("rate_hz", [10, 100, 1000])
+@pytest.mark.parametrize("rate_hz", few([10, 100, 1000]))
 def test_no_stream_goes_beyond_a_target_that_stands_still_and_each_reaches_it(
     rig: Rig, name: str, rate_hz: int
 ) -> None:
@@ -57,7 +57,7 @@ def test_no_stream_goes_beyond_a_target_that_stands_still_and_each_reaches_it(
 
 
 @pytest.mark.parametrize("kind", Interpolation)
-@pytest.mark.parametrize("rate_hz", [10, 30, 100, 1000])
+@pytest.mark.parametrize("rate_hz", few([10, 30, 100, 1000]))
 def test_a_stream_of_joints_hardly_swings_back_on_the_near_side_of_its_target(
     settings: Settings, robot: RobotDescription, kind: Interpolation, rate_hz: int
 ) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cobot_run import PATIENT_PLANNING
 from scipy.spatial.transform import Rotation
+from thorough import few
 from virtual_service import VirtualService, virtual_service
 
 from benchmarks.planning.explanations import examined
@@ -39,7 +40,7 @@ def refused(service: VirtualService, what: str, **body: Any) -> Any:
     return answer.json()
 
 
-@pytest.mark.parametrize("seed", [9, 10])
+@pytest.mark.parametrize("seed", few([9, 10]))
 def test_random_refusals_are_explained_and_what_works_works(service: VirtualService, seed: int) -> None:
     found = examined(service, 12, seed)
     assert found.wrong == []

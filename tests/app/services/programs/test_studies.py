@@ -242,6 +242,7 @@ SERVICE = """
 """
 
 
+@pytest.mark.thorough
 def test_a_killed_service_leaves_no_process_behind_and_the_study_can_go_on(tmp_path: Path) -> None:
     script = textwrap.dedent(SERVICE).format(paths=[str(Path(__file__).parent), *sys.path])
     service = subprocess.Popen([sys.executable, "-c", script, tmp_path], stdout=subprocess.PIPE, text=True)

@@ -300,6 +300,7 @@ def test_a_job_is_paused_resumed_and_cancelled(service: VirtualService, table: T
     )
 
 
+@pytest.mark.thorough
 def test_a_pause_is_bounded_as_those_of_moves(
     service: VirtualService, table: Table, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -362,6 +363,7 @@ def test_bad_input_moves_nothing(
     np.testing.assert_array_equal(service.joints(), before)
 
 
+@pytest.mark.thorough
 def test_the_examples_of_the_page_work(service: VirtualService, table: Table) -> None:
     page = PAGE.read_text(encoding="utf-8").replace("\\\n", "")
     commands = re.findall(r"\$COBOT_URL(/robot/force/\w+) .*?-d '(.*?)'", page)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import pytest
 from cobot_run import until
 from rtps_peer import Peer, number_of, numbered
+from thorough import few
 
 from cobot.dds.rtps import Participant, Qos, Sample, SampleIdentity, Writer
 
@@ -65,7 +66,7 @@ def call(peer: Peer, count: int) -> str:
     return peer.expect("called", "client")
 
 
-@pytest.mark.parametrize(("share", "count"), [(0.0, 300), (0.1, 100), (0.3, 60)])
+@pytest.mark.parametrize(("share", "count"), few([(0.0, 300), (0.1, 100), (0.3, 60)]))
 def test_reliable_topics_carry_everything_in_order_both_ways(
     start_peer: Start, join: Join, share: float, count: int
 ) -> None:
@@ -80,7 +81,7 @@ def test_reliable_topics_carry_everything_in_order_both_ways(
     assert numbers == list(range(1, count + 1))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("share", few([0.0, 0.1, 0.3]))
 def test_large_samples_arrive_whole_both_ways(start_peer: Start, join: Join, share: float) -> None:
     sizes = [65_000, 70_000, 1 << 20, 5 << 20]
     ours, peer = join(loss=losing(share, 5) if share else None), start_peer()

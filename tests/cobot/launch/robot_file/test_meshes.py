@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from thorough import few
 from urdf_arms import ARMS, urdf
 
 from cobot.config import load_settings
@@ -137,21 +138,28 @@ def made_with(folder: Path, mesh: str, content: bytes, **options: object) -> New
 
 @pytest.mark.parametrize(
     ("mesh", "content", "reason"),
-    [
-        ("a.stl", b"", "has no triangles: it is empty or damaged"),
-        ("a.stl", b"x" * 1000, "has no triangles"),
-        ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 3", "has no triangles|not finite"),
-        (
-            "a.obj",
-            b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3",
-            "is a line or a point, not a surface|cannot be read",
-        ),
-        ("a.dae", b"PK\3\4zipped", "is not COLLADA: its first character is not <"),
-        ("a.dae", as_dae(head='<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>'), "has a DOCTYPE"),
-        ("a.gltf", as_gltf("../../../../etc/passwd"), "cannot be read"),
-        ("a.ply", as_ply().replace(b"vertex 4", b"vertex 900000000000"), "has no triangles|cannot be read"),
-        ("a.msh", b"\xff" * 16, "is not a mesh of MuJoCo"),
-    ],
+    few(
+        [
+            ("a.stl", b"", "has no triangles: it is empty or damaged"),
+            ("a.stl", b"x" * 1000, "has no triangles"),
+            ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 3", "has no triangles|not finite"),
+            (
+                "a.obj",
+                b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3",
+                "is a line or a point, not a surface|cannot be read",
+            ),
+            ("a.dae", b"PK\3\4zipped", "is not COLLADA: its first character is not <"),
+            ("a.dae", as_dae(head='<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>'), "has a DOCTYPE"),
+            ("a.gltf", as_gltf("../../../../etc/passwd"), "cannot be read"),
+            (
+                "a.ply",
+                as_ply().replace(b"vertex 4", b"vertex 900000000000"),
+                "has no triangles|cannot be read",
+            ),
+            ("a.msh", b"\xff" * 16, "is not a mesh of MuJoCo"),
+        ],
+        3,
+    ),
 )
 def test_hostile_meshes_are_rejected_with_the_line_the_link_and_the_path(
     tmp_path: Path, mesh: str, content: bytes, reason: str

@@ -14,6 +14,7 @@ from foreign_trajectories import problems, totg, trapezoid
 from laws import jerk_fit as law
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.spatial import cKDTree
+from thorough import few
 
 from cobot.errors import LimitError
 from cobot.planners import WaypointRequest, jerk_fit, plan_waypoints
@@ -141,7 +142,7 @@ def test_5000_points_over_10_s_take_10_s(free: RobotDescription, decimals: int) 
 
 
 @pytest.mark.parametrize(("share", "within"), [(0.1, 1.001), (0.5, 1.01), (0.7, WITHIN), (1.0, 1.3)])
-@pytest.mark.parametrize("rates", [0, 2])
+@pytest.mark.parametrize("rates", few([0, 2]))
 def test_what_totg_sends_is_followed_in_its_time_where_jerk_allows_it(
     free: RobotDescription, share: float, within: float, rates: int
 ) -> None:

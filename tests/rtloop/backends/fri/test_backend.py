@@ -533,6 +533,7 @@ def test_packets_that_are_refused_are_not_called_silence(make: Make) -> None:
     assert said in driven.backend.status().text
 
 
+@pytest.mark.thorough
 @given(packets=st.lists(st.binary(max_size=100), max_size=5))
 def test_rubbish_between_the_packets_does_not_disturb(
     settings: Settings, robot: RobotDescription, packets: list[bytes]
