@@ -50,6 +50,9 @@ LONG = (
     "test_force_step.py",
     "test_supervisor.py",
     "test_lua_program.py",
+    "test_fleet_commands.py",
+    "test_fleet_panel.py",
+    "test_force_motions.py",
 )
 """What takes longest begins first, or one process would be busy with it when all others have ended."""
 
