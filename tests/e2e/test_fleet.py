@@ -502,6 +502,7 @@ def test_a_wrong_request_is_an_error_with_a_reason(
     assert (answer.status_code, words in answer.json()["detail"]) == (status, True), answer.text
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_the_page_shows_a_tile_and_stops_after_a_confirmation(hub: Hub, cell: Run, tmp_path: Path) -> None:
     job = begin_motion(cell)

@@ -351,6 +351,7 @@ def test_a_hub_with_wrong_certificates_does_not_start(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_the_page_asks_for_a_token_and_starts_a_program(
     hub: Hub, client: Client, tokens: dict[str, str], tmp_path: Path
@@ -511,6 +512,7 @@ def velocity_limit(client: Client) -> float:
     return float(client._json("GET", "/robot/geometry")["joints"][0]["max_velocity"])
 
 
+@pytest.mark.thorough
 def test_settings_are_rolled_out_and_back(
     hub: Hub,
     cell: Run,
@@ -571,6 +573,7 @@ def test_settings_that_do_not_fit_change_nothing(
     assert (velocity_limit(client), programs_of(client)) == before
 
 
+@pytest.mark.thorough
 def test_nothing_is_activated_while_a_program_runs(
     hub: Hub, client: Client, bundle: Path, roll_out: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -600,6 +603,7 @@ def test_a_killed_cell_undoes_what_it_had_begun(hub: Hub, cell: Run, client: Cli
     until(lambda: not load_settings(cell.config).bundle_file.exists())
 
 
+@pytest.mark.thorough
 def test_recordings_come_home_over_a_kill_of_the_hub(
     hub: Hub,
     cell: Run,

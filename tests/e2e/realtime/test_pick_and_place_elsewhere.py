@@ -26,7 +26,6 @@ from dds_peers import own_domain
 from fanuc_run import ControllerProcess as FanucController
 from fanuc_run import RunOverFanuc
 from rsi_run import RsiProcess, RunOverRsi, free_udp_port, kr10
-from thorough import few
 from ur_arm import ur_folder
 from ur_run import ControllerProcess as UrController
 from ur_run import RunOverUr
@@ -36,7 +35,7 @@ from cobot.cell.surroundings import hand_as_tool
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.robot.description import load_robot
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(600)]
 PICK, PLACE = (0.5, -0.3, 0.225), (0.55, 0.3, 0.235)
 NEAR_M = 6e-3
 """The controllers lag, and the arm ends 4 mm deeper in the tray than the cube where it touches."""
@@ -154,7 +153,7 @@ class Watch:
             time.sleep(LOOK_S)
 
 
-@pytest.mark.parametrize("over", few([over_ur, over_fanuc, over_rsi, over_ros2_control]))
+@pytest.mark.parametrize("over", [over_ur, over_fanuc, over_rsi, over_ros2_control])
 def test_the_example_picks_and_places(over: Any, tmp_path: Path) -> None:
     with over(tmp_path) as (run, joints):
         (robot,) = run.ask("GET", "/robots")

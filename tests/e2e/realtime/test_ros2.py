@@ -104,6 +104,7 @@ def test_the_manual_s_client_moves_the_arm_to_zero_in_every_servo_mode(
     ros.until_at([0.0] * 7)
 
 
+@pytest.mark.thorough
 @needs_manual
 def test_the_manual_s_client_plays_joints_of_a_csv_file(ros: Ros, tmp_path: Path) -> None:
     ros.home()

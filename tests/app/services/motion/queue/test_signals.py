@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from independent_models import second_robot
 from queued_actions import HOME, Json, Queue, reached, setting
-from thorough import few
 from wired_arm import WiredService
 
 from cobot.types import LoopMode
@@ -335,7 +334,8 @@ def test_a_rejected_output_that_stops_its_motion_empties_the_queue(queue: Queue)
     assert queue.fates(second) == [False]
 
 
-@pytest.mark.parametrize("seed", few([5, 18, 24]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [5, 18, 24])
 def test_whatever_comes_and_is_taken_out_nothing_fires_twice_and_nothing_is_lost(
     queue: Queue, seed: int
 ) -> None:
