@@ -80,7 +80,9 @@ class PlacementStudy(RobotStudy):
         answer = super().answer(columns)
         if "cause" in columns and not (columns["cause"] == "").any():
             answer["no placement can do the program"] = nearest_program(columns, self.axes)
-        elif "gap_m" in columns and not np.asarray(columns["share"], dtype=float).any():
+        elif _reaches_nothing(columns):
+            for name in ("at", "trial", f"best {self.metric}"):  # any placement is as bad as the others
+                answer.pop(name, None)
             gaps = np.asarray(columns["gap_m"], dtype=float)
             nearest = int(np.argmin(gaps))
             at = ", ".join(f"{name} {columns[name][nearest].item():.6g}" for name in self.axes)
@@ -92,10 +94,11 @@ class PlacementStudy(RobotStudy):
 
     def best_placement(self, columns: Columns) -> dict[str, list[float]] | None:
         """The best placement, as poses x, y, z, w, x, y, z: base in the current base frame, and TCP in
-        the flange's frame. None without a finite value, or with samples, which are not placements.
+        the flange's frame. None without a finite value, if no placement reaches a target, or with samples,
+        which are not placements.
         """
         values = np.asarray(columns.get(self.measure, ()), dtype=float)
-        if not np.isfinite(values).any() or (self.samples or 1) > 1:
+        if not np.isfinite(values).any() or _reaches_nothing(columns) or (self.samples or 1) > 1:
             return None
         best = self.best_of(values)
         at = {name: columns[name][best].item() for name in self.axes}
@@ -256,6 +259,11 @@ class _PlacementKernel:
         except (PlanningError, LimitError) as exc:
             return float("nan"), planned, str(exc)[:200]
         return duration_s, planned, ""
+
+
+def _reaches_nothing(columns: Columns) -> bool:
+    """Whether there are targets, and no placement reaches one."""
+    return "share" in columns and not np.asarray(columns["share"], dtype=float).any()
 
 
 def _base_of(values: dict[str, Value]) -> Pose:

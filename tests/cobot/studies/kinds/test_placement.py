@@ -98,8 +98,11 @@ def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> N
     columns = far.kernel()(0, 3)
     gaps = np.asarray(columns["gap_m"], float)
     assert gaps[[0, 2]] - gaps[1] == pytest.approx([1.0, 2.0], abs=0.05)
-    said = far.answer({"task": np.arange(3), **columns})["no target is reached"]
-    assert said.startswith("the nearest placement is base_x_m -5: its targets are ")
+    answer = far.answer({"task": np.arange(3), **columns})
+    assert answer["no target is reached"].startswith("the nearest placement is base_x_m -5: its targets are ")
+    assert not answer.keys() & {"at", "best share"}
+    assert far.best_placement(columns) is None  # nothing to take over
+    assert far.best_placement(columns | {"share": np.array([0.0, 0.5, 0.0])}) is not None
     # Of the two poses, the base at -0.5 m reaches the first only; at 6 m it reaches none.
     program = [{"to": "home"}, *({"pose": [x, 0, 0.3, 0, 1, 0, 0]} for x in (0.0, 9.0))]
     space = {"base_x_m": {"values": [6.0, -0.5]}}
