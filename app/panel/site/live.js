@@ -1,5 +1,6 @@
 // The last 20 s: position, velocity, torque or tracking error of each joint, the external wrench at the TCP, or the
 // cycle times. It is drawn only while it is visible.
+import { shortNames } from "./readouts.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SPAN_S = 20;
@@ -59,19 +60,21 @@ export class Live {
   build() {
     const { lanes, turns, slides } = QUANTITIES[this.quantity];
     const each = lanes ?? this.ranges.map((range) => [range.name, ...(range.slides ? slides : turns)]);
-    this.lanes = each.map(([name, unit, factor = 1]) => {
+    const short = lanes ? [] : shortNames(each.map(([name]) => name));
+    this.lanes = each.map(([name, unit, factor = 1], index) => {
       const [label, picture, value] = ["span", "canvas", "b"].map((tag) => document.createElement(tag));
       picture.setAttribute("role", "img");
-      return { said: () => (lanes ? word(name) : name), unit, factor, label, picture, value };
+      return { said: () => (lanes ? word(name) : name), short: short[index], unit, factor, label, picture, value };
     });
     element("live").replaceChildren(...this.lanes.flatMap(({ label, picture, value }) => [label, picture, value]));
     this.name();
   }
 
   name() {
-    for (const { said, label, picture } of this.lanes) {
+    for (const { said, short, label, picture } of this.lanes) {
       const name = said();
-      label.textContent = name;
+      label.textContent = short ?? name;
+      label.title = name;
       picture.setAttribute("aria-label", word("live_of", { name, what: word(`live_${this.quantity}`) }));
     }
   }

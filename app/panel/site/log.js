@@ -65,6 +65,14 @@ function isDetail(event) {
   return DETAILS.includes(type);
 }
 
+// All fields of an event, by their names in docs/events.md.
+function fieldsOf(data) {
+  const made = document.createElement("pre");
+  const known = Object.entries(data).filter(([, value]) => value !== null && value !== "");
+  made.textContent = known.map(([name, value]) => `${name}: ${typeof value === "object" ? JSON.stringify(value) : value}`).join("\n");
+  return made;
+}
+
 export class Log {
   // labelOf: gives the name of a program from that of its file.
   constructor(labelOf) {
@@ -113,7 +121,7 @@ export class Log {
     const { time, type, data } = event;
     const level = event.repeats ? "" : levelOf(event);
     const made = document.createElement("li");
-    const [moment, kind, text] = ["time", "b", "span"].map((tag) => document.createElement(tag));
+    const [whole, line, moment, kind, text] = ["details", "summary", "time", "b", "span"].map((tag) => document.createElement(tag));
     moment.dateTime = time;
     moment.textContent = new Date(time).toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
     kind.textContent = word(`event_${type}`);
@@ -124,7 +132,10 @@ export class Log {
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));
     made.toggleAttribute("data-detail", Boolean(event.repeats) || isDetail(event));
-    made.append(moment, kind, text);
+    line.append(moment, kind, text);
+    whole.append(line);
+    whole.addEventListener("toggle", () => whole.append(fieldsOf(data)), { once: true });
+    made.append(whole);
     return made;
   }
 }

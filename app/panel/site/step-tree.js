@@ -99,7 +99,9 @@ export class StepTree {
     const [line, choose] = [made("div", "", "step"), made("button", "", "step-name")];
     choose.type = "button";
     const name = nameOf(step, number);
-    choose.append(made("b", name), made("small", lineOf(step, name, (joints) => this.page.places.poseOf(joints))));
+    const about = lineOf(step, name, (joints) => this.page.places.poseOf(joints));
+    choose.append(made("b", name), made("small", about));
+    choose.title = about;
     choose.addEventListener("click", () => this.page.choose(number));
     line.append(number === "0" ? made("i", "", "grip") : this.grip(number), symbol(number === "0" ? "home" : kindOf(step)), made("span", number === "0" ? "" : number, "number"), choose);
     if (isMotion(step)) line.append(this.button("▶", "step_go", number, name, () => this.page.places.go(number)));

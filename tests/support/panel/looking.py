@@ -14,6 +14,12 @@ from scipy.spatial.transform import Rotation
 from panel.page import HOME, SIZE, Panel, commanded, is_at, set_to, size, slowly, tcp_at
 
 VISIBLE = "cobotPanel.view.arm.hidden.filter(([mesh]) => mesh.visible)"
+CONFIRMED = """
+document.addEventListener("cobot-stopped", () => (window.toldAt = performance.now()), { capture: true });
+new MutationObserver(() => (window.shownAt ??= performance.now()))
+    .observe(document.querySelector("#stop"), { attributeFilter: ["data-confirmed"] });
+"""
+"""When the service has told the page that the arm is at rest, and when the button shows it."""
 FIELD = "document.querySelector({!r})"
 
 
@@ -43,8 +49,10 @@ def test_the_head_says_what_the_robot_is_and_does(panel: Panel) -> None:
     slowly(panel)
     panel.until("document.querySelector('#mode').innerText === 'Moving'")
     panel.until("parseFloat(document.querySelector('#tcp-speed').innerText.replace('TCP ', '')) > 0")
+    panel.page.run(CONFIRMED)
     panel.page.click("#stop")
-    panel.until("document.querySelector('#stop').dataset.confirmed !== undefined")
+    panel.until("document.querySelector('#stop').dataset.confirmed !== undefined && window.toldAt")
+    assert panel.page.run("shownAt - toldAt") < 100.0, "the button shows it within 100 ms of the confirmation"
     assert panel.page.run("getComputedStyle(document.querySelector('#stopped')).display") == "block"
     until(panel.rests)
     panel.until("document.querySelector('#stop').dataset.confirmed === undefined")

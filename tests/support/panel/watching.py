@@ -111,7 +111,8 @@ def happened(panel: Panel) -> list[dict[str, Any]]:
 
 def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None:
     """The events as another connection hears them; after a break the list goes on where it was."""
-    listed = "[...document.querySelectorAll('#log li')].map((e) => [e.dataset.type, e.children[0].dateTime])"
+    when = "e.querySelector('time').dateTime"
+    listed = f"[...document.querySelectorAll('#log li')].map((e) => [e.dataset.type, {when}])"
 
     def all_listed() -> bool:
         newest = happened(panel)[:-101:-1]
@@ -127,7 +128,7 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
     )
     named = httpx.post(f"{panel.run.url}/robot/move/named", json={"name": "nowhere"}, timeout=WAIT_S)
     assert named.status_code == 422
-    refused = "document.querySelector('#log [data-type=refused]')"
+    refused = "document.querySelector('#log [data-type=refused] summary')"
     panel.until(refused)
     try:
         for language, name in (("de", "abgelehnt"), ("zh", "已拒绝"), ("en", "refused")):
@@ -140,6 +141,10 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
             assert named.json()["detail"] in said
     finally:
         set_to(panel, "#language", "en")
+    panel.page.click("#log [data-type=refused] summary")
+    fields = "document.querySelector('#log [data-type=refused] pre')?.textContent"
+    panel.until(fields)
+    assert f"reason: {named.json()['detail']}" in panel.page.run(fields), "a line opens to all its fields"
     shown = "[...document.querySelectorAll('#log li')].filter((each) => each.checkVisibility())"
     for nth, kept in (
         (2, "'problem' in each.dataset"),
