@@ -9,11 +9,13 @@ const TOKEN = "cobot.fleet.token";
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
 const FIELDS = ["robot", "zone", "mode", "job", "program", "control", "speed_override", "backend", "bundle", "version", "age"];
 const ALARMS = ["estop", "fault", "silent", "gone"];
+const ALARM_LENGTH = 160; // the tile has the whole reason
 const byId = (id) => document.getElementById(id);
 const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
 let chosen = new Set();
 let robots = [];
+let known = false; // whether the hub has answered
 let panels = false; // whether the hub shows the panels of cells
 let polled = Date.now();
 let language = localStorage.getItem("cobot.language") ?? navigator.language.slice(0, 2);
@@ -171,7 +173,7 @@ function draw() {
     button.textContent = `${word(button.dataset.filter)} ${count}`;
     button.hidden = !count && !chosen.has(button.dataset.filter);
   }
-  byId("empty").hidden = robots.length > 0;
+  byId("empty").hidden = !known || robots.length > 0;
   drawAlarms();
 }
 
@@ -186,7 +188,7 @@ function drawAlarms() {
   list.dataset.key = key;
   list.replaceChildren(...found.map((robot) => {
     const name = `${robot.cell} / ${robot.robot}`;
-    const reason = robot.state !== "gone" && robot.reason ? ` – ${robot.reason}` : "";
+    const reason = robot.state !== "gone" && robot.reason ? ` – ${robot.reason.slice(0, ALARM_LENGTH)}` : "";
     const row = element("button", { type: "button" }, `${name}: ${word(robot.state)}${reason}`);
     row.onclick = () => {
       chosen.clear();
@@ -213,6 +215,7 @@ async function poll() {
     if (!response.ok) throw new Error(response.statusText);
     const answer = await response.json();
     ({ robots, panels } = answer);
+    known = true;
     byId("fleet").textContent = answer.fleet;
     tellConnection(`${robots.filter((robot) => robot.alive).length} / ${robots.length} ${word("connected")}`, false);
   } catch {
