@@ -22,6 +22,8 @@ from cobot_run import WAIT_S, RunOfFolder, answering, until
 from folders import ROOT
 from panel.page import Panel, button, planned
 
+pytestmark = pytest.mark.thorough
+
 CORPUS = ROOT / ".venv" / "corpus"
 MOVED_RAD = 0.02
 

@@ -19,6 +19,8 @@ from chromium import CHROMIUM, Page, browsing
 from cobot_run import ROOT, WAIT_S, Run, answering, until
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.thorough
+
 BETWEEN = """(() => {
   const { arm } = cobotPanel.view;
   const [one, other] = ["hand.finger1", "hand.finger2"].map(
@@ -132,7 +134,6 @@ SCREEN = """(() => {
 """Where the can is drawn."""
 
 
-@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_after_execute(
     tmp_path: Path,
@@ -188,7 +189,6 @@ def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_aft
             np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), [0.0, 0.0, -1.0], atol=5e-3)
 
 
-@pytest.mark.thorough
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) -> None:
     """An imported file on Program, and the example on Run: docs/how-to/pick-and-place.md."""

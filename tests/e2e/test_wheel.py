@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from cobot_run import Run, answering
-from thorough import few
 from wheels import Environment, build, client_wheel
 
 ROOT = Path(__file__).parents[2]
@@ -17,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 SOURCES = ("cobot", "rtloop", "app", "config", "sequences", "build")
 FILES = ("pyproject.toml", "setup.py", "requirements/build.lock", "README.md", "LICENSE")
 # Where nothing is compiled yet, all of it is.
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(900)]
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +80,7 @@ def whole(wheel: Path, environment: Environment) -> bool:
         )
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("client_first", few([True, False]))
+@pytest.mark.parametrize("client_first", [True, False])
 def test_beside_the_client_each_stays_whole(
     wheel: Path, client: Path, tmp_path: Path, client_first: bool
 ) -> None:
