@@ -132,7 +132,7 @@ def _recording(robot: str) -> RecordingMemory | None:
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     """The tool with the attached objects, except parts of a cell, because the cell starts again.
 
-    If the scene cannot be read, only the tool. Then neither the service, which starts all motions, nor a
+    If the scene cannot be read, returns only the tool. Nothing moves then, because neither the service nor a
     session can start.
     """
     model = robot.model

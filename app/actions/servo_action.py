@@ -79,7 +79,7 @@ class ServoModeAction:
         if goal["mode"] == ServoMode.NONE:
             raise RejectedGoalError("mode must be from 1 to 7: cancel the goal to leave a mode")
         if servo.active:
-            raise ConflictError("a servo session is under way: end it first")
+            raise ConflictError("a servo session is already running: end it first")
         number = await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])
         handle.accept()
         while servo.holds(number):

@@ -60,7 +60,7 @@ def declare(function: Callable[..., Any], endpoint: Endpoint) -> None:
 
 
 def declared(function: Callable[..., Any] | BaseRoute) -> Endpoint | None:
-    """The endpoint that a function serves, or the function of a route."""
+    """The endpoint that a function, or a route's function, serves; None if it serves none."""
     found = getattr(getattr(function, "endpoint", function), _DECLARED, None)
     assert found is None or isinstance(found, Endpoint)
     return found

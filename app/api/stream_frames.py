@@ -203,7 +203,7 @@ class JogFrame(RequestModel):
 
 
 class Pull(RequestModel):
-    """Pulls the simulated arm at a point of a link. A frame without a link lets go."""
+    """Pulls the simulated arm at a point of a link. A frame without a link ends the pull."""
 
     type: Literal["pull"]
     link: Annotated[str, Field(min_length=1, max_length=64)] | None = None
@@ -213,7 +213,9 @@ class Pull(RequestModel):
     @model_validator(mode="after")
     def _all_or_none(self) -> Pull:
         if len({value is None for value in (self.link, self.point, self.target)}) > 1:
-            raise ValueError("link, point and target go together; without all three, the arm is let go")
+            raise ValueError(
+                "link, point and target must be given together; a frame with none of them ends the pull"
+            )
         return self
 
 

@@ -118,7 +118,9 @@ class ActionServer:
         if goal_id in self._goals:
             raise ConflictError(f"goal {goal_id.hex} of {self.action.name} was already sent")
         if sum(goal.running for goal in self._goals.values()) >= MAX_RUNNING:
-            raise ConflictError(f"{self.action.name} already has {MAX_RUNNING} running goals, the maximum")
+            raise ConflictError(
+                f"{self.action.name} already has {MAX_RUNNING} running goals, which is the maximum"
+            )
         goal = ActionGoal(goal_id, on_feedback)
         goal.handle = GoalHandle(goal, self)
         self._goals[goal_id] = goal

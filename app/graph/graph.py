@@ -188,8 +188,8 @@ class Graph(Topics):
         return server
 
     def graph(self) -> dict[str, Any]:
-        """The part of the graph that other networks may mirror: without what they own and what they already
-        have.
+        """The part of the graph that other networks may mirror. Entries that come from these networks, or
+        that they have already, are left out.
         """
         services = [
             {"name": service.name, "type": service.type}

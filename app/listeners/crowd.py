@@ -113,7 +113,9 @@ class Crowd:
         return self._count + self._reserved.count
 
     def hurries(self, now_s: float, grace_s: float) -> bool:
-        """Whether a new connection could evict one that has only just got its reserve place."""
+        """Whether a new connection would evict a connection that got its reserve place less than `grace_s`
+        ago.
+        """
         if self._count < self.per_address or self._reserved.count < self._reserve:
             return False
         oldest = self._reserved.connection_to_evict(now_s)

@@ -138,8 +138,8 @@ class HttpProtocol(HttpToolsProtocol):
         )
 
     def _make_room(self) -> None:
-        """Close this connection for a new one. Send an answer if the client has perhaps sent a request and
-        reads answers.
+        """Close this connection to make room for a new one. A client that reads its answers first gets an
+        error response.
         """
         if self.transport.get_write_buffer_size():
             self.transport.abort()

@@ -345,7 +345,7 @@ class RosbridgeConnection:
     def _cancel(self, asked: op.CancelActionGoal) -> None:
         known = self._goals.get(asked.id)
         if known is None or known[0] != asked.action:
-            raise InputError(f"no goal {shown(asked.id)} of {asked.action} is under way")
+            raise InputError(f"no goal {shown(asked.id)} of {asked.action} is running")
         self._graph.cancel(*known)
 
     def _type_of(self, asked: op.Operation) -> str | None:

@@ -126,7 +126,7 @@ class Offers:
     def _goal(self, goal_id: op.Id, action: str) -> tuple[GoalHandle, asyncio.Future[op.ActionResult]]:
         known = self._goals.get(goal_id)
         if known is None:
-            raise InputError(f"no goal {shown(goal_id)} of {action} is under way")
+            raise InputError(f"no goal {shown(goal_id)} of {action} is running")
         return known
 
     def _require_room(self) -> None:

@@ -71,7 +71,7 @@ class DdsActionServer:
         self._tell()
 
     def close(self) -> None:
-        """Stop; goals under way get no result."""
+        """Stop; running goals get no result."""
         for service in self._services:
             service.close()
         for topic in (self._feedback, self._status):

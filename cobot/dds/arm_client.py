@@ -62,7 +62,7 @@ LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
 RATE_S = 1.0
 REJECTED = 1
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
-"""With the time stamp 0, a cancel of this id means all goals."""
+"""A cancel with this id and time stamp 0 cancels all goals."""
 LINE_BYTES = 1 << 16
 OWN_GOALS = 100
 """Number of the newest own goals whose ids are kept. Only goals that still run are looked up."""

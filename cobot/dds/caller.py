@@ -64,7 +64,7 @@ class ServiceCaller:
         self._writer.close()
 
     def _take(self, sample: Sample) -> None:
-        """Take an answer; those to other clients come here too."""
+        """Handle an answer. Answers to other clients arrive here too."""
         asked = sample.related
         if asked is None or asked.writer not in (self._reader.guid, self._writer.guid):
             return

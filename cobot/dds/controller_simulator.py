@@ -108,7 +108,7 @@ class SimulatedControllers:
                 self._gpio_states.publish(message_of(self._gpio))
 
     def _advance(self) -> float:
-        """Have the time since the last call pass; the time now."""
+        """Simulate the time since the last call. Returns the current time, s."""
         before_s, self._time_s = self._time_s, time.monotonic()
         self.controller.step(self._time_s - before_s)
         return self._time_s

@@ -14,10 +14,12 @@ LAYOUTS = tuple(f"controller_manager_msgs/srv/{name}ListControllers" for name in
 hash, so the layout that fits is taken."""
 STATES = frozenset({"unconfigured", "inactive", "active", "finalized", "unknown"})
 TRAJECTORIES = "JointTrajectoryController"
-"""End of the types of controllers that take trajectories; UR's is a ScaledJointTrajectoryController."""
+"""Ending of the type names of controllers that accept trajectories; UR's type is
+ScaledJointTrajectoryController.
+"""
 
 POSITIONS = ("ForwardCommandController", "JointGroupPositionController")
-"""End of the types of controllers that pass commands on."""
+"""Endings of the type names of controllers that forward commands."""
 
 
 class ControllerLister(ServiceCaller):

@@ -43,7 +43,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 class DdsGateway:
-    """The mirror; it works while `run` runs.
+    """Mirrors the graph of the service to DDS, while `run` runs.
 
     Args:
         url: address of the service.

@@ -299,7 +299,7 @@ class RobotBundles:
     def _require_rest(self) -> None:
         running = self._client.jobs(1, *NOT_ENDED)
         if running:
-            raise ConflictError(f"{running[0]['request']} has not ended; the arm must rest")
+            raise ConflictError(f"{running[0]['request']} has not ended; the arm must be at rest")
 
     def _before(self, name: str, bundle: Bundle) -> Installed:
         programs: dict[str, BundleProgram | None] = {}

@@ -125,7 +125,7 @@ def check_cell_folder(folder: Path) -> None:
     except (InvalidSignature, ValueError, TypeError) as exc:
         raise ConfigError(f"{folder}: {CELL}.pem is not issued by {AUTHORITY}.pem") from exc
     if datetime.now(UTC) > certificate.not_valid_after_utc:
-        raise ConfigError(f"{folder}: {CELL}.pem has expired on {certificate.not_valid_after_utc:%Y-%m-%d}")
+        raise ConfigError(f"{folder}: {CELL}.pem expired on {certificate.not_valid_after_utc:%Y-%m-%d}")
 
 
 class Signer:

@@ -8,8 +8,8 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 
 class HubConnection(HttpToolsProtocol):
-    """A connection that is closed if no request comes on it, as one after an answer is. Otherwise clients
-    without a token could use up all connections that the operating system permits to the hub.
+    """Closes a connection on which no request arrives in time, also before its first request. Otherwise
+    clients without a token could use up all connections that the operating system permits to the hub.
     """
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]

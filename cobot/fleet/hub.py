@@ -516,7 +516,9 @@ class Hub:
         try:
             event = read(RobotEvent, bytes(sample.payload))
             if (event.cell, event.robot) != parts(str(sample.key_expr)):
-                raise InputError(f"the event of {event.cell}/{event.robot} came as {sample.key_expr}")
+                raise InputError(
+                    f"the event of {event.cell}/{event.robot} arrived under the key {sample.key_expr}"
+                )
             self._keep_events([event])
         except InputError as exc:
             log.warning("an event is ignored: %s", exc)

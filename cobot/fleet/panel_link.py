@@ -193,7 +193,10 @@ class PanelLink:
         if head.code != "ok":
             raise _error_of(head)
         if len(content) > MAX_PIECE_BYTES + 65536:
-            raise InputError(f"the cell {panel.cell} has sent a piece of {len(content)} bytes")
+            raise InputError(
+                f"the cell {panel.cell} has sent a piece of {len(content)} bytes, allowed are "
+                f"{MAX_PIECE_BYTES + 65536}"
+            )
         return head, content
 
 

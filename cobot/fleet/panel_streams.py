@@ -60,7 +60,7 @@ class PanelStream:
         """The next content, and whether it is the last.
 
         Args:
-            wait_s: how long to wait for some.
+            wait_s: maximum time to wait for content.
 
         Raises:
             UnavailableError: the content has ended because of an error.

@@ -404,7 +404,7 @@ async def _body(request: Request) -> bytes:
                 f"the body has {len(body)} bytes after {BROWSER_S:g} s and is not complete; send it again"
             ) from exc
     raise PayloadError(
-        f"the body has more than {MAX_BODY_BYTES} bytes, which is what a hub passes on; use the address of "
+        f"the body has more than {MAX_BODY_BYTES} bytes, the maximum that a hub forwards; use the address of "
         "the cell itself, or `cobot fleet roll-out` for programs"
     )
 

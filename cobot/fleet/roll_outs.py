@@ -113,7 +113,7 @@ class RollOuts:
             role: role of the person who sends the request.
 
         Raises:
-            NotFoundError: there is none with this id.
+            NotFoundError: there is no roll-out with this id.
             PermissionDenied: the role is lower than that of the person who started the roll-out.
             ConflictError: the roll-out has ended.
         """

@@ -89,7 +89,7 @@ class HandRig(PointRig):
         return super().read(name) if self.silent or name not in measured else measured[name]
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Simulate the next `duration_s`."""
         self.seconds += duration_s
         target = self.values["hand.width"]
         if self.object_m is not None and self.width >= self.object_m:
@@ -117,7 +117,7 @@ class DigitalRig(PointRig):
         return DigitalGripper(self._options, self, self)
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Simulate the next `duration_s`."""
         options = self._options
         self.seconds += duration_s
         shut, apart = options.close_output, options.open_output
@@ -161,7 +161,7 @@ class VacuumRig(PointRig):
         return VacuumGripper(self._options, self, self)
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Simulate the next `duration_s`."""
         options = self._options
         self.seconds += duration_s
         sucks = self.values[options.output] == options.on_value and self.object_m is not None

@@ -113,8 +113,8 @@ def require_order(measured: tuple[StateField, ...]) -> None:
     ):
         raise ConfigError(
             f"the measured fields are {', '.join(names)}: list them together in cobot/ipc/state_fields.py, "
-            f'of kind "f8", a new one per joint before {LAST_MEASURED[0]}, which {LAST_MEASURED[1]} and '
-            f"{LAST_MEASURED[2]} follow as the last ones"
+            f'of kind "f8", fields per joint first; {LAST_MEASURED[0]}, {LAST_MEASURED[1]} and '
+            f"{LAST_MEASURED[2]} must be the last ones"
         )
 
 

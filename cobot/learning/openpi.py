@@ -27,7 +27,7 @@ CONNECT_S = 10.0
 MAX_ANSWER_BYTES = 64 << 20
 """Maximum size of a server's message. A chunk of 100 actions with 32 numbers has 26 kB."""
 PLAIN = "biufSU"
-"""Kinds of numpy types that their bytes define completely."""
+"""Kinds of numpy types whose values can be restored from their bytes alone."""
 DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
 """Valid names of these types. numpy accepts far more names, some of which it parses as Python code."""
 

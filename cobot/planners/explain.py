@@ -209,7 +209,9 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 
 
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """The nearest goals within the limits, in reach and free. The way there may need a search."""
+    """The nearest goals that are within the limits, reachable and free of collisions. They may need a planner
+    that searches.
+    """
     for goal, says in _near_goals(robot, request):
         if not request.traits.follows_path:
             yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")

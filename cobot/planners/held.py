@@ -76,7 +76,7 @@ class Held:
         if excess[worst] > ALLOWANCE:
             said = self._said(worst, joints)
             raise PlanningError(
-                f"{what} breaks {said}", findings=[self._finding(worst, float(excess[worst]), share)]
+                f"{what} violates {said}", findings=[self._finding(worst, float(excess[worst]), share)]
             )
 
     def check(self, trajectory: Trajectory, planner: PlannerName) -> None:
@@ -96,8 +96,8 @@ class Held:
         percent = 100.0 / trajectory.duration_s
         broken = int(excess[deepest].argmax())
         raise PlanningError(
-            f"{planner}: the motion breaks constraints from {percent * times[first]:.0f} % of its time on; "
-            f"most after {percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
+            f"{planner}: the motion violates constraints from {percent * times[first]:.0f} % of its time on; "
+            f"the largest violation is after {percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
             f"{self._said(broken, rows[deepest])}",
             findings=[
                 self._finding(broken, float(worst[deepest]), float(times[deepest]) / trajectory.duration_s)

@@ -107,7 +107,9 @@ class Template:
             ones = np.frombuffer(b"\1" * dtype.itemsize, np.dtype((dtype.base, dtype.shape)))[0]
             differ = np.flatnonzero(np.frombuffer(serialized({name: ones}), np.uint8) != self._zero)
             if len(differ) != dtype.itemsize or differ[-1] - differ[0] + 1 != dtype.itemsize:
-                raise ValueError(f"{name} takes {len(differ)} bytes in CDR, not {dtype.itemsize} in a row")
+                raise ValueError(
+                    f"{name} takes {len(differ)} bytes in CDR, must be {dtype.itemsize} consecutive bytes"
+                )
             offsets.append(int(differ[0]))
         self.dtype = np.dtype(
             {

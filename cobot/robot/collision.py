@@ -103,8 +103,9 @@ class CollisionChecker:
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
-        """A context with the distances, in which they require `least_m` instead of the margin: one value for
-        all pairs or one for each, m."""
+        """Yield the clearance, which requires `least_m` instead of the margin until the context ends.
+        `least_m` is one value for all pairs, or one per pair, m.
+        """
         self.clearance.require(least_m)
         try:
             yield self.clearance
@@ -161,8 +162,8 @@ class CollisionChecker:
     def check_trajectory(self, trajectory: Trajectory) -> None:
         """Reject a motion that comes closer to anything than the margin.
 
-        The check is a proof, not a sample: a motion that passes keeps the margin less `RESOLUTION_M` at all
-            times.
+        The check is a proof, not a sample: a motion that passes keeps at least the margin minus
+            `RESOLUTION_M` at all times.
 
         Raises:
             CollisionError: names the bodies, the time, the share of the motion, the joint angles, and the

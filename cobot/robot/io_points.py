@@ -114,7 +114,7 @@ def number_of(point: IoPoint, value: float) -> float:
     try:
         number = float(value)
     except OverflowError as exc:
-        raise LimitError(f"{point.name}: the value has more digits than a number has room for") from exc
+        raise LimitError(f"{point.name}: the value has too many digits") from exc
     require_number(point, number)
     return number
 

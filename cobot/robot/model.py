@@ -216,7 +216,9 @@ class RobotModel:
 
     @cached_property
     def inverse_kinematics(self) -> Arm:
-        """In closed form or numeric, as the arm's geometry permits: see `cobot.robot.inverse_kinematics`."""
+        """The inverse kinematics, in closed form or numeric, depending on the arm's geometry; see
+        `cobot.robot.inverse_kinematics`.
+        """
         return recognised(self.chain, self.limits, self.mj.qpos0)
 
     def kinematics(self, free: tuple[FreeAxis, ...] = ()) -> Arm:

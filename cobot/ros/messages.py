@@ -35,7 +35,7 @@ class Messages:
         definitions: texts by type: `aubo_interfaces/srv/GetDof`, `aubo_interfaces/action/ServoMode`, ...
 
     Attributes:
-        definitions: the given ones, without the standard ones.
+        definitions: the given texts, without the standard types.
 
     Raises:
         InputError: a text is invalid.

@@ -56,12 +56,12 @@ def between(share: float, duration_s: float, start: Array, end: Array) -> Array:
 
 @dataclass(slots=True)
 class RunningGoal:
-    """A goal and where its execution is.
+    """A goal and the progress of its execution.
 
     Attributes:
         key: identifies it for its client.
         times_s: times of its points, from the start of the execution on.
-        points: rows of each point, as many as it states.
+        points: for each point its position and, if given, its velocity and acceleration.
         done_s: executed part.
     """
 
@@ -146,7 +146,7 @@ class TrajectoryController:
             self.on_end(goal.key, status, {"error_code": int(error), "error_string": text})
 
     def step(self, duration_s: float) -> None:
-        """Have time go on."""
+        """Simulate the next `duration_s`."""
         goal = self.goal
         if goal is None:
             return

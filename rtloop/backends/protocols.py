@@ -146,8 +146,8 @@ class Reporting(Protocol):
 
 @runtime_checkable
 class Stepwise(Protocol):
-    """A device that needs several cycles to be enabled or to recover from a fault, with its packets answered
-    meanwhile.
+    """A device that needs several cycles to be enabled or to recover from a fault. Its packets are answered
+    in the meantime.
 
     For a reset rtloop calls `wait`, `read`, one step and `write` (of the current position) in each cycle,
     instead of `enable`. `enable` is called once, at the start, before the first cycle.

@@ -580,7 +580,7 @@ def test_nothing_is_activated_while_a_program_runs(
     before = programs_of(client)
     assert start_slow(hub)["code"] == "ok"
     assert roll_out(bundle) == 1
-    assert "the arm must rest" in capsys.readouterr().out
+    assert "the arm must be at rest" in capsys.readouterr().out
     assert programs_of(client) == before
 
 

@@ -113,8 +113,8 @@ def _has_begun(request: Request) -> bool:
 def _again(noted: Noted, same: bytes, key: str) -> Response:
     if noted.request != same:
         raise InputError(
-            f"{IDEMPOTENCY_KEY} {shown(key)} is that of another request of the last 24 hours: "
-            "send the same path, query and body, or use a new key"
+            f"{IDEMPOTENCY_KEY} {shown(key)} was used for another request in the last 24 hours: send the "
+            f"same path, query and body, or use a new key"
         )
     if noted.answer is None:
         raise ConflictError(

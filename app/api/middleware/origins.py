@@ -92,7 +92,7 @@ class Origins:
         site = headers.get(b"sec-fetch-site")
         if site is not None and site not in (b"none", b"same-origin") and not _followed_link(scope, headers):
             raise PermissionDenied(
-                "a page from elsewhere may not use this service, unless web.allowed_origins lists its origin"
+                "a page of another site may not use this service, unless web.allowed_origins lists its origin"
             )
 
     def _is_ours(self, header: bytes, server: str) -> bool:

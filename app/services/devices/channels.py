@@ -134,7 +134,7 @@ class Channels:
         self._opened_by: dict[str, str] = {}  # by which program, where it was one
         self._ended: deque[str] = deque(
             maxlen=MAX_OPEN
-        )  # programs, whose last request may still be under way
+        )  # programs, whose last request may still be in progress
 
     def get(self, name: str) -> Channel:
         """The channel with this name.

@@ -55,7 +55,7 @@ class Modbus:
         """Delete a signal.
 
         Raises:
-            NotFoundError: there is none.
+            NotFoundError: there is no such signal.
         """
         signal = self.signal(name)
         device = self._device(signal)

@@ -118,7 +118,7 @@ class Variables:
         if isinstance(value, str) and len(value) > MAX_STRING:
             raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
         if name not in self._values and len(self._values) >= MAX_VARIABLES:
-            raise LimitError(f"there are already {MAX_VARIABLES} variables, the maximum")
+            raise LimitError(f"there are already {MAX_VARIABLES} variables, which is the maximum")
         characters = self._characters + _length(value) - _length(self._values.get(name, ("", 0))[1])
         if isinstance(value, str) and characters > MAX_CHARACTERS:
             raise LimitError(
@@ -152,7 +152,7 @@ class Variables:
         """Delete a variable.
 
         Raises:
-            NotFoundError: there is none.
+            NotFoundError: there is no variable with this name.
         """
         found = self._values.pop(name, None)
         if found is None:

@@ -26,8 +26,11 @@ ROWS = {Quantity.FORCE: "wrench", Quantity.TORQUE: "wrench", Quantity.JOINT: "ex
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Attributes: wrench: wrench at the TCP in the base frame, shape (6,), N and N·m. torques: external
-    torques of the joints, shape (dof,), N·m. tool: version of the tool that the arm carried.
+    """
+    Attributes:
+        wrench: wrench at the TCP in the base frame, shape (6,), N and N·m.
+        torques: external torques of the joints, shape (dof,), N·m.
+        tool: version of the tool that the arm carried.
     """
 
     wrench: Array

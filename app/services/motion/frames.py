@@ -41,7 +41,7 @@ class Frames:
         if name == WORLD or name in self._frames:
             raise ConflictError(f"the frame {shown(name)} exists already")
         if len(self._frames) >= MAX_FRAMES:
-            raise LimitError(f"there are already {MAX_FRAMES} frames, the maximum")
+            raise LimitError(f"there are already {MAX_FRAMES} frames, which is the maximum")
         self._require(parent)
         self._frames[name] = Frame(parent, pose)
 
@@ -55,7 +55,7 @@ class Frames:
         frame = self._frame(name)
         self._require(parent)
         if name in self.way_up(parent):
-            raise ConflictError(f"{shown(parent)} is attached to {shown(name)}: that would be a circle")
+            raise ConflictError(f"{shown(parent)} is attached to {shown(name)}: that would be a cycle")
         frame.pose = self.between(name, parent)
         frame.parent = parent
 

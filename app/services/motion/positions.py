@@ -83,7 +83,7 @@ class PositionService:
             taught = dict(self._goals.taught)
             if name not in taught and len(taught) >= MAX_TAUGHT:
                 raise ConflictError(
-                    f"there are already {MAX_TAUGHT} taught positions, the maximum; remove one"
+                    f"there are already {MAX_TAUGHT} taught positions, which is the maximum; remove one"
                 )
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description, label)
             await self._keep(taught)

@@ -150,7 +150,7 @@ class SyncService:
             raise ConflictError(f"{robot} is not in a synchronous motion; syncMoveOn begins one")
         (target,) = self.targets((robot,), joints, a, v).values()
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
-            raise LimitError(f"{MAX_WAITING} segments already wait for a robot, the maximum")
+            raise LimitError(f"{MAX_WAITING} segments already wait for a robot, which is the maximum")
         waiting = sync.waiting.setdefault(segment, {})
         if robot in waiting and waiting[robot].stops == target.stops:  # else a stop has made it void
             raise ConflictError(f"the part of {robot} in segment {segment} was already sent")

@@ -189,7 +189,8 @@ class SequenceService:
         return self.status
 
     async def stop(self, reason: StopReason | None = None) -> str | None:
-        """End the runner; kill it if it does not end by itself. Returns a description of it, or None.
+        """End the runner; kill it if it does not end by itself. Returns a description of what was stopped, or
+        None.
 
         Args:
             reason: the reason that is reported; None: a client has requested it.
@@ -377,7 +378,7 @@ class SequenceService:
             job.hold(held)
 
     def _count(self, event: dict[str, Any]) -> None:
-        """Update the progress of the sequence, which begins this step."""
+        """Update the progress, because the sequence begins this step."""
         job, rounds, steps = self._ownership.sequence_job, self.status.n_iterations or 1, event["n_waypoints"]
         if job is not None and steps:
             job.at_waypoint((event["iteration"] - 1 + event["share"]) * steps, rounds * steps)

@@ -180,10 +180,10 @@ class Ownership:
         """Check that no other client moves the arm or has control.
 
         Args:
-            what: what only the client that moves the arm can do.
+            what: the action that needs this, for the error.
 
         Raises:
-            ConflictError: another client does.
+            ConflictError: another client moves the arm or has control.
         """
         self.require_control()
         client, moving = CLIENT.get(), self.moving

@@ -300,5 +300,5 @@ class ForceService:
 def _bounds(values: list[float], name: str) -> tuple[float, ...]:
     numbers = vector(values, 6, name=name)
     if (numbers < 0.0).any():
-        raise InputError(f"{name} must be at least 0 (none), got {numbers.tolist()}")
+        raise InputError(f"{name} must be at least 0 (0: no limit), got {numbers.tolist()}")
     return tuple(np.where(numbers > 0.0, numbers, np.inf).tolist())

@@ -54,7 +54,7 @@ class JogLine:
         return np.asarray(self.twist + correction * min(1.0, most / max(size, 1e-12)))
 
     def advance(self, position: Array, velocity: Array, step_s: float) -> None:
-        """Go on by as much as these velocities of the joints lead the TCP along the line."""
+        """Advance along the line by the distance that these joint velocities move the TCP."""
         _, _, jacobian = self._model.forward_and_jacobian(position)
         size = max(float(self.twist @ self.twist), 1e-300)
         share = float(np.clip((jacobian @ velocity) @ self.twist / size, 0.0, 1.0))

@@ -184,7 +184,9 @@ class StreamService:
     def connection(self) -> Iterator[None]:
         """Context of a connection, which is counted. Raises UnavailableError: there are too many."""
         if self._connections >= MAX_CONNECTIONS:
-            raise UnavailableError(f"{MAX_CONNECTIONS} streaming connections are already open, the maximum")
+            raise UnavailableError(
+                f"{MAX_CONNECTIONS} streaming connections are already open, which is the maximum"
+            )
         self._connections += 1
         try:
             yield

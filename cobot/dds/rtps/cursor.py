@@ -30,7 +30,7 @@ class Cursor:
 
     def __init__(self, data: memoryview, position: int, end: int, little: bool) -> None:
         if not 0 <= position <= end <= len(data):
-            raise MalformedError(f"part {position}..{end} of {len(data)} bytes")
+            raise MalformedError(f"the part {position}..{end} is outside the {len(data)} bytes")
         self._data = data
         self.position = position
         self.end = end

@@ -322,7 +322,7 @@ class Discovery:
         announcement = read_endpoint(payload, writer=is_writer)
         guid = announcement.guid
         if guid.prefix != prefix:
-            raise MalformedError("a participant announces an endpoint of another")
+            raise MalformedError("a participant announces an endpoint of another participant")
         if guid not in peer.endpoints and not self._has_room_for_endpoint(peer):
             self._wire.statistics.refused += 1
             return

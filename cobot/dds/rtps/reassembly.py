@@ -39,7 +39,7 @@ class SampleAssembly:
             raise MalformedError("a fragment of another sample under the same number")
         last = fragment.first + fragment.count - 1
         if not 1 <= fragment.first <= last <= self.count:
-            raise MalformedError(f"fragments {fragment.first} to {last} of {self.count}")
+            raise MalformedError(f"fragments {fragment.first} to {last}, but the sample has {self.count}")
         start = (fragment.first - 1) * self._size
         length = min(last * self._size, len(self._data)) - start
         if len(payload) < length:

@@ -330,8 +330,9 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
-        """Remove samples that every reader has, if the depth does not decide, and disposals that are
-        known."""
+        """Remove samples that every reader has received. Does nothing if the history has a depth, which then
+        decides.
+        """
         if self.qos.depth is not None or not len(self._history):
             return
         everywhere = min((proxy.passed for proxy in self._proxies.values()), default=self._last)

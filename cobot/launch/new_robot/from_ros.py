@@ -19,7 +19,7 @@ def save_description(namespace: str, file: Path) -> None:
     environment variables; another process speaks DDS.
 
     Raises:
-        ConfigError: it does not come, or the domain is invalid.
+        ConfigError: no URDF arrives, or the domain is invalid.
     """
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     if not domain.isdecimal() or int(domain) > MAX_DOMAIN:

@@ -279,8 +279,8 @@ class NewRobot:
         joints = [node.name for node in chain]
         if len(joints) > MAX_DOF:
             raise ConfigError(
-                f"{self.file}: the arm has {len(joints)} joints, allowed are up to {MAX_DOF}; name those "
-                "that drives move with --actuators, or leave out others with --without"
+                f"{self.file}: the arm has {len(joints)} joints, allowed are up to {MAX_DOF}; use "
+                f"--actuators to name the driven joints, or --without to leave out joints"
             )
         resting = self._leave_out(
             spec,

@@ -54,7 +54,7 @@ def solids(vertices: Array, triangles: Indices, split: bool) -> Solids:
     """The solids that cover a mesh.
 
     Args:
-        split: whether several are made where the hull would be wrong.
+        split: whether a mesh whose hull would be wrong is covered by several solids.
 
     Raises:
         InputError: the mesh is a line or a point.

@@ -25,13 +25,13 @@ PARALLEL = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Telescope:
-    """A slide and those that follow it along its axis.
+    """A slide joint and the slide joints that follow it along the same axis.
 
     Attributes:
         first: the joint that leads, nearest to the base.
         others: the joints that follow it, in the order of the chain.
-        lines: for each of `others`: its position at q = 0 relative to its reference, and its travel for each
-            metre of the first joint.
+        lines: for each of `others`: its position relative to its reference while the first joint is at 0, and
+            its travel for each metre of the first joint.
     """
 
     first: MovingJoint

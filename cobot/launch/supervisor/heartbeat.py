@@ -5,8 +5,8 @@ watches it too; reading it costs eight bytes. When the counter stops for long, t
 restarted like one that has died. rtloop decides long before that what the arm does.
 
 A process that has never sent a heartbeat is left alone: it may be loading, or running to report why it cannot
-serve. So is one with a debugger attached. A process stopped by SIGSTOP is ended, because the robot cannot be
-used through it.
+serve. A process with a debugger attached is left alone too. A process stopped by SIGSTOP is ended, because
+the robot cannot be used through it.
 """
 
 from __future__ import annotations

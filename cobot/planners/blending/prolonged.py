@@ -1,4 +1,4 @@
-"""Motions appended to one that is under way, without a stop. What rtloop already has does not change.
+"""Motions appended to a running motion, without a stop. The part that rtloop already has does not change.
 
 The motions since the last stop are joined again together with the new ones, see `joined`. The old and the new
 motion have the same path up to the corner where the old one ended, and nearly the same timing until the old
@@ -53,7 +53,7 @@ def extend_stretch(
     now_s: float,
     from_s: float,
 ) -> Stretch:
-    """Append motions to one that is under way, without changing it before `from_s`; see `begin_stretch`.
+    """Append motions to a running motion, without changing it before `from_s`; see `begin_stretch`.
 
     Args:
         now_s: current path time; the result leaves out what is before it.
@@ -136,7 +136,7 @@ def _reserved(robot: RobotDescription, leg: Leg) -> Leg:
 def _rounded(
     robot: RobotDescription, under_way: Stretch, legs: Sequence[Leg], radii_m: Sequence[float], from_s: float
 ) -> Stretch | None:
-    """The motions without a stop at the end of what is under way; None if that is impossible."""
+    """The motions without a stop at the end of the running motion; None if that is impossible."""
     left_out = _left_out(under_way, from_s)
     all_legs = [*under_way.legs[left_out:], *legs]
     radii = [*under_way.radii_m[left_out:], *radii_m]
@@ -178,7 +178,7 @@ def _rounded(
 
 
 def _timing(under_way: Stretch, left_out: int) -> PathTiming:
-    """The timing of the motion under way, on the path without its first motions."""
+    """The timing of the running motion, on the path without its first motions."""
     progress = under_way.progress
     assert progress is not None
     coefficients = progress.coefficients.copy()

@@ -37,8 +37,8 @@ STEPS = 60
 def continued(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None = None
 ) -> tuple[JointCurve | None, CobotError | None]:
-    """The joints at even places by inverse kinematics, each from the previous one, or why they cannot
-    continue.
+    """The joints at evenly spaced places of a path, each solved by inverse kinematics from the previous one;
+    or the reason why the joints cannot continue.
 
     Args:
         end: joints at the end, shape (dof,), with the TCP at the end of the path; None: any.

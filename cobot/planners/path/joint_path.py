@@ -1,4 +1,6 @@
-"""A smooth joint path through joint angles at places of a TCP path; it follows that path in between too."""
+"""A smooth joint path through joint angles at places of a TCP path. It also follows the TCP path between
+them.
+"""
 
 from __future__ import annotations
 
@@ -174,9 +176,11 @@ def _halve(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The parameter of each place: chords of joints and, a little, of the path, refined twice to arc lengths.
+    """The parameter of each place: its arc length along a curve through all places. The curve is first made
+    over chord lengths, and then refined twice. Lengths are those of the joints plus a small share of the
+    path's.
 
-    Chords alone are used where a curve through the places would oscillate, until there are more places.
+    If a curve through the places would oscillate, chord lengths are used until there are more places.
     """
     points = np.column_stack([rows, SHARE_RAD * shares])
     parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])

@@ -1,4 +1,4 @@
-"""A straight line of the TCP, its orientation turning evenly from start to goal."""
+"""A straight line of the TCP, along which its orientation turns evenly from start to goal."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ FEW, MANY = 120, 360
 FINER = 4
 """Factor for the number of places, for a narrow passage near a limit."""
 SPREADS_RAD = (0.02, 0.08, 0.25)
-"""Standard deviations for drawing neighbours, in turn."""
+"""Standard deviations of the random neighbours, used in turn, rad."""
 NEAR_SHARE = 0.1
 """Configurations nearer to a limit than this share of the range cost more, at most as much as one full
 step."""
@@ -29,8 +29,8 @@ STEP_RAD = 0.3
 """Largest joint step between places."""
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
-"""Distance from limits, unless the start is nearer: room for the splines between places. Finer places need
-less.
+"""Distance that the path keeps from joint limits, rad or m, unless the start is nearer. The splines between
+places need this room; they need less if places are closer together.
 """
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)

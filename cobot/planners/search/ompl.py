@@ -13,7 +13,7 @@ from cobot.types import Array
 
 
 def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion around obstacles to one of the goals, shape (n, dof), which are free.
+    """A smooth motion around obstacles to one of the goals, shape (n, dof), which must be free of collisions.
 
     Raises:
         PlanningTimeout: no path was found within the request's time.

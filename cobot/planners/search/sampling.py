@@ -148,7 +148,9 @@ def _first(
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
-    """The distance, m, that a polyline with these ends can keep from everything: at most that of its ends."""
+    """The distance, m, that a polyline with these ends can keep from everything. It is at most the distance
+    that the ends keep.
+    """
     margin_m = robot.collision.margin_m
     nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)
     return float(max(margin_m, nearest - 1e-9))

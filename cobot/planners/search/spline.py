@@ -31,8 +31,9 @@ def smooth_motion(
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
     The points are the control polygon of a clamped B-spline. The path stays within their hull, therefore
-    within the position limits. It starts and ends exactly, and has four continuous derivatives. Points are
-    added along the polyline until the path is as free as the polyline and keeps the constraints as it does.
+    within the position limits. It has the exact start and end, and four continuous derivatives. Points are
+    added along the polyline until the path touches nothing and keeps the constraints as well as the polyline
+    does.
 
     Raises:
         CollisionError: it still touches something with `LAST_POINTS` points.

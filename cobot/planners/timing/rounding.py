@@ -17,7 +17,9 @@ import numpy as np
 from cobot.types import Array
 
 DECIMALS = range(4, 10)
-"""Range of decimals: with fewer, a unit is too large a correction; with more, there is nothing to remove."""
+"""Numbers of decimals that can be recognised. With fewer decimals the correction would be too large; with
+more, there is nothing to correct.
+"""
 MIN_POINTS = 100
 MAX_STEP_S = 0.02
 """Maximum time step for which points count as samples of a curve and are smoothed, s."""

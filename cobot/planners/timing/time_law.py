@@ -54,10 +54,11 @@ MAX_DURATION_S = 1e9
 """Longest duration, about thirty years: powers of longer times overflow."""
 ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
-"""A motion that its extrema would stretch by more than `TIGHT` is optimised again, up to `ROUNDS` times, plus
-one for each zone after the first, at most `MAX_ROUNDS`."""
+"""A motion is optimised again if it must be stretched by more than `TIGHT` to keep its limits. It is
+optimised up to `ROUNDS` times, plus once for each zone after the first, at most `MAX_ROUNDS` times.
+"""
 COARSE = 1.02
-"""A motion that its extrema would stretch by more than this is divided into more cells."""
+"""A motion that must be stretched by more than this to keep its limits is divided into more cells."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
 """At both ends of the path the jerk is also limited in the middle of this many cells: from rest it changes

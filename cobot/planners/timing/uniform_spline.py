@@ -72,7 +72,8 @@ def moving_average(values: Array, count: int) -> Array:
     """The moving average over `count` rows, as if the values were at rest before the first and after the last
     row. It has `count` - 1 rows more than the values.
 
-    It keeps every bound of the values' differences, and divides their next difference by `count`.
+    Bounds of the values' differences also hold for those of the average. Differences of one order higher are
+    divided by `count`.
     """
     if count <= 1:
         return values

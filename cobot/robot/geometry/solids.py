@@ -20,7 +20,7 @@ MIN_M = 1e-6
 MAX_M = 200.0
 """Coarsest resolution that is tried when searching for one that fits."""
 TRIES = 4
-"""Bisections between the last resolution that did not fit and the first one that did."""
+"""Number of bisections between the last resolution that did not fit and the first one that did."""
 
 
 def cloud(points: Array, voxel_m: float) -> Array:
@@ -65,7 +65,7 @@ def fitting(make: Callable[[float], Array], edge_m: float, what: str, grid: str)
 
 
 def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
-    """The smallest tried edge that fits, in words: found by doubling and bisection."""
+    """A sentence with the smallest edge found that fits. The search doubles the edge, then bisects."""
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):
         low_m = high_m

@@ -71,7 +71,9 @@ class OptunaSearch:
         return [dict(trial.params) for trial in self._asked]
 
     def tell(self, values: Sequence[float]) -> None:
-        """Report the values of the trials that were asked last, in the same order; NaN for a failed trial."""
+        """Report the values of the trials that the last `ask` returned, in the same order; NaN for a failed
+        trial.
+        """
         for trial, value in zip(self._asked, values, strict=True):
             if math.isfinite(value):
                 self._study.tell(trial, value)

@@ -152,7 +152,8 @@ class Handshake:
             said = f"error {found.result}" if found is not None else "no reply"
             raise BackendError(
                 f"robot.backend.io: the controller does not accept these inputs and outputs ({said}): each "
-                "must be assigned, and at most 32 for each millisecond of its period"
+                f"must be assigned at the controller, and at most 32 are allowed for each millisecond of its "
+                f"period"
             )
 
     def _ask(self, packet: bytes, kind: type[ReplyT], fits: Callable[[ReplyT], bool]) -> ReplyT | None:

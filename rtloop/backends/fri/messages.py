@@ -93,8 +93,10 @@ class IoDirection(IntEnum):
 
 @dataclass(slots=True)
 class FriHeader:
-    """Attributes: sequence: number of the sender's message, modulo 2**32. reflected: the newest `sequence` of
-    the other side that the sender has received.
+    """
+    Attributes:
+        sequence: number of the sender's message, modulo 2**32.
+        reflected: the newest `sequence` of the other side that the sender has received.
     """
 
     identifier: int

@@ -55,8 +55,8 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        first: number of the first answer with it, None before that.
-        left: number of further answers with it.
+        first: number of the first answer that contains the output, None before that.
+        left: number of further answers that contain it.
     """
 
     value: IoValue

@@ -71,7 +71,7 @@ class RsiBackend:
         channel: PacketChannel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """channel, clock: for tests: replacements of the network and its time."""
+        """channel, clock: replacements for the network and its clock in tests."""
         options = settings.backend_options(RsiOptions)
         self._options = options = options if options is not None else RsiOptions()
         fits = options.check_model(limits)
@@ -187,8 +187,8 @@ class RsiBackend:
             raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def enable(self) -> None:
-        """Enable the corrections. Either side may start first. At the start, the first command reports why
-        the robot accepts none, and a reset tries again.
+        """Enable the corrections. Either side may start first. If the robot accepts no corrections at the
+        start, the first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         self.recover_step()

@@ -11,7 +11,7 @@ MAX_LINE = 65_536
 
 
 class Dashboard:
-    """One request at a time. Nothing here waits: `poll` is called until it has the answer."""
+    """Sends one request at a time. Nothing here waits: `poll` is called until it has the answer."""
 
     def __init__(self, transport: UrTransport, address: str) -> None:
         self._transport, self._address = transport, address

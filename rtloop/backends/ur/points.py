@@ -107,10 +107,10 @@ class UrOutputs:
         self._wanted[name] = _Wanted(group, values, wanted, now_s + ENFORCED_S)
 
     def follow(self, data: Mapping[str, Any], now_s: float) -> None:
-        """Send values that are not sent yet, and release outputs that have them. Called once per cycle.
+        """Send waiting values, and release each output that has reached its value. Called once per cycle.
 
-        Variables keep the value that came last, so only one output of a group is set at a time: within a
-        control period, the second package would replace the first one.
+        Only one output of a group is set at a time. If two packages arrive within one control period, the
+        second one replaces the first.
         """
         if not self._wanted:
             return

@@ -33,8 +33,8 @@ FORBIDDEN = 403
 
 
 class RobotApi:
-    """One request at a time, each with a connection of its own. Nothing here waits: `poll` is called until it
-    has the answer.
+    """Sends one request at a time, each over its own connection. Nothing here waits: `poll` is called until
+    it has the answer.
     """
 
     def __init__(self, transport: UrTransport, address: str, port: int) -> None:

@@ -76,7 +76,7 @@ class Splitter:
         while len(self._buffer) - begin >= _HEADER.size:
             length, kind = _HEADER.unpack_from(self._buffer, begin)
             if length < _HEADER.size:
-                raise RtdeError(f"a package of {length} bytes, the shortest has {_HEADER.size}")
+                raise RtdeError(f"a package has {length} bytes, the shortest possible has {_HEADER.size}")
             if kind not in _KINDS:
                 raise RtdeError(f"a package of unknown type {kind}")
             if len(self._buffer) - begin < length:
@@ -101,7 +101,7 @@ class Recipe:
             RtdeError: other numbers of names and types, or an unknown type.
         """
         if len(names) != len(types):
-            raise RtdeError(f"{len(types)} types for {len(names)} variables")
+            raise RtdeError(f"the controller reported {len(types)} types for {len(names)} variables")
         strange = [each for each in types if each not in _FORMATS]
         if strange:
             raise RtdeError(f"the type {strange[0][:40]!r} is not one of RTDE's: {', '.join(_FORMATS)}")

@@ -39,9 +39,7 @@ class ByteStream(Protocol):
 
 
 class ByteListener(Protocol):
-    """Attributes:
-    port: on which it listens.
-    """
+    """Attributes: port: the port on which it listens."""
 
     @property
     def port(self) -> int: ...
@@ -59,7 +57,7 @@ class UrTransport(Protocol):
     def clock(self) -> float: ...
 
     def connect(self, host: str, port: int) -> ByteStream:
-        """Begin to connect. OSError: there is no such host, or no way to it."""
+        """Begin to connect. OSError: there is no such host, or no route to it."""
         ...
 
     def listen(self, port: int) -> ByteListener:

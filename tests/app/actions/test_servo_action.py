@@ -70,7 +70,7 @@ def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
             await action.execute({**GOAL, "mode": 12}, ToldHandle())  # type: ignore[arg-type]
         bench.set_mode(1)
         await bench.active()
-        with pytest.raises(ConflictError, match="under way"):
+        with pytest.raises(ConflictError, match="already running"):
             await action.execute(GOAL, ToldHandle())  # type: ignore[arg-type]
 
     run(test)

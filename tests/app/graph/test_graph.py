@@ -427,7 +427,9 @@ def test_goals_and_results_are_bounded() -> None:
         statuses: list[Any] = []
         graph.subscribe("/count/_action/status", None, statuses.append, owner=1)
         await until(lambda: statuses and len(statuses[-1]["status_list"]) == MAX_RUNNING)
-        with pytest.raises(ConflictError, match=f"already has {MAX_RUNNING} running goals, the maximum"):
+        with pytest.raises(
+            ConflictError, match=f"already has {MAX_RUNNING} running goals, which is the maximum"
+        ):
             await graph.send_goal("/count", new_id(), {"until": 0})
         await graph.close()
         assert {status for status, _ in await asyncio.gather(*running)} == {GoalStatus.ABORTED}

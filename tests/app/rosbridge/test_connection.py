@@ -453,7 +453,7 @@ def test_a_goal_with_feedback_and_cancel() -> None:
         one.ask("send_action_goal", action="/wait", args=[True], id="g")
         assert "the goal 'g' is already in progress" in errors(one)[0]
         two.ask("cancel_action_goal", action="/wait", id="g")
-        assert "no goal 'g' of /wait is under way" in errors(two)[0]
+        assert "no goal 'g' of /wait is running" in errors(two)[0]
         one.ask("cancel_action_goal", action="/wait", id="g")
         result = await one.next()
         assert result == {
@@ -518,7 +518,7 @@ def test_a_client_offers_an_action_to_another() -> None:
         result = await two.next()
         assert (result["status"], result["values"]) == (5, {"took": 2.0})
         one.ask("action_result", action="/act", id=goal["id"], values={}, status=5)
-        assert "is under way" in errors(one)[0]
+        assert "is running" in errors(one)[0]
         one.ask("unadvertise_action", action="/act")
         await asyncio.sleep(0.01)
         assert "/act" not in graph.actions

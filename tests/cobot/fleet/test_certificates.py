@@ -167,7 +167,7 @@ def expire(folder: Path) -> None:
         (lambda folder: (folder / "cells" / "one" / "cell.pem").unlink(), "cannot be read"),
         (swap_cells, "cell.key is not the key of cell.pem"),
         (change_authority, "cell.pem is not issued by ca.pem"),
-        (expire, "cell.pem has expired on"),
+        (expire, "cell.pem expired on"),
     ],
 )
 def test_cobot_check_names_what_is_wrong_with_a_cells_certificate(

@@ -101,7 +101,7 @@ def test_a_cell_that_cannot_stage_it_ends_all_before_it_begins(outs: RollOuts, c
 
 
 def test_a_failure_in_a_wave_is_undone_in_all_earlier_ones(outs: RollOuts, cells: Cells) -> None:
-    cells.fails["activate", "cell-3"] = "the arm must rest"
+    cells.fails["activate", "cell-3"] = "the arm must be at rest"
     found = run(outs, cells)
     assert found["state"] == "rolled_back"
     assert not cells.active

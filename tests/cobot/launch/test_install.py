@@ -208,7 +208,7 @@ def test_an_installation_that_the_service_could_not_read_is_refused(tmp_path: Pa
     python = closed / "venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
     closed.chmod(0o700)
-    with pytest.raises(InstallError, match=rf"{closed} is closed to others.*python3 -m venv /opt/cobot"):
+    with pytest.raises(InstallError, match=rf"other users cannot read {closed}.*python3 -m venv /opt/cobot"):
         install(io.StringIO(), None, dry_run=True, command=[str(python)])
 
 

@@ -22,7 +22,7 @@ class FanucControlRequest(StrictModel):
     """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
-        drop: number of next packets to the client that are lost.
+        drop: number of the following packets to the client that are lost.
         spoil: how measured values are corrupted on their way to the client.
         e_stop, fence, collision: whether the cause of that alarm persists.
         alarm: text of another alarm, without a cause that persists.

@@ -64,11 +64,18 @@ CONTACT = "SRVO-050 Collision Detect alarm (G:1, A:1)"
 
 
 class FanucController:
-    """Attributes: arm: the simulated arm. period_s, time_ms: its own period and clock. alarms: active alarms,
-    newest first. causes: alarms whose cause persists; a reset does not clear them. io: values of the points.
-    events: what happened, as text. override: speed override, per cent. program: whether the program of Stream
-    Motion runs. contact_stop: contact stop of a collaborative robot. safety_scale: share of the speed that
-    the speed clamp permits.
+    """
+    Attributes:
+        arm: the simulated arm.
+        period_s, time_ms: its own period and clock.
+        alarms: active alarms, newest first.
+        causes: alarms whose cause persists; a reset does not clear them.
+        io: values of the points.
+        events: what happened, as text.
+        override: speed override, per cent.
+        program: whether the program of Stream Motion runs.
+        contact_stop: contact stop of a collaborative robot.
+        safety_scale: share of the speed that the speed clamp permits.
     """
 
     def __init__(self, arm: ControllerArm, options: FanucControllerOptions) -> None:

@@ -143,7 +143,7 @@ class Cabinet:
             self._take(command, ahead(command.header.reflected, before))
 
     def stop_safely(self, level: int) -> None:
-        """A safety stop of level 0, 1 or 2; -1 ends it."""
+        """Trigger a safety stop of level 0, 1 or 2; -1 ends the stop."""
         if self.safety != level + 1:
             self.safety = SafetyState(level + 1)
             self.events.append(f"safety: {self.safety.name}")

@@ -22,9 +22,12 @@ _COUNTER = 1 << 32
 
 
 class ClientConnection:
-    """Attributes: reflected: the newest message of the cabinet that was answered. newest: the client's newest
-    message. silent: number of consecutive missing answers. late, missing, answered: number of answers of each
-    kind since the beginning.
+    """
+    Attributes:
+        reflected: the newest message of the cabinet that was answered.
+        newest: the client's newest message.
+        silent: number of consecutive missing answers.
+        late, missing, answered: number of answers of each kind since the beginning.
     """
 
     def __init__(self, period_ms: int, multiplier: int) -> None:

@@ -21,11 +21,14 @@ MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 
 @dataclass(frozen=True, slots=True)
 class CabinetOptions:
-    """Attributes: period_ms: interval between two monitoring messages, 1 to 100. multiplier: number of
-    monitoring messages after which an answer is expected. version: "1.x", "2.x" or "2.7". It determines the
-    fields of the messages and whether they are framed. command_mode: commands that the overlay of its program
-    accepts: positions, wrenches or torques. control_mode: control mode of the drives: position, or an
-    impedance. io: inputs and outputs that its program has registered.
+    """
+    Attributes:
+        period_ms: interval between two monitoring messages, 1 to 100.
+        multiplier: number of monitoring messages after which an answer is expected.
+        version: "1.x", "2.x" or "2.7". It determines the fields of the messages and whether they are framed.
+        command_mode: commands that the overlay of its program accepts: positions, wrenches or torques.
+        control_mode: control mode of the drives: position, or an impedance.
+        io: inputs and outputs that its program has registered.
     """
 
     period_ms: int = 5
@@ -47,4 +50,4 @@ class CabinetOptions:
                 f"the send period is {self.period_ms} ms; FRI allows {MIN_PERIOD_MS} to {MAX_PERIOD_MS} ms"
             )
         if self.multiplier < 1:
-            raise ValueError(f"a receive multiplier of {self.multiplier}, it has to be 1 or more")
+            raise ValueError(f"the receive multiplier is {self.multiplier}, it must be 1 or more")

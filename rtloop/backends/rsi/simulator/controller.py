@@ -29,9 +29,12 @@ WIRE = 1_000_000
 
 @dataclass(slots=True)
 class Counters:
-    """Attributes: answered, late: numbers of telegrams that were answered in time, and too late. malformed:
-    number of packets that are not answers. wrong_ipoc: number of answers to a telegram that was not the last
-    one. sessions: number of times that RSI was switched on.
+    """
+    Attributes:
+        answered, late: numbers of telegrams that were answered in time, and too late.
+        malformed: number of packets that are not answers.
+        wrong_ipoc: number of answers to a telegram that was not the last one.
+        sessions: number of times that RSI was switched on.
     """
 
     answered: int = 0

@@ -10,11 +10,17 @@ PERIODS_MS = (4, 12)
 
 @dataclass(frozen=True, slots=True)
 class ControllerOptions:
-    """Attributes: period_ms: 4 (IPO_FAST) or 12 (IPO). relative: mode of RSI_ON. hold_on: whether the last
-    correction stays at the output of ETHERNET if an answer is missing. timeout: number of late answers that
-    end RSI. in_a_row: whether only consecutive late answers count for `timeout`, instead of all since RSI_ON.
-    operation_mode: T1, T2, AUT or EXT. override: program override, percent. reports: whether the context
-    reports mode, state, override and the sum of corrections. Contexts from other sources do not.
+    """
+    Attributes:
+        period_ms: 4 (IPO_FAST) or 12 (IPO).
+        relative: mode of RSI_ON.
+        hold_on: whether the last correction stays at the output of ETHERNET if an answer is missing.
+        timeout: number of late answers that end RSI.
+        in_a_row: whether only consecutive late answers count for `timeout`, instead of all since RSI_ON.
+        operation_mode: T1, T2, AUT or EXT.
+        override: program override, percent.
+        reports: whether the context reports mode, state, override and the sum of corrections. Contexts from
+            other sources do not.
     """
 
     period_ms: int = 4
@@ -30,4 +36,4 @@ class ControllerOptions:
         if self.period_ms not in PERIODS_MS:
             raise ValueError(f"a period of {self.period_ms} ms, RSI has 4 (IPO_FAST) and 12 (IPO)")
         if not 0 <= self.override <= 100:
-            raise ValueError(f"an override of {self.override} %, it must be 0 to 100")
+            raise ValueError(f"the override is {self.override} %, it must be 0 to 100")

@@ -61,7 +61,7 @@ class ControlSession:
     ) -> None:
         """
         Args:
-            more: applies what concerns the server, and adds its data to each answer.
+            more: executes the parts of a request that concern the server; returns data to add to the answer.
         """
         self._controller, self._network, self._more = controller, network, more
         self.out, self.is_over = bytearray(), False

@@ -1,4 +1,4 @@
-"""Functions of URScript that a simulated controller has, and what belongs to one program."""
+"""Functions of URScript that a simulated controller has, and the state of one program."""
 
 from __future__ import annotations
 

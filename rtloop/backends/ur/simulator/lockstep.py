@@ -160,7 +160,7 @@ class UrLockStep:
         return there
 
     def forget_clients(self) -> None:
-        """All connections of a backend whose process was killed end."""
+        """End all connections of a backend whose process was killed."""
         for session, pipe in self._sessions:
             session.close()
             pipe.close()

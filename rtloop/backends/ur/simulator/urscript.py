@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 MAX_STEPS = 20_000
-"""Statements of a thread within one control period; more is an endless loop without waiting."""
+"""Maximum number of statements that a thread executes within one control period. A thread with more is in an
+endless loop without a wait.
+"""
 MAX_DEPTH = 50
 Run = Generator[None, None, Any]
 _BLOCKS = re.compile(r"^(def|thread|sec|if|while)\b")

@@ -65,8 +65,8 @@ def test_another_request_with_the_key_is_a_422_with_words(
     answer = keyed(service, "c", body, path)
     assert answer.status_code == 422
     assert answer.json()["detail"] == (
-        'Idempotency-Key "c" is that of another request of the last 24 hours: send the same path, query and '
-        "body, or use a new key"
+        'Idempotency-Key "c" was used for another request in the last 24 hours: send the same path, query '
+        "and body, or use a new key"
     ).replace('"c"', "'c'")
 
 

@@ -421,7 +421,7 @@ def test_there_are_only_so_many_connections(run: VirtualService) -> None:
         assert refused.value.status == 503
         assert (
             json.loads(refused.value.body)["detail"]
-            == "32 streaming connections are already open, the maximum"
+            == "32 streaming connections are already open, which is the maximum"
         )
         assert 30 <= len(clients) <= 32, "other tests may have one"
     finally:

@@ -52,5 +52,5 @@ def test_a_part_ends_where_it_ends_and_the_whole_goes_on_behind_it() -> None:
     with pytest.raises(MalformedError):
         part.skip(1)
     assert reading.bytes(2) == b"ef"
-    with pytest.raises(MalformedError, match=r"part 4\.\.9 of 6 bytes"):
+    with pytest.raises(MalformedError, match=r"the part 4\.\.9 is outside the 6 bytes"):
         Cursor(memoryview(b"abcdef"), 4, 9, True)

@@ -125,7 +125,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "two modes": (ROB.replace('T1="0"', 'T1="1"'), "the operation mode is T1 and EXT"),
     "a bit of 2": (ROB.replace('EXT="1"', 'EXT="2"'), "State.EXT is '2', it must be 0 or 1"),
     "a long text": (ROB.replace("<Strange>7", "<Strange>" + "7" * 300), "a text of more than"),
-    "a long packet": (ROB.replace("<Strange>", " " * MAX_PACKET + "<Strange>"), "a packet of more than"),
+    "a long packet": (ROB.replace("<Strange>", " " * MAX_PACKET + "<Strange>"), "has more than"),
     "many elements": (
         ROB.replace("<Strange>7</Strange>", "".join(f"<S{n}/>" for n in range(MAX_ELEMENTS))),
         "more than 200 elements",

@@ -296,7 +296,7 @@ def test_answers_that_are_a_period_late_are_worth_half() -> None:
 
 @pytest.mark.parametrize("period_ms", [0, 101])
 def test_periods_are_those_of_fri(period_ms: int) -> None:
-    with pytest.raises(ValueError, match="FRI has 1 to 100"):
+    with pytest.raises(ValueError, match="FRI allows 1 to 100 ms"):
         CabinetOptions(period_ms)
 
 

@@ -14,8 +14,8 @@ from rtloop.backends.simulators.udp_server import UdpServer
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--period", "0"], "a send period of 0 ms, FRI has 1 to 100"),
-        (["--multiplier", "0"], "a receive multiplier of 0, it has to be 1 or more"),
+        (["--period", "0"], "the send period is 0 ms; FRI allows 1 to 100 ms"),
+        (["--multiplier", "0"], "the receive multiplier is 0, it must be 1 or more"),
         (["--client", "nowhere"], "'nowhere' is not HOST:PORT"),
         (["--client", "[::1]:30200"], "client '[::1]' is neither an IPv4 address nor a host name"),
         (["--address", "::1"], "'::1' is not an IPv4 address"),
