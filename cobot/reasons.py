@@ -132,4 +132,4 @@ class Reason(str):
 
 
 SEPARATOR = ", "
-"""Between the names in a state block."""
+"""Separator of the names in a text of the state block."""

@@ -293,7 +293,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def timeout_keep_alive_handler(self) -> None:
-        """Close an idle connection. If a request is on its way, this is its answer."""
+        """Close an idle connection. It gets an error response first, because a request may be on its way."""
         idle = (
             f"the connection was idle for {self._limits.idle_timeout_s:g} s (web.limits.idle_timeout_s): "
             f"send the request again"

@@ -24,10 +24,11 @@ MAX_ANSWER_BYTES = 64 * 2**20
 MAX_FRAME_BYTES = 64 * 1024
 """Maximum size of a message of a WebSocket to a cell."""
 PIECE_BYTES = 16 * 1024
-"""Size of a piece of an answer, above which a cell adds nothing to it."""
+"""A cell adds no more data to a piece of an answer that has this size."""
 MAX_PIECES = 4
-"""Maximum number of pieces that are on their way to a panel. What has been sent on a slow line is in front of
-the answer to a stop, whatever its priority."""
+"""Maximum number of pieces that are on their way to a panel. On a slow line, the answer to a stop must wait
+for pieces that were sent before, whatever its priority.
+"""
 MAX_PIECE_BYTES = 512 * 1024
 """Maximum size of a piece: a single message of a WebSocket may be larger than `PIECE_BYTES`."""
 MAX_REQUESTS, MAX_SOCKETS = 16, 8

@@ -65,7 +65,8 @@ MAX_ALL_REQUESTS, MAX_CONNECTIONS = 200, 500
 """Maximum number of requests of all panels, and of connections of browsers."""
 BROWSER_S = 30.0
 """Timeout for a browser to send the body of a request, and to take a piece of an answer. Without it, browsers
-that hang would use up the numbers of requests."""
+that hang would use up the permitted number of requests.
+"""
 MAX_STOPS = 20
 """Maximum number of stops that are in progress at the same time; others wait for one of them."""
 POLICY = "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"

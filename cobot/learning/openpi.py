@@ -78,12 +78,12 @@ def _from_map(value: dict[Any, Any]) -> Any:
         return value
     name, data = value[b"dtype"], value[b"data"]
     if not isinstance(name, str) or not DTYPE.fullmatch(name):
-        raise ValueError(f"an array of {shown(name)}")
+        raise ValueError(f"an array has the type {shown(name)}, which is not supported")
     dtype = np.dtype(name)
     if b"__ndarray__" in value:
         return np.frombuffer(data, dtype).reshape(value[b"shape"])
     if not isinstance(data, (str, bytes) if dtype.kind in "SU" else (bool, int, float)):
-        raise TypeError(f"{type(data).__name__} for a number of {dtype}")
+        raise TypeError(f"a number of {dtype} has the type {type(data).__name__}")
     with np.errstate(over="ignore"):  # the result is infinite, which its user detects
         return dtype.type(data)
 

@@ -98,8 +98,9 @@ class ProgramWatch:
         self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
 
     def poll(self, instructions: int) -> tuple[bytes, bool] | None:
-        """Count instructions. Returns None, or the reason why the program must end and whether its place
-        matters."""
+        """Count instructions. Returns None, or the reason why the program must end, and whether the message
+        needs the line.
+        """
         if self.reason:
             return self.reason.encode(), False
         self._count += instructions

@@ -71,6 +71,7 @@ class Pulling:
         backend, device = named
         if device.capabilities.hardware:
             raise NotSupportedError(
-                f"only a simulated arm is pulled with the mouse, and the backend {backend} moves a real one: "
+                f"only a simulated arm can be pulled with the mouse, and the backend {backend} moves a real "
+                f"one: "
                 "push it with your hand"
             )

@@ -23,7 +23,7 @@ class SampleAssembly:
         self._size = fragment.size
         self.count = -(-fragment.total // fragment.size)
         if self.count > MAX_FRAGMENTS:
-            raise MalformedError(f"a sample in {self.count} fragments, at most {MAX_FRAGMENTS}")
+            raise MalformedError(f"a sample has {self.count} fragments, allowed are {MAX_FRAGMENTS}")
         self._data = bytearray(fragment.total)
         self._marks = bytearray(self.count)
         self.inline = inline
@@ -43,7 +43,7 @@ class SampleAssembly:
         start = (fragment.first - 1) * self._size
         length = min(last * self._size, len(self._data)) - start
         if len(payload) < length:
-            raise MalformedError(f"{len(payload)} bytes for fragments of {length}")
+            raise MalformedError(f"{len(payload)} bytes, but the fragments have {length}")
         self._data[start : start + length] = payload[:length]
         self._marks[fragment.first - 1 : last] = b"\1" * fragment.count
         return 0 not in self._marks

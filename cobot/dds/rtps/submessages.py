@@ -263,7 +263,7 @@ def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
     start = message.body.sequence()
     base, members = read_sequences(message.body)
     if start < 1 or base < start:
-        raise MalformedError(f"a gap from {start} to {base}")
+        raise MalformedError(f"a gap reaches from {start} to {base}")
     return start, base, members
 
 

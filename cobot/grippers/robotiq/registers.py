@@ -28,14 +28,14 @@ FAULTS = {
     0x0E: "overcurrent: check the object on which the fingers press",
     0x0F: "an automatic release is completed: the gripper must be activated again",
 }
-"""By gFLT."""
+"""Texts of the faults, by the value of gFLT."""
 NOT_ACTIVE = 0x07
 PASSING = frozenset({0x05, 0x09})
 """Faults that do not affect a running command."""
 
 
 class Activation(IntEnum):
-    """gSTA"""
+    """Values of gSTA, the state of the activation."""
 
     RESET = 0
     IN_PROGRESS = 1
@@ -44,7 +44,7 @@ class Activation(IntEnum):
 
 
 class Detection(IntEnum):
-    """gOBJ"""
+    """Values of gOBJ, which tells whether the fingers move or have stopped at an object."""
 
     MOVING = 0
     STOPPED_OPENING = 1
@@ -54,7 +54,7 @@ class Detection(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A gripper: m, m/s and N."""
+    """The data of a gripper model, in m, m/s and N."""
 
     stroke_m: float
     speed_m_s: tuple[float, float]

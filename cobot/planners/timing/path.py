@@ -110,7 +110,7 @@ class JointCurve:
         return control_points(self.coefficients, np.diff(self.breakpoints))
 
     def places_outside(self, low: Array, high: Array) -> Array:
-        """Where pieces begin whose extrema leave [low, high], shape (dof,) each."""
+        """The starts of all pieces whose extrema are outside [low, high], shape (dof,) each."""
         hull = self.bezier()
         if (hull >= low).all() and (hull <= high).all():
             return np.empty(0)

@@ -136,8 +136,9 @@ def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
 
 
 def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
-    """The fastest motion with the first of these timings, or with the next, of more cells, if that is too
-    coarse."""
+    """The fastest motion with the first of these timings. If its cells are too coarse, the next timing is
+    used, which has more cells.
+    """
     limits = coordinates.limits
     with np.errstate(all="ignore"):
         try:

@@ -88,7 +88,7 @@ def _header(packet: bytes) -> FriHeader:
             if inner <= 3:
                 values[inner - 1] = varint_of(inner, inner_kind, value) & 0xFFFF_FFFF
     if -1 in values:
-        raise WireError("its header is not whole")
+        raise WireError("its header is incomplete")
     return FriHeader(*values)
 
 

@@ -130,7 +130,7 @@ class Recipe:
             raise RtdeError(f"a data package of {len(payload)} bytes, {self._struct.size} were agreed")
         flat = self._struct.unpack(payload)
         if flat[0] != self.number:
-            raise RtdeError(f"a data package of recipe {flat[0]}, {self.number} was agreed")
+            raise RtdeError(f"a data package has the recipe {flat[0]}, but {self.number} was agreed")
         found: dict[str, Any] = {}
         begin = 1
         for name, count in zip(self.names, self._counts, strict=True):

@@ -159,7 +159,7 @@ def test_roslibpy_holds_a_servo_session_with_feedback_and_cancels_it(run: Run) -
     found = roslibpy(run, "serve")
     assert found["last"]["points_accepted"] == 20
     assert found["refused"]["status"] == 0
-    assert "is running" in found["refused"]["values"]
+    assert "already running" in found["refused"]["values"]
     assert found["end"]["status"] == 5
     assert found["end"]["values"]["points_accepted"] == 20
     assert abs(run.joints()[0]) > 0.005  # it has moved

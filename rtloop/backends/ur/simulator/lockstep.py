@@ -103,8 +103,8 @@ class UrLockStep:
     """The backend's `UrTransport`: each wait lets the controller take its next periods.
 
     Attributes:
-        controller: at the other end.
-        cable: between the two.
+        controller: the simulated controller.
+        cable: the connection between backend and controller.
         network: network of the data packages.
         busy: whether one wait in `EVERY` finds two packages in place of one.
         positions: joint positions that the program was sent.

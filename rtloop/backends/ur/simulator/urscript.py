@@ -1,4 +1,4 @@
-"""A small interpreter of URScript: what client programs for external control use.
+"""A small interpreter of URScript. It has the parts that client programs for external control use.
 
 Blocks (def, thread, sec, if, elif, else, while, end), assignments (also global and local), return, break,
 continue, halt, run, join, kill, critical sections, arithmetic, comparisons, lists, poses as lists, calls with

@@ -51,7 +51,7 @@ def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> 
         (0, 1, 4, 20, "fragments 0 to 0, but the sample has 5"),
         (5, 2, 4, 20, "fragments 5 to 6, but the sample has 5"),
         (1, 0, 4, 20, "fragments 1 to 0, but the sample has 5"),
-        (1, 2, 4, 20, "4 bytes for fragments of 8"),
+        (1, 2, 4, 20, "4 bytes, but the fragments have 8"),
     ],
 )
 def test_fragments_that_do_not_fit_are_malformed(
@@ -67,7 +67,7 @@ def test_fragments_that_do_not_fit_are_malformed(
     [
         (0, 20, "a fragment of an empty sample"),
         (4, 0, "a fragment of an empty sample"),
-        (1, MAX_FRAGMENTS + 1, "fragments, at most"),
+        (1, MAX_FRAGMENTS + 1, "fragments, allowed are"),
     ],
 )
 def test_what_cannot_be_a_sample_is_malformed(size: int, total: int, sentence: str) -> None:

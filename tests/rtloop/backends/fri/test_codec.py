@@ -203,7 +203,7 @@ def test_says_what_is_wrong_with_a_packet() -> None:
     assert "instead of 0x245142" in str(
         decode_monitoring(encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))))
     )
-    assert "header is not whole" in str(decode_monitoring(b""))
+    assert "header is incomplete" in str(decode_monitoring(b""))
     assert f"at most {MAX_BYTES}" in str(decode_monitoring(bytes(MAX_BYTES + 1)))
     odd = MonitoringMessage(HEADER, joints=7, measured_position=(0.0,) * 6)
     assert decode_monitoring(encode_monitoring(odd)) == (
