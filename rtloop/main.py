@@ -97,14 +97,14 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
     granted: list[Permissions] = []
 
-    def be_punctual() -> None:
+    def prepare_timing() -> None:
         """Do slow preparations before the device is connected, because the device may need timely answers."""
         loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
 
     tool = _load_tool(settings, robot)
-    loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool, be_punctual)
+    loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool, prepare_timing)
     try:
         _introduce(memory, settings, clock_name, granted[0])
         describe(memory, robot, backend)

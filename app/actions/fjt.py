@@ -248,7 +248,7 @@ class FollowJointTrajectory:
                 if state.motion_id == claim.motion_id:
                     stamp_ns = self._link.clock.wall_ns()
                     progress = on_path(trajectory, state.path_time_s, state.path_rate, state, stamp_ns)
-                    self._judge(claim, goal, progress)
+                    self._check_path_tolerance(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
                     elapsed_s = (
@@ -273,7 +273,7 @@ class FollowJointTrajectory:
             claim.proceed()
             await asyncio.sleep(WATCH_S)
 
-    def _judge(self, claim: Claim, goal: FjtGoal, progress: TrajectoryProgress) -> None:
+    def _check_path_tolerance(self, claim: Claim, goal: FjtGoal, progress: TrajectoryProgress) -> None:
         if claim.interruption is None and (violation := progress.path_violation(goal, self._limits)):
             claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 

@@ -146,11 +146,13 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
 def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
     """The index of each of the robot's joints in the goal's joint_names."""
     if sorted(given) != sorted(names):
-        raise JointsError(f"joint_names must be {', '.join(names)} in any order: {_misnamed(given, names)}")
+        raise JointsError(
+            f"joint_names must be {', '.join(names)} in any order: {_name_errors(given, names)}"
+        )
     return [given.index(name) for name in names]
 
 
-def _misnamed(given: list[str], names: tuple[str, ...]) -> str:
+def _name_errors(given: list[str], names: tuple[str, ...]) -> str:
     missing = [name for name in names if name not in given]
     unknown = [name for name in given if name not in names]
     twice = [name for name, count in Counter(given).items() if count > 1 and name in names]

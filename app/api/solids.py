@@ -72,7 +72,7 @@ def _made(body: PutObject) -> tuple[Array, list[Array]]:
             vertices, triangles = read(_decoded(body.file))
         vertices = body.scale * vertices
         if not (np.abs(vertices) <= FARTHEST_M).all():
-            raise LimitError(f"vertices: x, y and z must be at most {FARTHEST_M:g} m, with the scale")
+            raise LimitError(f"vertices: x, y and z must be at most {FARTHEST_M:g} m after scaling")
         return parts(vertices, triangles, body.tolerance)
     return np.zeros((0, 6)), []
 

@@ -113,7 +113,7 @@ class Acceptor:
     def _accept(self) -> None:
         now_s = self._loop.time()
         for _ in range(self._admit()):
-            if self._crowd.hurries(now_s, GRACE_S):
+            if self._crowd.would_evict_recent(now_s, GRACE_S):
                 self._pause(GRACE_S * SHARE)
                 return
             try:

@@ -112,7 +112,7 @@ class Crowd:
     def __len__(self) -> int:
         return self._count + self._reserved.count
 
-    def hurries(self, now_s: float, grace_s: float) -> bool:
+    def would_evict_recent(self, now_s: float, grace_s: float) -> bool:
         """Whether a new connection would evict a connection that got its reserve place less than `grace_s`
         ago.
         """

@@ -112,13 +112,13 @@ class RosbridgeConnection:
                 return self._fragments.add(asked)
             self._carry_out(asked, size)
         except CobotError as exc:
-            self.complain(exc, message_id)
+            self.report_error(exc, message_id)
         except Exception as exc:
             log.error("a message of %s failed", self._name, exc_info=exc)
-            self.complain(CobotError("an error in cobot itself; its log has the details"), message_id)
+            self.report_error(CobotError("an error in cobot itself; its log has the details"), message_id)
         return None
 
-    def complain(self, error: CobotError, message_id: Any = None) -> None:
+    def report_error(self, error: CobotError, message_id: Any = None) -> None:
         """Report an error to the client, unless the client has disabled error messages."""
         if self._level != "none":
             status = {"op": "status", "level": "error", "msg": str(error), "code": int(code_of(error))}
@@ -132,7 +132,7 @@ class RosbridgeConnection:
         head = {name: json.loads(value) for name, value in UNREAD.findall(text[:UNREAD_CHARACTERS])}
         answer = ANSWERS.get(str(head.get("op")))
         if answer is None or "id" not in head:
-            self.complain(error, head.get("id"))
+            self.report_error(error, head.get("id"))
             return
         about = {name: head[name] for name in ("id", "service", "action") if name in head}
         status = {"status": 0} if answer == "action_result" else {}
@@ -318,10 +318,10 @@ class RosbridgeConnection:
         if asked.id in self._goals:
             raise ConflictError(f"the goal {shown(asked.id)} is already in progress")
         goal_id = uuid.uuid4().hex
-        self._begin(self._pursue(asked, goal_id), asked.compression)
+        self._begin(self._execute_goal(asked, goal_id), asked.compression)
         self._goals[asked.id] = asked.action, goal_id
 
-    async def _pursue(self, asked: op.SendActionGoal, goal_id: str) -> None:
+    async def _execute_goal(self, asked: op.SendActionGoal, goal_id: str) -> None:
         ASKER.set(self)
         about: Message = {"action": asked.action}
         if asked.id is not None:

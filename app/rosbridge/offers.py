@@ -90,7 +90,7 @@ class Offers:
         for name in tuple(self._actions):
             await self.remove_action(name)
 
-    async def pursue(self, name: str, goal: Message, handle: GoalHandle) -> Message:
+    async def execute_goal(self, name: str, goal: Message, handle: GoalHandle) -> Message:
         """Let the client execute a goal of one of its actions."""
         goal_id = f"{name}:{handle.goal_id}"
         ended: asyncio.Future[op.ActionResult] = asyncio.get_running_loop().create_future()
@@ -143,4 +143,4 @@ class _ClientAction:
         self._offers = offers
 
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
-        return await self._offers.pursue(self.name, goal, handle)
+        return await self._offers.execute_goal(self.name, goal, handle)

@@ -88,7 +88,7 @@ async def _receive_one(socket: WebSocket, connection: RosbridgeConnection, large
         return False
     text = message.get("text")
     if text is None:
-        connection.complain(InputError("binary messages are not understood: CBOR is not supported"))
+        connection.report_error(InputError("binary messages are not understood: CBOR is not supported"))
     while text is not None:
         try:
             check_message(text)
@@ -101,7 +101,7 @@ async def _receive_one(socket: WebSocket, connection: RosbridgeConnection, large
             connection.reject_unread(text, exc)
             break
         except CobotError as exc:
-            connection.complain(exc)
+            connection.report_error(exc)
             break
         text = connection.take(content, len(text))
     return True

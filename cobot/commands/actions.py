@@ -15,7 +15,7 @@ from cobot.client import Client
 from cobot.client.connection import Json
 from cobot.commands.completion import completion
 from cobot.commands.options import url_of
-from cobot.commands.screen import during, print_json, show_event, show_state, show_table, show_words
+from cobot.commands.screen import print_json, show_event, show_state, show_table, show_words, with_progress
 from cobot.commands.terminal import Bar
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 from cobot.foreign import plain_lines
@@ -104,7 +104,7 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
     if chosen.blend_radius:
         raise InputError("--blend-radius: is for moves in the queue; use it with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
-        answer = during(client, partial(move, **where, **how), bar)
+        answer = with_progress(client, partial(move, **where, **how), bar)
     ended = f"ended by its condition ({answer['stopped_by']})" if answer["stopped_by"] else "arrived"
     _print_answer(chosen, answer, f"{ended} after {answer['duration_s']:.2f} s")
     return EXIT_OK
@@ -135,7 +135,7 @@ def _send(client: Client, chosen: argparse.Namespace) -> int:
         return sent if chosen.no_wait else sent | _arrival(client, int(sent["motion_id"]))
 
     with Bar(not chosen.json).showing(path.name) as bar:
-        answer = during(client, send, bar)
+        answer = with_progress(client, send, bar)
     begun = f"motion {answer['motion_id']} has begun and takes {answer['duration_s']:.2f} s"
     _print_answer(chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has arrived")
     return EXIT_OK
@@ -181,7 +181,7 @@ def _sequence(client: Client, chosen: argparse.Namespace) -> int:
             time.sleep(POLL_S)
 
     with bar.showing(path.name):
-        status = during(client, sequence, Bar(shown=False))
+        status = with_progress(client, sequence, Bar(shown=False))
     if status["returncode"] != 0:
         lines = "; ".join(client.sequence_logs(3))
         raise ExecutionError(f"{path.name} ended with return code {status['returncode']}: {lines}")

@@ -81,7 +81,7 @@ def show_words(before: list[str], now: list[str]) -> None:
             print(text.removeprefix(PROGRAM), flush=True)
 
 
-def during(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
+def with_progress(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
     """Show the progress of a motion and return its result. An interrupt stops the arm."""
     result: list[Json] = []
     failure: list[BaseException] = []

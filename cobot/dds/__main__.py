@@ -16,15 +16,15 @@ def start() -> int:
     return main()
 
 
-LAST_WORDS = "--last-words"
+PARTICIPANT_RECORD = "--participant-record"
 
 if __name__ == "__main__":
     atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `cobot.dds.process`
-    if LAST_WORDS in sys.argv[:-1]:
-        from cobot.dds.rtps import LastWords
+    if PARTICIPANT_RECORD in sys.argv[:-1]:
+        from cobot.dds.rtps import ParticipantRecord
 
-        LastWords(int(sys.argv[sys.argv.index(LAST_WORDS) + 1])).speak()
+        ParticipantRecord(int(sys.argv[sys.argv.index(PARTICIPANT_RECORD) + 1])).announce_end()
     sys.exit(in_words(start))

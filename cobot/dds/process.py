@@ -23,7 +23,7 @@ from cobot.dds.node import DdsNode
 from cobot.dds.options import options
 from cobot.dds.parameters import Parameters
 from cobot.dds.rosout import RosoutHandler
-from cobot.dds.rtps import LastWords, NetworkError, Participant
+from cobot.dds.rtps import NetworkError, Participant, ParticipantRecord
 from cobot.dds.telemetry import Telemetry
 from cobot.errors import CobotError
 from cobot.logs import start_logging
@@ -47,7 +47,7 @@ def main() -> int:
         help="URL of the web service; without it only robot states are published",
     )
     parser.add_argument(
-        "--last-words",
+        "--participant-record",
         type=int,
         help="descriptor of the file for the record that announces the end of this process if it is killed",
     )
@@ -57,7 +57,7 @@ def main() -> int:
     try:
         settings = load_settings(arguments.config)
         start_logging("ros2", settings.logging)
-        uvloop.run(_serve(settings, arguments.url, arguments.last_words))
+        uvloop.run(_serve(settings, arguments.url, arguments.participant_record))
     except NetworkError as exc:
         log.error("ros.domain_id, ros.interfaces: %s", exc)
         return 2
@@ -67,7 +67,7 @@ def main() -> int:
     return 0
 
 
-async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
+async def _serve(settings: Settings, url: str, participant_record: int | None) -> None:
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -81,8 +81,8 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         name=NODE.full,
         user_data=ENCLAVE,
     )
-    if last_words is not None:
-        participant.leave_to(LastWords(last_words))
+    if participant_record is not None:
+        participant.record_in(ParticipantRecord(participant_record))
     node = DdsNode(participant, NODE, Messages(), None if ros.gid_bytes == "auto" else ros.gid_bytes, loop)
     rosout = RosoutHandler(node)
     log.addHandler(rosout)

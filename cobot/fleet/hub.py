@@ -165,14 +165,16 @@ class Hub:
             self._session.close()
             raise
         self.recordings = recordings
-        self._puller = RecordingPuller(recordings, self._giving, self._ask_file) if recordings else None
+        self._puller = (
+            RecordingPuller(recordings, self._robots_with_recordings, self._ask_file) if recordings else None
+        )
 
     def close(self) -> None:
         if self._puller is not None:
             self._puller.close()
         self._session.close()
 
-    def _giving(self) -> list[tuple[str, str]]:
+    def _robots_with_recordings(self) -> list[tuple[str, str]]:
         return [
             (each["cell"], each["robot"]) for each in self.cells() if each["alive"] and each["recordings"]
         ]

@@ -65,9 +65,9 @@ class FleetRobot:
         self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
         self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
         self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
-        self.state = self._look()
+        self.state = self._read_state()
 
-    def _look(self) -> FleetState:
+    def _read_state(self) -> FleetState:
         found: dict[str, Any] = self._arm.read()
         service: dict[str, Any] = {} if self._service is None else self._service.found
         if found["state"] in ("ready", "moving") and self._service is not None and self._service.paused:
@@ -88,7 +88,7 @@ class FleetRobot:
 
     def update(self) -> FleetState | None:
         """The new state if it is due to be published; else None."""
-        state, now_s = self._look(), time.monotonic()
+        state, now_s = self._read_state(), time.monotonic()
         if state == self.state and now_s - self._published_s < UNCHANGED_S:
             return None
         self.state, self._published_s = state, now_s

@@ -37,11 +37,11 @@ class InstallError(CobotError):
     code = "install"
 
 
-class Keep(Enum):
+class IfPresent(Enum):
     """Whether an installation replaces a file that already exists."""
 
-    OURS = "replaced by each installation"
-    THEIRS = "left as it is: the settings are the user's"
+    REPLACE = "replaced by each installation"
+    KEEP = "left as it is: the settings are the user's"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class File:
 
     path: Path
     content: str
-    keep: Keep = Keep.OURS
+    if_present: IfPresent = IfPresent.REPLACE
 
 
 def files(command: Sequence[str]) -> list[File]:
@@ -60,7 +60,7 @@ def files(command: Sequence[str]) -> list[File]:
         command: starts cobot, without arguments.
     """
     return [
-        File(SETTINGS, _SETTINGS, Keep.THEIRS),
+        File(SETTINGS, _SETTINGS, IfPresent.KEEP),
         File(SYSUSERS, f'u {USER} - "cobot, a robot arm behind a REST service" {STATE}\n'),
         File(UDEV, _UDEV),
         File(JOURNAL, _JOURNAL),
@@ -120,7 +120,7 @@ def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
         _run([["systemctl", "disable", "--now", UNIT.name]], out, dry_run, subprocess.run)
     for file in reversed(there):
         target = _below(root, file.path)
-        if file.keep is Keep.THEIRS and target.read_text(encoding="utf-8") != file.content:
+        if file.if_present is IfPresent.KEEP and target.read_text(encoding="utf-8") != file.content:
             print(f"kept      {file.path}: it was edited", file=out)
             continue
         print(f"remove    {file.path}", file=out)
@@ -135,7 +135,7 @@ def _write(file: File, out: TextIO, root: Path, dry_run: bool) -> bool:
     """Write a file if it differs. Returns whether it was written, or with `dry_run` would be."""
     target = _below(root, file.path)
     old = target.read_text(encoding="utf-8") if target.exists() else None
-    if old is not None and (old == file.content or file.keep is Keep.THEIRS):
+    if old is not None and (old == file.content or file.if_present is IfPresent.KEEP):
         print(f"unchanged {file.path}{'' if old == file.content else ': edited, left as it is'}", file=out)
         return False
     print(f"{'create   ' if old is None else 'change   '} {file.path}", file=out)

@@ -65,7 +65,7 @@ class Stretch:
     offset_s: float = 0.0
 
 
-def alone(leg: Leg) -> Stretch:
+def single_leg(leg: Leg) -> Stretch:
     """A single planned motion, after which the arm stops."""
     end_s = leg.motion.duration_s
     return Stretch(leg.motion, (end_s,), (0.0,), (leg,), (0.0,), (), None, 0.0, 0.0)

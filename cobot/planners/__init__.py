@@ -22,7 +22,7 @@ from cobot.motions.checks import check_for_robot
 from cobot.motions.planners import PLANNERS, PlannerName, Way
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
-from cobot.planners.escape import leave
+from cobot.planners.escape import leave_invalid_start
 from cobot.planners.goals import joint_goals, nearest_goal
 from cobot.planners.held import Held
 from cobot.planners.ptp import plan_ptp
@@ -55,7 +55,8 @@ def _held(robot: RobotDescription, request: MotionRequest) -> Held | None:
 def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """Plan a validated motion from rest to rest; None if the arm is already at the goal.
 
-    ompl, chomp and auto first leave a start that is beyond a limit or in collision, see `leave`.
+    ompl, chomp and auto first leave a start that is beyond a limit or in collision, see
+    `leave_invalid_start`.
 
     Raises:
         InputError: a goal beyond the limits, or fields that this planner does not use.
@@ -68,7 +69,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         if request.traits.way is not Way.SEARCH:
             robot.collision.check_position(request.start, "the start", 0.0)
             return _direct(robot, request)
-        first = leave(robot, request)
+        first = leave_invalid_start(robot, request)
         if first is None:
             return _search(robot, request)
         rest = _search(robot, replace(_after(robot, request, first), start=first.end))

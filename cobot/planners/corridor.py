@@ -89,12 +89,12 @@ def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
     else:
         positions = motion.sample(rows_s)
         given.append((rows_s, positions))
-    centres = _calm(positions, 1, 1)
-    directions = np.gradient(_calm(positions, CALM_STEPS, CALM_TIMES), interval_s, axis=0)
+    centres = _averaged(positions, 1, 1)
+    directions = np.gradient(_averaged(positions, CALM_STEPS, CALM_TIMES), interval_s, axis=0)
     return AskedCurve(motion.duration_s, step_s, interval_s, positions, centres, directions, given)
 
 
-def _calm(rows: Array, steps: int, times: int) -> Array:
+def _averaged(rows: Array, steps: int, times: int) -> Array:
     """The averages over `steps` steps before and after each row, taken `times` times."""
     reach, calm = steps * PARTS, rows
     for _ in range(times):

@@ -30,7 +30,7 @@ SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
 of free ones that are tried."""
 
 
-def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
+def leave_invalid_start(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """A motion to the nearest free joint angles within the limits; None if the start is free and within them.
 
     On the way no contact gets deeper. If there is no such way, none gets deeper than the deepest at the

@@ -110,7 +110,7 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
     if "time" in checks:
         yield from _faster(request)
     if "reach" in checks and robot.model.inverse_kinematics.lacking:
-        yield from _freer(request)
+        yield from _more_free_axes(request)
     if request.cyclic or request.end_joints is not None:
         yield Idea("end", ANY_END, "ending in other joints")
     if at_goal:
@@ -143,7 +143,7 @@ def _faster(request: MotionRequest) -> Iterator[Idea]:
         yield Idea("faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
 
 
-def _freer(request: MotionRequest) -> Iterator[Idea]:
+def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
     """With a free rotation, an arm with too few joints for every orientation reaches more poses."""
     for axes in freer(request.free_axes):
         yield Idea("free_axes", {"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")

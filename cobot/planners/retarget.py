@@ -166,7 +166,8 @@ def _joined(
     The second begins as early as limits and collisions permit; with constraints it begins at rest.
 
     Raises:
-        PlanningError: not even both one after the other pass; the error is that of this try.
+        PlanningError: even if the second motion begins after the first has ended, a check fails; the error is
+            the one of that check.
     """
     fastest = max(_tcp_speeds(robot, each, each.duration_s) for each in (left, following))
     shares = SHARES if request.constraints is None else SHARES[-1:]

@@ -54,7 +54,7 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     answering: set[asyncio.Task[None]] = set()
 
     def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.create_task(_converse(robots, reader, writer))
+        task = asyncio.create_task(_serve_one(robots, reader, writer))
         answering.add(task)
         task.add_done_callback(answering.discard)
 
@@ -75,7 +75,7 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     await asyncio.gather(*answering, return_exceptions=True)
 
 
-async def _converse(
+async def _serve_one(
     robots: Mapping[str, RobotRecorder], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
     """Read one request and write its answer."""

@@ -113,7 +113,7 @@ class RobotRecorder:
                 request, answer = self._asked.get_nowait()
             except Empty:
                 break
-            self._heed(request, answer)
+            self._handle(request, answer)
         for writing in list(self._writings):
             self._write(writing)
         self._publish()
@@ -194,7 +194,7 @@ class RobotRecorder:
 
     # Requests
 
-    def _heed(self, request: Answer, answer: Future[Answer]) -> None:
+    def _handle(self, request: Answer, answer: Future[Answer]) -> None:
         try:
             now_ns = time.monotonic_ns()
             late_s = (now_ns - int(str(request.get("until_ns", now_ns)))) * 1e-9

@@ -63,7 +63,7 @@ def read_recording(path: Path) -> Cycles:
     Raises:
         InputError: the file cannot be read, or is not a recording of a robot; the message has the reason.
     """
-    return _understood(path, _read)
+    return _read_or_reject(path, _read)
 
 
 def read_path(path: Path, samples: int) -> RecordedPath:
@@ -72,10 +72,10 @@ def read_path(path: Path, samples: int) -> RecordedPath:
     Raises:
         InputError: see `read_recording`; or the file is too large.
     """
-    return _understood(path, lambda file: _sample_file(file, samples))
+    return _read_or_reject(path, lambda file: _sample_file(file, samples))
 
 
-def _understood(path: Path, read: Callable[[Path], Result]) -> Result:
+def _read_or_reject(path: Path, read: Callable[[Path], Result]) -> Result:
     try:
         return read(path)
     except OSError as exc:

@@ -86,7 +86,9 @@ class Capabilities:
         if any(getattr(self, name) for name in names):
             return ""
         needed = " or ".join(WORDS[name] for name in names)
-        return f"{what} needs {needed}, which the backend {backend} does not have; it {self._able}"
+        return (
+            f"{what} needs {needed}, which the backend {backend} does not have; it {self._listed_abilities}"
+        )
 
     def does_not_measure(self, backend: str, what: str, row: str) -> str:
         """The reason why a request that needs one of `MEASURED_NAMES` is rejected; "" if the device measures
@@ -96,7 +98,7 @@ class Capabilities:
         return f"{what} needs {row}, which the backend {backend} does not measure; it measures {self._rows}"
 
     @property
-    def _able(self) -> str:
+    def _listed_abilities(self) -> str:
         able = ", ".join(WORDS[name] for name in FLAGS if getattr(self, name))
         return f"has {able}" if able else "accepts positions only"
 
@@ -118,7 +120,7 @@ class Capabilities:
                 kind,
                 f"every {periods} ms" if periods else "any period",
                 f"measures {self._rows}",
-                self._able,
+                self._listed_abilities,
                 f"stop categories {stops}",
             ]
         )

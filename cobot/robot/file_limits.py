@@ -52,7 +52,8 @@ def urdf_rates(file: Path, root: Element) -> dict[str, tuple[float, float]]:
     """Velocity and effort of each joint that has a limit; 0 for unknown.
 
     Raises:
-        ConfigError: a limit is not a number, a velocity or effort is negative, or a range is upside down.
+        ConfigError: a limit is not a number, a velocity or effort is negative, or a lower limit is above the
+            upper one.
     """
     rates = {}
     for joint in root.findall("joint"):

@@ -214,11 +214,11 @@ def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
 def _hardest(demand: Demand, postures: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
     """The hardest posture found by coordinate ascent from the hardest of the given ones."""
     order = np.argsort(-demand(postures))[:STARTS]
-    climbed = np.array([_climb(demand, postures[index], collision, limits) for index in order])
+    climbed = np.array([_maximise(demand, postures[index], collision, limits) for index in order])
     return np.asarray(climbed[int(demand(climbed).argmax())])
 
 
-def _climb(demand: Demand, posture: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
+def _maximise(demand: Demand, posture: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
     span, value = limits.max_position - limits.min_position, float(demand(posture[None])[0])
     for round_ in range(ROUNDS):
         for joint in range(limits.dof):

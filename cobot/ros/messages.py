@@ -48,7 +48,7 @@ class Messages:
         self._promised: dict[str, str] = {}  # by message: the definition that it belongs to
         self._texts: dict[str, str] = {}  # texts of these definitions
         self.definitions: dict[str, str] = {}
-        self._promise(STANDARD)
+        self._add_unparsed(STANDARD)
         self.add(definitions or {})
 
     def add(self, definitions: Mapping[str, str]) -> None:
@@ -60,12 +60,12 @@ class Messages:
         self._register({n: text for n, text in definitions.items() if self.definitions.get(n) != text})
         self.definitions |= definitions
 
-    def promise(self, definitions: Mapping[str, str]) -> None:
+    def add_unparsed(self, definitions: Mapping[str, str]) -> None:
         """Add types whose texts are valid. Each text is parsed when it is first needed.
 
         The vendor's 300 services take half a second to parse, and few are ever called.
         """
-        self._promise(definitions)
+        self._add_unparsed(definitions)
         self.definitions |= definitions
 
     def has_service(self, name: str) -> bool:
@@ -199,7 +199,7 @@ class Messages:
             return Octets(size, bound)
         return ListField(self._field(item, None), size, bound, default)
 
-    def _promise(self, definitions: Mapping[str, str]) -> None:
+    def _add_unparsed(self, definitions: Mapping[str, str]) -> None:
         for name, text in definitions.items():
             self._texts[name] = text
             self._promised |= dict.fromkeys(message_names(name), name)

@@ -66,7 +66,7 @@ class BackendOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     simulator: bool = False
 
-    def elsewhere(self, settings: Settings) -> str:
+    def remote_setting(self, settings: Settings) -> str:
         """The setting with which the device may be on another computer, and its value; "" if it is on this
         one. A class whose option has another name than `address` overrides this.
         """

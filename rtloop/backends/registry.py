@@ -65,7 +65,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     options = settings.backend_options(getattr(kind, "Options", NoOptions))
     around = has_cell and name not in WITH_CELL
     is_simulator = isinstance(options, BackendOptions) and options.simulator
-    if is_simulator and (setting := options.elsewhere(settings)):
+    if is_simulator and (setting := options.remote_setting(settings)):
         raise ConfigError(f"{setting}, {NOT_HERE}")
     if around and not is_simulator:
         raise ConfigError(_no_cell(name, settings))

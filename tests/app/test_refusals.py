@@ -67,7 +67,7 @@ async def over_rosbridge(
     if complaint is None:
         client.take(asked)
     else:
-        client.complain(complaint, "1")
+        client.report_error(complaint, "1")
     while not (texts := list(client.outbox.texts())):
         await asyncio.sleep(0)
     await client.close()

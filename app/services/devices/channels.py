@@ -64,11 +64,11 @@ class Channel:
             async with self._writing:
                 await self._write(data)
 
-        await self._within(timeout_s, send, f"not all of {len(data)} bytes were sent")
+        await self._with_timeout(timeout_s, send, f"not all of {len(data)} bytes were sent")
 
     async def read_some(self, timeout_s: float) -> bytes:
         """The bytes that have arrived. Waits for the first byte."""
-        return await self._read(timeout_s, lambda: self._some(), "nothing came")
+        return await self._read(timeout_s, lambda: self._read_available(), "nothing came")
 
     async def read_exactly(self, count: int, timeout_s: float) -> bytes:
         """Read exactly `count` bytes, from 1 to `BUFFER_BYTES`."""
@@ -93,7 +93,7 @@ class Channel:
         """A line, without its line ending."""
         return (await self.read_until(b"\n", timeout_s)).rstrip(ENDS)
 
-    async def _some(self) -> bytes:
+    async def _read_available(self) -> bytes:
         data = await self._reader.read(BUFFER_BYTES)
         if not data:
             raise asyncio.IncompleteReadError(b"", None)
@@ -111,9 +111,11 @@ class Channel:
             async with self._reading:  # a StreamReader has one reader at a time
                 return await read()
 
-        return await self._within(timeout_s, take_turn, missing)
+        return await self._with_timeout(timeout_s, take_turn, missing)
 
-    async def _within(self, timeout_s: float, work: Callable[[], Awaitable[Result]], missing: str) -> Result:
+    async def _with_timeout(
+        self, timeout_s: float, work: Callable[[], Awaitable[Result]], missing: str
+    ) -> Result:
         checked_timeout(timeout_s)
         try:
             return await asyncio.wait_for(work(), timeout_s)

@@ -298,6 +298,6 @@ def _read_state(gripper: Gripper) -> GripperState:
     state = gripper.state()
     if not isinstance(state, GripperState):
         raise GripperError(
-            f"its driver's state() has returned {plain_text(type(state), 80)}, no GripperState"
+            f"its driver's state() has returned {plain_text(type(state), 80)}, it must be a GripperState"
         )
     return replace(state, fault=plain_text(state.fault))

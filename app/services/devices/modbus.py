@@ -128,7 +128,7 @@ class Modbus:
         if not least <= frequency_hz <= most:
             raise LimitError(f"the frequency is from {least} to {most:g} Hz, got {frequency_hz:g}")
         signal.period_s, signal.due_s = 1.0 / frequency_hz, 0.0
-        self._device(signal).hurry()
+        self._device(signal).read_soon()
 
     def _device(self, signal: Signal) -> ModbusDevice:
         return next(device for device in self._devices.values() if signal in device.signals)

@@ -79,9 +79,9 @@ class ModbusDevice:
 
     def add(self, signal: Signal) -> None:
         self.signals.append(signal)
-        self.hurry()
+        self.read_soon()
 
-    def hurry(self) -> None:
+    def read_soon(self) -> None:
         """Check at once which signals are due, because a signal has changed."""
         self._more.set()
 
@@ -103,7 +103,7 @@ class ModbusDevice:
             except DeviceError as exc:
                 raise DeviceError(f"{signal.name} at {self}: {exc}") from exc
         signal.due_s = 0.0
-        self.hurry()
+        self.read_soon()
 
     async def _run(self) -> None:
         delay_s, longest_s = BACKOFF_S

@@ -54,7 +54,7 @@ class ModbusConnection:
         size = _BYTES[function]
         data = await self._ask(unit, function, address, 1)
         if len(data) != 1 + size or data[0] != size:
-            raise _unasked(unit)
+            raise _wrong_answer(unit)
         value = int.from_bytes(data[1:], "big")
         return value & 1 if size == 1 else value
 
@@ -67,7 +67,7 @@ class ModbusConnection:
         """
         sent = COIL_ON * value if function is ModbusFunction.WRITE_COIL else value
         if await self._ask(unit, function, address, sent) != struct.pack(">HH", address, sent):
-            raise _unasked(unit)
+            raise _wrong_answer(unit)
 
     async def _ask(self, unit: int, function: ModbusFunction, address: int, value: int) -> bytes:
         """Send a request. Returns the part of the answer after the function code."""
@@ -82,7 +82,7 @@ class ModbusConnection:
                 number, protocol, length = _HEAD.unpack(await reader.readexactly(_HEAD.size))
                 if (number, protocol) != (self._number, 0) or not 3 <= length <= MAX_LENGTH:
                     self.close()
-                    raise _unasked(unit)
+                    raise _wrong_answer(unit)
                 body = await reader.readexactly(length)
         except TimeoutError:
             self.close()  # an answer that comes late after all must not be taken for the next one's
@@ -97,12 +97,12 @@ class ModbusConnection:
             self.close()
             raise
         if body[0] != unit or body[1] & ~REFUSED != function:
-            raise _unasked(unit)
+            raise _wrong_answer(unit)
         if body[1] & REFUSED:
             why = REFUSALS.get(body[2], "unknown")
             raise DeviceError(f"unit {unit} rejects address {address}: {why} (exception {body[2]})")
         return body[2:]
 
 
-def _unasked(unit: int) -> DeviceError:
+def _wrong_answer(unit: int) -> DeviceError:
     return DeviceError(f"the answer of unit {unit} does not match the request")

@@ -126,7 +126,7 @@ class Variables:
             )
         self._characters = characters
         self._values[name] = kind, value
-        self._kick(name)
+        self._restart_timer(name)
 
     def get(self, name: str, kind: str, default: Any) -> Any:
         """The value of a variable, or the default if there is no such variable.
@@ -181,14 +181,14 @@ class Variables:
             old.timer.cancel()
         if timeout_s:
             self._watchdogs[name] = Watchdog(timeout_s, action)
-            self._kick(name)
+            self._restart_timer(name)
 
     def close(self) -> None:
         for dog in self._watchdogs.values():
             if dog.timer is not None:
                 dog.timer.cancel()
 
-    def _kick(self, name: str) -> None:
+    def _restart_timer(self, name: str) -> None:
         dog = self._watchdogs.get(name)
         if dog is None:
             return

@@ -102,7 +102,7 @@ class HeldService:
 
     async def settle(self) -> None:
         """Before the next motion: make a postponed change now."""
-        if self._task is not None and (self._changing or self._rests()):
+        if self._task is not None and (self._changing or self._arm_rests()):
             self._postponed = False
             await self.follow()
 
@@ -138,7 +138,7 @@ class HeldService:
         """Update the held object in the scene as soon as the arm is at rest."""
         try:
             while self.name != self._attached:
-                if self._rests():
+                if self._arm_rests():
                     self._changing = True
                     try:
                         await self._step(self._attached, self.name)
@@ -191,7 +191,7 @@ class HeldService:
         pairs = [{each.first, each.second} for each in contacts]
         return sorted(set().union(*(pair for pair in pairs if name in pair)) - {name})
 
-    def _rests(self) -> bool:
+    def _arm_rests(self) -> bool:
         try:
             return self._link.state().mode in RESTING and not self._ownership.in_motion
         except UnavailableError:

@@ -93,8 +93,8 @@ class Approvals:
         if others:
             allowed = ", ".join(fence.planners)
             return f"its planner is {others[0]}, mcp.fence.planners has {allowed}"
-        if deeds := plan.deeds:
-            return f"it does more than move ({deeds[0]}), but the fence permits only motions"
+        if effects := plan.effects:
+            return f"it does more than move ({effects[0]}), but the fence permits only motions"
         mass = self._robot.model.carried.mass
         if mass > fence.payload_kg:
             return f"the arm carries {mass:g} kg, mcp.fence.payload_kg is {fence.payload_kg:g} kg"

@@ -78,7 +78,7 @@ class Plan:
         yield from self.signals.words
 
     @property
-    def deeds(self) -> list[str]:
+    def effects(self) -> list[str]:
         """The effects of the plan other than the arm's motion, in words."""
         own = [] if self.gripper is None else [self.gripper.words]
         return own + [each.action.words for each in self.signals.actions if not each.action.event]

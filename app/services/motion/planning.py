@@ -35,7 +35,8 @@ class PlanningStatus:
         state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
         workers: the configured number of workers.
         usable, busy: number of workers that can work, and number of those that have a task.
-        replaced: number of workers that have ended, or were suspended, without the service's doing.
+        replaced: number of workers that have ended or were suspended, although the service did not request
+            it.
         problem: why no worker can be started; "" otherwise.
     """
 

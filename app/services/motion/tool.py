@@ -124,7 +124,7 @@ class ToolService:
                     )
                 tool = replace(edit(self.tool), version=self.tool.version + 1)
                 self._check(tool, state.commanded_position)
-                return await self._have(tool)
+                return await self._apply(tool)
 
     def _check(self, tool: Tool, joints: Array) -> None:
         check_tool(tool, self._max_payload_kg, self._robot.model.file_gravity)
@@ -149,7 +149,7 @@ class ToolService:
             )
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
-    async def _have(self, tool: Tool) -> ToolChanged:
+    async def _apply(self, tool: Tool) -> ToolChanged:
         checker, ours = [  # one is for threads
             await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
         ]

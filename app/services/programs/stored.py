@@ -296,7 +296,7 @@ class StoredPrograms:
 
     def _deleted_version(self, program: str) -> int:
         """The last version of a deleted program with this id."""
-        return max([self._deleted().version_of(program), *_numbers_in(self._aside(program))])
+        return max([self._deleted().version_of(program), *_numbers_in(self._deleted_file(program))])
 
     def _deleted(self) -> Deleted:
         path = self._folder / DELETED
@@ -341,7 +341,7 @@ class StoredPrograms:
                 f"program {shown(there.saved.label)} ({program}): {there.author} saved version {newest} at "
                 f"{there.time}; read it before you delete it"
             )
-        aside = self._aside(program)
+        aside = self._deleted_file(program)
         try:
             shutil.rmtree(aside, ignore_errors=True)
             (self._folder / program).rename(aside)
@@ -357,7 +357,7 @@ class StoredPrograms:
             shutil.rmtree(aside, ignore_errors=True)
         return there
 
-    def _aside(self, program: str) -> Path:
+    def _deleted_file(self, program: str) -> Path:
         return self._folder / f".deleted-{program}"
 
 

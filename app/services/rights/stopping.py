@@ -109,7 +109,7 @@ class StopService:
         self._link.request_stop(fast=category == FAST)
         reason = reason or StopReason(BY_STOP)
         self._publish(reason, category=category)
-        orphan = self._orphan()
+        orphan = self._unclaimed_motion()
         claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
         problems: list[str] = []
@@ -175,7 +175,7 @@ class StopService:
             ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
         claim = self._ownership.interrupt(reason.error)
-        if claim is None and self._orphan() is None:
+        if claim is None and self._unclaimed_motion() is None:
             return
         self._link.request_stop()
         self._publish(reason)
@@ -205,7 +205,7 @@ class StopService:
             "stop", by=reason.by, reason=reason.text, cause=reason.cause, request=request, **more
         )
 
-    def _orphan(self) -> str | None:
+    def _unclaimed_motion(self) -> str | None:
         """Description of a motion without a claim: of a local client, or of an earlier service that has
         died.
         """

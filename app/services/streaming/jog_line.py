@@ -47,7 +47,7 @@ class JogLine:
 
     def corrected(self, position: Array) -> Array:
         """The twist that keeps the TCP on the line, or brings it back to the line, shape (6,)."""
-        moved, turned = self._off(self._model.forward(position))
+        moved, turned = self._deviation(self._model.forward(position))
         correction = -CORRECTION_PER_S * np.concatenate([moved, turned])
         size = float(np.linalg.norm(correction))
         most = MAX_CORRECTION * float(np.linalg.norm(self.twist))
@@ -66,7 +66,7 @@ class JogLine:
         the stop, unless that is large.
         """
         pose = self._model.forward(position)
-        moved, turned = self._off(pose)
+        moved, turned = self._deviation(pose)
         far = np.linalg.norm(moved) > FAR_M or np.linalg.norm(turned) > FAR_RAD
         self._pose = pose if far else _shifted(pose, -moved, -turned)
         self.twist, self._rest = np.zeros(6), position.copy()
@@ -75,7 +75,7 @@ class JogLine:
         """Whether the arm still is where it came to rest."""
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
-    def _off(self, pose: Pose) -> tuple[Array, Array]:
+    def _deviation(self, pose: Pose) -> tuple[Array, Array]:
         """The deviation of a pose across the line: m, and a rotation vector in the base frame, rad."""
         turned = quaternion.between(self._pose.quaternion.tolist(), pose.quaternion.tolist())
         return (

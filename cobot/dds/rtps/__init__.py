@@ -1,8 +1,8 @@
 """RTPS 2.2, the wire protocol of DDS, in pure Python, as far as communication with ROS 2 nodes needs it."""
 
 from cobot.dds.rtps.errors import ClosedError, MalformedError, NetworkError, RtpsError, SampleTooLargeError
-from cobot.dds.rtps.last_words import LastWords
 from cobot.dds.rtps.participant import Participant
+from cobot.dds.rtps.participant_record import ParticipantRecord
 from cobot.dds.rtps.reader import TopicReader as Reader
 from cobot.dds.rtps.types import (
     Guid,
@@ -19,11 +19,11 @@ from cobot.dds.rtps.writer import Writer
 __all__ = [
     "ClosedError",
     "Guid",
-    "LastWords",
     "MalformedError",
     "NetworkError",
     "Participant",
     "ParticipantLimits",
+    "ParticipantRecord",
     "ParticipantStatistics",
     "Qos",
     "Reader",

@@ -47,7 +47,7 @@ class Inbound:
         self._holders.add(holder)
         return True
 
-    def give(self, holder: BufferHolder, size: int) -> None:
+    def release(self, holder: BufferHolder, size: int) -> None:
         self.used -= size
         holder.held -= size
         if not holder.held:

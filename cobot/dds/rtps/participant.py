@@ -24,8 +24,8 @@ from cobot.dds.rtps.delivery import Delivery
 from cobot.dds.rtps.discovery import Discovery
 from cobot.dds.rtps.errors import ClosedError, MalformedError
 from cobot.dds.rtps.inbound import Inbound
-from cobot.dds.rtps.last_words import LastWords
 from cobot.dds.rtps.parameters import read_identity
+from cobot.dds.rtps.participant_record import ParticipantRecord
 from cobot.dds.rtps.reader import Reader, TopicReader
 from cobot.dds.rtps.submessages import Submessage, SubmessageKind
 from cobot.dds.rtps.types import (
@@ -162,11 +162,11 @@ class Participant:
         with self._lock:
             return replace(self._wire.statistics)
 
-    def leave_to(self, last_words: LastWords) -> None:
+    def record_in(self, participant_record: ParticipantRecord) -> None:
         """Record the data with which a successor announces this participant's end if it is killed."""
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]
-            last_words.leave(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)
+            participant_record.write(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)
 
     def close(self) -> None:
         """Announce this participant's end to all peers, and end its threads; may be called twice."""

@@ -100,7 +100,7 @@ class WriterProxy(BufferHolder):
         while self._pending or self._gaps:
             arrival = self._pending.pop(self.next, None)
             if arrival is not None:
-                self._inbound.give(self, arrival.size)
+                self._inbound.release(self, arrival.size)
                 self.next += 1
                 yield self.next - 1, arrival
                 continue
@@ -116,7 +116,7 @@ class WriterProxy(BufferHolder):
             return
         self.next = sequence
         for number in [number for number in self._pending if number < sequence]:
-            self._inbound.give(self, self._pending.pop(number).size)
+            self._inbound.release(self, self._pending.pop(number).size)
         for number in [number for number in self._assemblies if number < sequence]:
             self._forget_assembly(number)
 
@@ -164,7 +164,7 @@ class WriterProxy(BufferHolder):
     def _forget_assembly(self, sequence: int) -> None:
         assembly = self._assemblies.pop(sequence, None)
         if assembly is not None:
-            self._inbound.give(self, assembly.total + assembly.count)
+            self._inbound.release(self, assembly.total + assembly.count)
 
     def discard(self) -> None:
         self._pending.clear()

@@ -126,12 +126,12 @@ class Linkage:
             bodies.append(self._rigid_with(carrier))
         if not all(self._shapes(each) for each in bodies):
             return "its fingers have no shapes, so their width is unknown"
-        self.turn(min(span, key=lambda angle: self._apart(angle, sides[0], bodies[1])))
-        first = self._steady(span, sides, bodies)
+        self.turn(min(span, key=lambda angle: self._tip_clearance(angle, sides[0], bodies[1])))
+        first = self._common_geometry(span, sides, bodies)
         if isinstance(first, str):
             return first
         self.turn(first[1][0])  # the ends are cut off where the fingers are closed, which is known now
-        second = self._steady(span, sides, bodies)
+        second = self._common_geometry(span, sides, bodies)
         if isinstance(second, str):
             return second
         groups, (closed, opened) = second
@@ -141,7 +141,7 @@ class Linkage:
         further, tcp = self._tcp((closed, opened), sides, groups, carrier)
         return MeasuredFingers(closed, opened, widths, further, tcp, carrier)
 
-    def _steady(
+    def _common_geometry(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
     ) -> tuple[list[list[int]], tuple[float, float]] | str:
         """The ends of both fingers, and the angles between which they open; or the reason why there are
@@ -156,7 +156,7 @@ class Linkage:
     def _cut_ends(self, sides: Sequence[str], bodies: Sequence[Sequence[int]]) -> list[list[int]]:
         """Add the ends of both fingers as shapes. Returns the shapes of each finger."""
         fingers = [body for each in bodies[: len(sides)] for body in each]
-        out, corners = self._out(sides), self._corners(self._shapes(fingers))
+        out, corners = self._pointing_direction(sides), self._corners(self._shapes(fingers))
         far, near = float((corners @ out).max()), float(self._middle(sides) @ out)
         level = far - min(END_M, END_SHARE * (far - near))
         names = [self._add_end(each, out, level) for each in bodies]
@@ -194,13 +194,13 @@ class Linkage:
         across = offsets - np.outer(offsets @ joint.xaxis, joint.xaxis)
         return np.asarray(joint.xanchor + across[np.argmax(np.linalg.norm(across, axis=1))])
 
-    def _apart(self, angle: float, side: str, others: Sequence[int]) -> float:
+    def _tip_clearance(self, angle: float, side: str, others: Sequence[int]) -> float:
         """The distance between the tip of a finger and the nearest corner of other bodies."""
         self.turn(angle)
         corners = self._corners(self._shapes(others))
         return float(np.linalg.norm(corners - self._tip(side), axis=1).min())
 
-    def _out(self, sides: Sequence[str]) -> Array:
+    def _pointing_direction(self, sides: Sequence[str]) -> Array:
         """The direction in which the fingers point out of the hand."""
         out = np.mean([self._tip(side) for side in sides], axis=0) - self._middle(sides)
         if len(sides) > 1:
@@ -250,7 +250,7 @@ class Linkage:
         shapes = [geom for side in sides for geom in self._shapes(self._carried(side))]
         closed, opened = ends
         self.turn(closed)
-        out, place, corners = self._out(sides), self._nearest(groups), self._corners(shapes)
+        out, place, corners = self._pointing_direction(sides), self._nearest(groups), self._corners(shapes)
         far, near = float((corners @ out).max()), float(self._middle(sides) @ out)
         height = far - min(FROM_TIP_M, FROM_TIP_SHARE * (far - near))
         first = self._tip(sides[0])

@@ -213,7 +213,7 @@ def report_odd_world(mj: mujoco.MjModel, guessed: list[str]) -> None:
         guessed.append(f"gravity is that of the file: {words} m/s² along x, y, z of the world")
 
 
-def shapeless(robot: RobotModel, guessed: list[str]) -> None:
+def report_without_shape(robot: RobotModel, guessed: list[str]) -> None:
     """Report the links that have no collision shape."""
     mj = robot.mj
     colliding = {geom for geom in range(mj.ngeom) if mj.geom_contype[geom]}

@@ -154,7 +154,7 @@ class NewRobot:
         check_supported(self.file, root, limits, self.without)
         self.guessed += [self._soft_limits[name] for name in limits.names if name in self._soft_limits]
         guesses.write_limits(limits, folder / "joint_limits.yaml")
-        guesses.shapeless(robot, self.guessed)
+        guesses.report_without_shape(robot, self.guessed)
         guesses.report_odd_world(mj, self.guessed)
         touching = guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
         pairs = [*semantics.pairs, *touching]

@@ -16,7 +16,7 @@ def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
     kind."""
     found = {
         "springs": [joint.name for joint in spec.joints if np.any(joint.stiffness)],
-        "tendons": [tendon.name or "one without a name" for tendon in spec.tendons if _acts(tendon)],
+        "tendons": [tendon.name or "one without a name" for tendon in spec.tendons if _has_effect(tendon)],
         "gravity compensation (gravcomp)": [body.name for body in spec.bodies if body.gravcomp],
         "margins of joint limits": [joint.name for joint in spec.joints if joint.margin],
     }
@@ -34,7 +34,7 @@ def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
     return said + _remove_margins(spec) + _remove_medium(spec)
 
 
-def _acts(tendon: mujoco.MjsTendon) -> bool:
+def _has_effect(tendon: mujoco.MjsTendon) -> bool:
     """Whether a tendon pulls, brakes or limits joints."""
     forces = (tendon.stiffness, tendon.damping, tendon.frictionloss)
     return any(map(np.any, forces)) or bool(tendon.range[0] < tendon.range[1])

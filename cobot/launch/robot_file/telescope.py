@@ -53,7 +53,7 @@ class Telescope:
             A sentence on the change, for the user.
         """
         joint, travel = self.first.joint, self.travel
-        rates[self.first.name] = self._rate(rates)
+        rates[self.first.name] = self._velocity_and_effort(rates)
         ranges = self._ranges()
         if ranges:
             joint.range = travel * np.array(
@@ -92,7 +92,7 @@ class Telescope:
             if self.first.name in state:
                 state[self.first.name] *= self.travel
 
-    def _rate(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
+    def _velocity_and_effort(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
         """Maximum velocity of the last stage at which each joint keeps its own limit, and the maximum effort
         at the last stage.
         """

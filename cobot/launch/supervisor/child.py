@@ -87,7 +87,7 @@ class Child:
     def _keep_last_line(self, line: str) -> None:
         self.line = line
 
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         """The last line of a process that has ended."""
         if self.reader is not None:
             self.reader.join(1.0)
@@ -123,7 +123,7 @@ class Child:
         if self.reader is not None:
             self.reader.join(1.0)
 
-    def revive(self) -> None:
+    def restart_if_ended(self) -> None:
         """Restart the process if it has ended, after a pause. The pause grows with each failure until the
         process has lived for `STEADY_S`."""
         assert self.process is not None

@@ -64,11 +64,11 @@ class Children:
     def ros2(self, url: str) -> Child:
         """The DDS process. It is a client of the service at this URL, if there is one."""
         # What one such process leaves to the next; it goes with the supervisor.
-        last_words = os.memfd_create("cobot-ros2")
-        arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
+        participant_record = os.memfd_create("cobot-ros2")
+        arguments = ["--participant-record", str(participant_record), *(("--url", url) if url else ())]
         command = [*RUN_MODULE, "cobot.dds", *self._config, *arguments]
         environment = {ROS_TOKEN_VARIABLE: self._ros_token} | self._certificate()
-        return Child("ros2", command, self._log, (last_words,), environment)
+        return Child("ros2", command, self._log, (participant_record,), environment)
 
     def _certificate(self) -> dict[str, str]:
         """The certificate that clients of the service must trust."""

@@ -139,9 +139,9 @@ class Supervisor:
             if self._signals.hangup:
                 self._signals.hangup = False
                 self._reload(children)
-            _mend(memories)
+            _repair_headers(memories)
             for child in children:
-                child.revive()
+                child.restart_if_ended()
                 for watch in watches.get(child.name, ()):
                     watch.look(child.process)
             states = {child.name: child.state for child in children}
@@ -224,7 +224,7 @@ class Supervisor:
             if rtloop.process.poll() is not None:
                 status = rtloop.process.returncode
                 raise UnavailableError(
-                    f"{rtloop.name} ended with status {status} at its start: {rtloop.last_words()}"
+                    f"{rtloop.name} ended with status {status} at its start: {rtloop.last_line()}"
                 )
             if time.monotonic() > deadline_s:
                 backend = self._settings.of(memory.robot).robot.backend.type
@@ -240,7 +240,7 @@ def _beats(blocks: Iterable[Block]) -> int:
     return sum(int(each.sequence) for each in blocks)
 
 
-def _mend(memories: dict[str, RobotMemory]) -> None:
+def _repair_headers(memories: dict[str, RobotMemory]) -> None:
     """Repair overwritten headers. A process reads the header only when it maps the memory, for example after
     a restart."""
     for name, memory in memories.items():

@@ -58,7 +58,7 @@ def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     if np.abs(drift).max() > SAME_RAD:
         if not arm.redundant:
             joint = int(np.abs(drift).argmax())
-            raise _elsewhere(path, robot.limits, joint, float(rows[-1, joint]), float(end[joint]))
+            raise _other_end_error(path, robot.limits, joint, float(rows[-1, joint]), float(end[joint]))
         weights = shares**3 * (10.0 + shares * (6.0 * shares - 15.0))  # at rest at both ends
         guesses = rows + weights[:, None] * drift
         poses = path.poses(shares)
@@ -77,7 +77,9 @@ def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     return rows
 
 
-def _elsewhere(path: TcpPath, limits: JointLimits, joint: int, value: float, end: float) -> UnreachableError:
+def _other_end_error(
+    path: TcpPath, limits: JointLimits, joint: int, value: float, end: float
+) -> UnreachableError:
     """The error for an arm without redundancy that ends in other joints than required."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(

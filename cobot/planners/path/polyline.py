@@ -44,7 +44,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     for pose in (*request.through, request.goal):
         poses.append(reachable(robot, request, poses[-1], pose))
     poses[-1], joints_at_end = end_of(robot, request, poses[-1])
-    poses = _apart(poses)
+    poses = _distinct(poses)
     if request.radius_m > 0.0 and len(poses) > 2:
         path = rounded(poses, request.radius_m, least_rad=least_turn(robot))
         return follow(robot, request, path, joints_at_end)
@@ -60,7 +60,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     return whole
 
 
-def _apart(poses: list[Pose]) -> list[Pose]:
+def _distinct(poses: list[Pose]) -> list[Pose]:
     """The poses without those that equal the previous one."""
     kept = poses[:1]
     for pose in poses[1:]:

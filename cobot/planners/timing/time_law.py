@@ -195,7 +195,7 @@ class _Problem:
         law = np.concatenate([begins, middles, ends[:, -1:]], axis=1)
         joints, derivatives, slowness = coordinates.at(law[0])
         last = len(law[0]) - 1
-        knots, places, ending = _looks(self._cells)
+        knots, places, ending = _checked_places(self._cells)
         self._joints, self._law = joints, law
         self._knots, self._at_knots = law[:, knots], joints[:, knots]
         # Rows for accelerations and squared velocities.
@@ -306,7 +306,7 @@ class _Problem:
 
 
 @lru_cache(maxsize=32)
-def _looks(cells: int) -> tuple[Integers, Integers, Integers]:
+def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
     """Among the begins of all cells, their middles and the end: indices of the knots, indices at which the
     jerk is limited, and the cells in whose middle it is limited too."""
     knots = np.append(np.arange(cells), 2 * cells)

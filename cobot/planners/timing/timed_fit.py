@@ -29,7 +29,7 @@ MUCH_SLOWER = 1.5
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Widths of the moving averages in steps: the first is applied once, the second twice."""
 TOO_FAR = 1.5
-"""After an average that leaves the corridor by this factor, longer ones are not tried."""
+"""If a moving average exceeds the corridor by this factor, longer averages are not tried."""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 """Maximum number of rounds, of turns per round, and of turns times control points in total."""
 USUAL_ROUNDS, MIN_TURNS = 8, 30
@@ -110,7 +110,7 @@ class _Fitting:
         start = self._sample()
         for counts in AVERAGES:
             control, times_s = (self._averages(each, counts) for each in start)
-            used = self._judge(control, times_s)[1]
+            used = self._stretch_to_bounds(control, times_s)[1]
             yield
             if used > TOO_FAR:
                 break
@@ -154,7 +154,7 @@ class _Fitting:
             control[:AT_REST], control[-AT_REST:] = curve.positions[0], curve.positions[-1]
             corridor = share * self._corridor
             control, belongs_s = fit(curve, control, times_s, step_s, self._limits, corridor, turns)
-            needed, used = self._judge(control, belongs_s, step_s)
+            needed, used = self._stretch_to_bounds(control, belongs_s, step_s)
             yield
             share /= math.sqrt(max(used, 1.0))
             slowness = self._slower(slowness, grid_s, belongs_s, needed)
@@ -195,7 +195,9 @@ class _Fitting:
         low, high = self._limits.min_position - ROUNDING_RAD, self._limits.max_position + ROUNDING_RAD
         return bool(((low <= control) & (control <= high)).all())
 
-    def _judge(self, control: Array, times_s: Array, step_s: float | None = None) -> tuple[Array, float]:
+    def _stretch_to_bounds(
+        self, control: Array, times_s: Array, step_s: float | None = None
+    ) -> tuple[Array, float]:
         """Stretch the motion until it keeps its bounds, and keep it if it is the best so far.
 
         Returns:

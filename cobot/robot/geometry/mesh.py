@@ -25,7 +25,7 @@ MAX_CELLS = 300_000
 MAX_CORNERS = 2_000
 """Maximum number of corners of all convex parts together."""
 AT_ONCE = 200_000
-"""Pairs of a triangle and a cell that are tested at once."""
+"""Number of pairs of a triangle and a cell that are tested together."""
 FLAT = 1e-6
 """A part counts as convex if no corner is further outside a face than this share of the part's size."""
 

@@ -219,7 +219,7 @@ def _rendered(corners: Array, colors: Array, view: PictureView) -> npt.NDArray[n
     points[..., 0] = 0.5 * width + scale * (points[..., 0] - middle[0])
     points[..., 1] = 0.5 * height - scale * (points[..., 1] - middle[1])
     image = np.tile(BACKGROUND, (height * width, 1))
-    _paint(image, points, np.concatenate([shaded, flat]), width, height)
+    _colour_pixels(image, points, np.concatenate([shaded, flat]), width, height)
     blocks = image.reshape(HEIGHT, OVERSAMPLING, WIDTH, OVERSAMPLING, 3)
     return np.asarray(np.round(255.0 * blocks.mean((1, 3))), dtype=np.uint8)
 
@@ -233,7 +233,7 @@ def _camera(view: PictureView) -> tuple[Array, Array, Array]:
     return right, np.cross(towards, right), towards
 
 
-def _paint(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
+def _colour_pixels(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
     """Colour each pixel like the nearest point that is drawn there."""
     edges = np.abs(points[..., :2] - np.roll(points[..., :2], 1, axis=1)).max((1, 2))
     steps = STEPS[np.minimum(np.searchsorted(STEPS, edges), len(STEPS) - 1)]

@@ -165,10 +165,10 @@ def inverse_all(
         raise InputError("the criterion clearance needs a function that returns the clearance of joints")
     else:
         found.sort(key=lambda joints: _cost(model, joints, near, criterion))
-    return _apart(np.array(found))
+    return _distinct(np.array(found))
 
 
-def _apart(rows: Array) -> list[Array]:
+def _distinct(rows: Array) -> list[Array]:
     """The rows without duplicates."""
     kept: list[Array] = []
     while len(rows):

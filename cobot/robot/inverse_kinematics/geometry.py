@@ -114,7 +114,7 @@ def _srs(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
         rest,
         axes.points[0],
         axes.reach(),
-        _exact_or(axes.slop),
+        _refinement_tolerance(axes.slop),
         axes.directions,
         shoulder,
         wrist,
@@ -140,7 +140,7 @@ def _six_axis(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
         rest,
         axes.points[0],
         axes.reach(),
-        _exact_or(axes.slop),
+        _refinement_tolerance(axes.slop),
         axes.directions,
         points,
         wrist,
@@ -159,7 +159,7 @@ def _first_three(axes: Axes) -> str:
     return next((kind for kind, holds in kinds if holds), "")
 
 
-def _exact_or(slop: float) -> float:
+def _refinement_tolerance(slop: float) -> float:
     """The tolerance of the numeric refinement: 3 times the inaccuracy of the axes, because it adds up along
     the arm; 0 if it is only the rounding of the file."""
     return 3.0 * slop if slop > 1e-10 else 0.0

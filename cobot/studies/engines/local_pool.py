@@ -139,7 +139,7 @@ class LocalPool(Executor):
             for call in [call for call in waiting if not call.begun and call.future.cancelled()]:
                 call.future.set_running_or_notify_cancel()
                 waiting.remove(call)
-            self._hire(workers, len(waiting))
+            self._start_workers(workers, len(waiting))
             if self._broken is not None:
                 return
             self._assign(workers, waiting)
@@ -159,7 +159,7 @@ class LocalPool(Executor):
                 return False
             waiting.append(call)
 
-    def _hire(self, workers: list[_Worker], waiting: int) -> None:
+    def _start_workers(self, workers: list[_Worker], waiting: int) -> None:
         idle = sum(worker.call is None for worker in workers)
         for _ in range(min(self.workers - len(workers), waiting - idle)):
             if self._failed_starts >= MAX_STARTS_IN_A_ROW:
@@ -221,7 +221,7 @@ class LocalPool(Executor):
                 content = worker.connection.recv_bytes()
             except (EOFError, OSError):
                 workers.remove(worker)
-                self._mourn(worker)
+                self._clean_up(worker)
                 continue
             self._note(worker, content)
         self._pids = [worker.process.pid for worker in workers]
@@ -243,7 +243,7 @@ class LocalPool(Executor):
         else:
             call.future.set_exception(value)
 
-    def _mourn(self, worker: _Worker) -> None:
+    def _clean_up(self, worker: _Worker) -> None:
         worker.connection.close()
         worker.process.kill()
         status = worker.process.wait()

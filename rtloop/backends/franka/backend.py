@@ -26,7 +26,7 @@ from rtloop.backends.franka.impedance import GivingWay
 from rtloop.backends.franka.kinematics import told_flange
 from rtloop.backends.franka.link import Knock, Knocking, Link
 from rtloop.backends.franka.options import DOF, FrankaOptions
-from rtloop.backends.franka.words import MODES, REFUSALS, in_words, present
+from rtloop.backends.franka.words import MODES, REFUSALS, active_errors, in_words
 from rtloop.backends.protocols import require_accepted
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ class FrankaBackend:
             drives=MODES.get(mode, mode),
             packets_lost=self._lost_packets,
             device_time_s=state.time.to_sec(),
-            text=in_words(present(self._state)),
+            text=in_words(active_errors(self._state)),
         )
 
     # ImpedanceControlled, CarriesTool
@@ -217,7 +217,7 @@ class FrankaBackend:
         mode = self._state.robot_mode.name
         if mode in REFUSALS:
             raise BackendError(REFUSALS[mode])
-        if mode == "Reflex" or present(self._state):
+        if mode == "Reflex" or active_errors(self._state):
             self._link.robot.automatic_error_recovery()
             yield False
         options = self._options
@@ -298,5 +298,7 @@ class FrankaBackend:
         if self._link.lost:
             return self._link.lost
         mode = self._state.robot_mode.name if self._state is not None else "Other"
-        why = in_words(present(self._state)) or REFUSALS.get(mode, "the robot is not under control: reset it")
+        why = in_words(active_errors(self._state)) or REFUSALS.get(
+            mode, "the robot is not under control: reset it"
+        )
         return f"the robot is {MODES.get(mode, mode)}: {why}"

@@ -48,7 +48,7 @@ class Knock:
             ((family, kind, _, _, place), *_) = socket.getaddrinfo(address, PORT, type=socket.SOCK_STREAM)
             self._socket = socket.socket(family, kind)
         except OSError as exc:
-            raise self._nobody(exc.strerror) from exc
+            raise self._no_answer(exc.strerror) from exc
         self._socket.setblocking(False)
         self._until_s = time.monotonic() + CONNECT_S
         self._socket.connect_ex(place)
@@ -60,14 +60,14 @@ class Knock:
             if time.monotonic() < self._until_s:
                 return False
             self._socket.close()
-            raise self._nobody(f"no answer within {CONNECT_S:g} s")
+            raise self._no_answer(f"no answer within {CONNECT_S:g} s")
         error = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         self._socket.close()
         if error:
-            raise self._nobody(os.strerror(error))
+            raise self._no_answer(os.strerror(error))
         return True
 
-    def _nobody(self, why: str | None) -> BackendError:
+    def _no_answer(self, why: str | None) -> BackendError:
         return BackendError(
             f"no answer at {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
             "control unit, and FCI activated in Desk?"

@@ -69,7 +69,7 @@ def explained(text: str) -> str:
     return f"{in_words(known)} ({text})" if known else text
 
 
-def present(state: Any) -> list[str]:
+def active_errors(state: Any) -> list[str]:
     """The names of the errors in a state of libfranka."""
     errors = state.current_errors if state is not None else None
     found = (name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True)

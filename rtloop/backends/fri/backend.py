@@ -107,7 +107,7 @@ class FriBackend:
         self._asked_s = self._clock()
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
-                raise BackendError(self._nobody())
+                raise BackendError(self._no_packet())
         require_accepted(check_settings(self._newest, options, self._period_s))
         pose = self._newest.measured_pose
         told = len(pose) == 7 and bool(np.isfinite(pose).all()) and any(pose[3:])
@@ -182,7 +182,7 @@ class FriBackend:
             self._open_channel.send(answer)
         if not self._enabled or not isinstance(result, Rejected):
             return
-        if command[1].any() or not self._may_begin_anew(message):
+        if command[1].any() or not self._may_reconnect(message):
             self._last_motion = result
             raise BackendError(f"the robot accepts no commands: {result.reason}")
 
@@ -240,7 +240,7 @@ class FriBackend:
     def status(self) -> DeviceStatus:
         message = self._beat.newest
         if message is None:
-            return DeviceStatus(connection="no packet yet", text=self._nobody())
+            return DeviceStatus(connection="no packet yet", text=self._no_packet())
         drives, brakes = drives_in_words(message.drives)
         silent = self._silence_s > self._options.silence_s
         text = f"no packet for {self._silence_s:.1f} s" if silent else self._explain_waiting(message)
@@ -308,7 +308,7 @@ class FriBackend:
         ready = check_readiness(message)
         return ready.reason if isinstance(ready, Rejected) else ""
 
-    def _may_begin_anew(self, message: MonitoringMessage) -> bool:
+    def _may_reconnect(self, message: MonitoringMessage) -> bool:
         """Whether a lost session may return without a fault. It may return shortly after enabling, because
         enabling may have kept this computer busy, and only while the arm does not move.
         """
@@ -337,7 +337,7 @@ class FriBackend:
     @property
     def _newest(self) -> MonitoringMessage:
         if self._beat.newest is None:
-            raise BackendError(self._nobody())
+            raise BackendError(self._no_packet())
         return self._beat.newest
 
     @property
@@ -346,7 +346,7 @@ class FriBackend:
             raise BackendError("the connection is not open")
         return self._channel
 
-    def _nobody(self) -> str:
+    def _no_packet(self) -> str:
         options = self._options
         whom = f"from {options.address} " if options.address else ""
         sentence = (

@@ -142,9 +142,7 @@ class Ros2ControlArm(ControllerClient):
         if problem or goal is None:
             return problem or self._of_others(facts)
         if goal.accepted and goal.status is None and not goal.stopping:
-            return self._of_lateness(facts) or words.of_agreement(
-                facts, goal, self._names, self._expected.topic
-            )
+            return self._overdue(facts) or words.disagreement(facts, goal, self._names, self._expected.topic)
         return self._of_others(facts)
 
     def _of_others(self, facts: Facts) -> str:
@@ -155,7 +153,7 @@ class Ros2ControlArm(ControllerClient):
             "one may command the controller"
         )
 
-    def _of_lateness(self, facts: Facts) -> str:
+    def _overdue(self, facts: Facts) -> str:
         """A description of an overdue result; "" if it is not overdue.
 
         If the speed slider is below full speed, no result is reported as overdue.

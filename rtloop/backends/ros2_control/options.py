@@ -90,7 +90,7 @@ class Ros2ControlOptions(BackendOptions):
         """Put a name below the namespace, unless it begins with a slash."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
-    def elsewhere(self, settings: Settings) -> str:
+    def remote_setting(self, settings: Settings) -> str:
         return "" if settings.ros.localhost_only else "ros.localhost_only is false"
 
 

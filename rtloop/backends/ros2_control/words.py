@@ -181,8 +181,8 @@ def of_goal(goal: GoalFacts, action: str) -> str:
     return f"{action} does not know the goal (status {goal.status}): the driver was restarted"
 
 
-def of_agreement(facts: Facts, goal: GoalFacts, names: list[str], topic: str) -> str:
-    """A difference between the joint states and the controller's feedback; "" if they agree."""
+def disagreement(facts: Facts, goal: GoalFacts, names: list[str], topic: str) -> str:
+    """A sentence on a difference between the joint states and the controller's feedback; "" if they agree."""
     if goal.actual is None or facts.position is None or goal.feedback_age_s > FRESH_S:
         return ""
     velocity = np.abs(facts.velocity) if facts.velocity is not None else np.zeros(len(names))

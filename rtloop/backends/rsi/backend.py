@@ -123,7 +123,7 @@ class RsiBackend:
         self._starts = True
         while not (self.wait(options.silence_s) and self._seen_ms):
             if self._clock() - self._asked_s > options.connect_s:
-                raise BackendError(self._nobody())
+                raise BackendError(self._no_packet())
             self._answer(None)
         require_accepted(first_rejection(self._checks_of_settings(self._newest)))
 
@@ -238,7 +238,7 @@ class RsiBackend:
     def status(self) -> DeviceStatus:
         state = self._beat.newest
         if state is None:
-            return DeviceStatus(connection="no packet yet", text=self._nobody())
+            return DeviceStatus(connection="no packet yet", text=self._no_packet())
         silent = self._silence_s > self._options.silence_s
         share = self._reduced if state.operation_mode == "T1" else 1.0
         ready = check_readiness(state)
@@ -433,7 +433,7 @@ class RsiBackend:
     @property
     def _newest(self) -> RobState:
         if self._beat.newest is None:
-            raise BackendError(self._nobody())
+            raise BackendError(self._no_packet())
         return self._beat.newest
 
     @property
@@ -455,7 +455,7 @@ class RsiBackend:
             + (f". {late} answers were late before" if late else "")
         )
 
-    def _nobody(self) -> str:
+    def _no_packet(self) -> str:
         options = self._options
         whom = f"from {options.address} " if options.address else ""
         sentence = (

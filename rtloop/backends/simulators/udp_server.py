@@ -224,7 +224,7 @@ class UdpServer(Generic[AnyController]):
     def _answer(self, packet: bytes, sender: tuple[str, int], took_s: float) -> None:
         if self._client[0] not in ("0.0.0.0", sender[0]):
             return
-        self._know(sender)
+        self._report_second_sender(sender)
         expected = self._expects
         self._deaf = False
         before = self._network.lost
@@ -237,7 +237,7 @@ class UdpServer(Generic[AnyController]):
         if expected and not self._expects:
             self._answer_times.add(took_s)
 
-    def _know(self, sender: tuple[str, int]) -> None:
+    def _report_second_sender(self, sender: tuple[str, int]) -> None:
         """Report once if two programs send answers, because each would end the other's motion."""
         now_s = time.monotonic()
         if sender == self._sender or self._sender is None or now_s - self._sender_s > ALONE_S:

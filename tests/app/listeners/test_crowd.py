@@ -189,13 +189,15 @@ def test_who_has_just_got_the_last_place_of_the_reserve_may_say_what_it_wants() 
     served = crowd.enter("a", lambda: None, 0.0)
     assert served is not None
     crowd.go_on(served, Doing.SERVED)
-    assert not crowd.hurries(1.0, GRACE_S), "a place of the reserve is free"
+    assert not crowd.would_evict_recent(1.0, GRACE_S), "a place of the reserve is free"
     stop = crowd.enter("a", lambda: None, 1.0)
     assert stop is not None
     assert stop.reserved
-    assert crowd.hurries(1.0 + GRACE_S / 2, GRACE_S)
-    assert not crowd.hurries(1.0 + GRACE_S, GRACE_S)
+    assert crowd.would_evict_recent(1.0 + GRACE_S / 2, GRACE_S)
+    assert not crowd.would_evict_recent(1.0 + GRACE_S, GRACE_S)
     crowd.go_on(stop, Doing.SERVED)
-    assert not crowd.hurries(1.0 + GRACE_S / 2, GRACE_S), "it has said it: nobody can take its place"
+    assert not crowd.would_evict_recent(1.0 + GRACE_S / 2, GRACE_S), (
+        "it has said it: nobody can take its place"
+    )
     crowd.leave(served)
-    assert not crowd.hurries(1.0 + GRACE_S / 2, GRACE_S), "there is room"
+    assert not crowd.would_evict_recent(1.0 + GRACE_S / 2, GRACE_S), "there is room"

@@ -78,9 +78,9 @@ def live(test: Callable[[Graph, Client, Client], Awaitable[None]]) -> None:
         await asyncio.wait_for(test(graph, *clients), 60.0)
         for client in clients:
             await client.close()
-        assert not [task for task in asyncio.all_tasks() if "_pursue" in repr(task)] or await asyncio.sleep(
-            0.0
-        )
+        assert not [
+            task for task in asyncio.all_tasks() if "_execute_goal" in repr(task)
+        ] or await asyncio.sleep(0.0)
         await graph.close()
 
     asyncio.run(run())

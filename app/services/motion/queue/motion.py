@@ -28,7 +28,7 @@ from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult
-from cobot.motions.stretches import Leg, Stretch, alone
+from cobot.motions.stretches import Leg, Stretch, single_leg
 
 IDLE = -1
 LOOK_S = 0.01
@@ -131,14 +131,14 @@ class QueueMotion:
                 raise
             self._follow_jobs(claim)
             has_moved = self._runs.place()[1] > 0.0 or len(self._runs.all) > 1
-            return await self._cut_off(self._under_way if has_moved else None)
+            return await self._cut_off(self._current_move if has_moved else None)
 
     async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
         """Plan a stretch through these legs; None if there are none."""
         if not legs:
             return None
         if len(legs) == 1 and radii[0] == 0.0:
-            return alone(legs[0])
+            return single_leg(legs[0])
         return await self._planner.begin_stretch(claim, legs, radii)
 
     async def _start(self, claim: Claim, running: QueueRun) -> bool:
@@ -227,7 +227,7 @@ class QueueMotion:
         return [move for move in self._runs.passed() if move.signals.pending]
 
     @property
-    def _under_way(self) -> QueuedMove | None:
+    def _current_move(self) -> QueuedMove | None:
         """The first move whose end the arm has not passed."""
         over = {move.number for move in self._runs.passed()}
         return next((move for move in self.moves if move.number not in over), None)

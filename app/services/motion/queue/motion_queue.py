@@ -179,7 +179,7 @@ class MotionQueue:
             return False
         self._jobs.end(move, error)
         if self._line.is_loose and self._mender is None:
-            self._mender = asyncio.create_task(self._mend(claim))
+            self._mender = asyncio.create_task(self._replan(claim))
         return True
 
     async def _accept(self, claim: Claim, request: QueueRequest) -> int:
@@ -192,7 +192,7 @@ class MotionQueue:
             job.enqueue(found.duration_s, "; ".join(notes))
         return number
 
-    async def _mend(self, claim: Claim) -> None:
+    async def _replan(self, claim: Claim) -> None:
         try:
             async with self._turn:
                 await self._line.replan_loose(claim)

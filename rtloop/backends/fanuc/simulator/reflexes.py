@@ -22,7 +22,7 @@ WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration",
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """A limits table whose tightest end is this share of the limits."""
+    """A limits table. Its limits at full payload and maximum speed are this share of the arm's limits."""
     table = LimitsTable(limits.dof)
     speeds = np.linspace(1.0 / TIGHTEST_SPEED, 1.0, THRESHOLDS)
     bounds = limits.max_velocity, limits.max_acceleration, limits.max_jerk

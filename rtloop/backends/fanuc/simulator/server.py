@@ -255,7 +255,7 @@ class ControllerServer:
             if kind == _STAMP:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(content)
                 arrived_s -= max(0.0, 1e-9 * (time.time_ns() - 1_000_000_000 * seconds - nanoseconds))
-        if not self._know(sender):
+        if not self._is_client(sender):
             return True
         expected, before = self._expects, self._controller.commands
         lost = self._network.lost
@@ -274,7 +274,7 @@ class ControllerServer:
         if reply:
             self._send(reply)
 
-    def _know(self, sender: tuple[str, int]) -> bool:
+    def _is_client(self, sender: tuple[str, int]) -> bool:
         """Whether a packet is from the client. After a time without packets another client may take over."""
         now_s = time.monotonic()
         alone = self._client is None or not self._controller.streams or now_s - self._client_s > ALONE_S

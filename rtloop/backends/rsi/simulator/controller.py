@@ -126,7 +126,7 @@ class RsiController:
     def packet(self) -> bytes:
         """End a period and begin the next: its telegram, b"" while RSI is off."""
         if self._session is not None:
-            self._judge(self._session)
+            self._count_missing(self._session)
         self._move()
         self.ipoc += self.options.period_ms
         if self._session is None:
@@ -193,7 +193,7 @@ class RsiController:
         self.counters.sessions += 1
         self.events.append("RSI is on")
 
-    def _judge(self, session: _Session) -> None:
+    def _count_missing(self, session: _Session) -> None:
         """Count a missing answer. A client that has never answered counts as not connected yet."""
         if session.is_answered:
             session.lenient = max(0, session.lenient - 1)

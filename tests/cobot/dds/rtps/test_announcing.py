@@ -11,7 +11,7 @@ import pytest
 from cobot_run import HELPER_ENVIRONMENT
 from ros_peer import Peer, until
 
-from cobot.dds.rtps import LastWords, Participant, Qos
+from cobot.dds.rtps import Participant, ParticipantRecord, Qos
 from cobot.ros.messages import Messages
 
 Join = Callable[..., Participant]
@@ -19,10 +19,10 @@ ENDPOINTS = 600
 """About so many has the node of one robot."""
 KILLED = """
 import os, signal, sys
-from cobot.dds.rtps import LastWords, Participant, Qos
+from cobot.dds.rtps import ParticipantRecord, Participant, Qos
 participant = Participant(int(sys.argv[1]), localhost_only=True)
 participant.create_writer("rt/left", "std_msgs::msg::dds_::String_", Qos())
-participant.leave_to(LastWords(int(sys.argv[2])))
+participant.record_in(ParticipantRecord(int(sys.argv[2])))
 print("ready", flush=True)
 sys.stdin.read()
 """
@@ -58,7 +58,7 @@ def test_endpoints_that_are_made_together_are_announced_together(peer: Peer, joi
 
 def test_a_killed_participant_is_forgotten_when_its_successor_says_so(domain: int, peer: Peer) -> None:
     descriptor = os.memfd_create("last words")
-    LastWords(descriptor).speak()  # the first of all has nobody to speak for
+    ParticipantRecord(descriptor).announce_end()  # the first of all has nobody to speak for
     killed = subprocess.Popen(
         [sys.executable, "-c", KILLED, str(domain), str(descriptor)],
         stdin=subprocess.PIPE,
@@ -74,6 +74,6 @@ def test_a_killed_participant_is_forgotten_when_its_successor_says_so(domain: in
         killed.kill()
         killed.wait()
     assert left in peer.found  # its lease is not over
-    LastWords(descriptor).speak()
+    ParticipantRecord(descriptor).announce_end()
     until(lambda: left not in peer.found, "it is still there")
     os.close(descriptor)

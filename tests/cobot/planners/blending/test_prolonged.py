@@ -16,7 +16,7 @@ from independent_models import changed_world, robot_in, second_robot
 from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Envelope, MotionRequest, RatedMove
-from cobot.motions.stretches import Leg, Stretch, alone
+from cobot.motions.stretches import Leg, Stretch, single_leg
 from cobot.planners.blending.going_over import JERK
 from cobot.planners.blending.joined import joined
 from cobot.planners.blending.prolonged import begin_stretch, extend_stretch
@@ -184,11 +184,11 @@ def test_one_that_comes_late_follows_after_a_stop_that_takes_no_time(robot: Robo
 
 def test_a_single_motion_without_a_radius_is_what_was_planned(robot: RobotDescription) -> None:
     only = lines(robot)[0]
-    assert alone(only).trajectory is only.motion
+    assert single_leg(only).trajectory is only.motion
     np.testing.assert_array_equal(
-        begin_stretch(robot, [only], [0.0]).trajectory.coefficients, alone(only).trajectory.coefficients
+        begin_stretch(robot, [only], [0.0]).trajectory.coefficients, single_leg(only).trajectory.coefficients
     )
-    after = extend_stretch(robot, alone(only), lines(robot)[1:2], [0.0], 0.0, 0.2)
+    after = extend_stretch(robot, single_leg(only), lines(robot)[1:2], [0.0], 0.0, 0.2)
     assert after.ends_s[0] == only.motion.duration_s
 
 

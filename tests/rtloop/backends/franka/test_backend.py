@@ -34,7 +34,7 @@ from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.link import Knock
 from rtloop.backends.franka.stand_in import START, FrankaStandIn
 from rtloop.backends.franka.stand_in_library import NetworkException, RobotMode
-from rtloop.backends.franka.words import MAX_ERRORS, explained, in_words, present, said
+from rtloop.backends.franka.words import MAX_ERRORS, active_errors, explained, in_words, said
 
 VELOCITY = np.array([2.175] * 4 + [2.61] * 3)
 ACCELERATION = np.array([10.0, 7.5, 10.0, 10.0, 10.0, 10.0, 10.0])
@@ -437,6 +437,6 @@ def test_what_the_library_says_is_bounded() -> None:
     state = SimpleNamespace(
         current_errors=SimpleNamespace(**{f"e{i}_" + "x" * 9_000: True for i in range(500)})
     )
-    assert len(present(state)) == MAX_ERRORS
-    assert len(in_words(present(state))) < 200 * MAX_ERRORS
+    assert len(active_errors(state)) == MAX_ERRORS
+    assert len(in_words(active_errors(state))) < 200 * MAX_ERRORS
     assert in_words(["joint_reflex", "new\x1b_error"]).endswith(r"; new\x1b error")

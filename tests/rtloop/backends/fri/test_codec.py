@@ -214,7 +214,7 @@ def test_says_what_is_wrong_with_a_packet() -> None:
 def test_a_state_that_nobody_knows_is_named() -> None:
     packet = encode_monitoring(MonitoringMessage(HEADER, state=SessionState.COMMANDING_ACTIVE))
     assert packet.count(b"\x22\x08\x08\x04") == 1
-    assert "session state 9" in str(
+    assert "session state is 9" in str(
         decode_monitoring(packet.replace(b"\x22\x08\x08\x04", b"\x22\x08\x08\x09"))
     )
 

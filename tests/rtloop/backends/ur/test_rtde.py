@@ -70,7 +70,7 @@ def test_a_stream_is_split_however_it_is_cut() -> None:
     [
         (b"", "a data package of 0 bytes, 9 were agreed"),
         (b"\x01" + b"\x00" * 9, "of 10 bytes"),
-        (b"\x02" + b"\x00" * 8, "of recipe 2, 1 was agreed"),
+        (b"\x02" + b"\x00" * 8, "the recipe 2, but 1 was agreed"),
     ],
 )
 def test_other_data_packages_are_rejected(payload: bytes, found: str) -> None:

@@ -19,14 +19,14 @@ from cobot.dds.rtps.types import Address, Guid
 _MAX_BYTES = 65536
 
 
-class LastWords:
+class ParticipantRecord:
     """A record in a file that outlives the process; `descriptor` is that file, open for reading and
     writing."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
 
-    def leave(
+    def write(
         self, participant: Guid, domain_id: int, interfaces: Sequence[str], hosts: Sequence[str]
     ) -> None:
         """Record this participant, replacing its predecessor's record.
@@ -38,7 +38,7 @@ class LastWords:
         os.ftruncate(self._descriptor, 0)
         os.pwrite(self._descriptor, json.dumps(note).encode(), 0)
 
-    def speak(self) -> None:
+    def announce_end(self) -> None:
         """Announce the end of the predecessor, if there was one."""
         note = os.pread(self._descriptor, _MAX_BYTES, 0)
         if not note:
