@@ -9,7 +9,7 @@ import signal
 import sys
 
 from cobot.access.authentication import FLEET_TOKEN_VARIABLE, ROS_TOKEN_VARIABLE
-from cobot.launch.process import Niceness, be, die_with_parent, in_words
+from cobot.launch.process import Niceness, die_with_parent, in_words, set_niceness
 
 
 def start() -> int:
@@ -33,6 +33,6 @@ if __name__ == "__main__":
     atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
-    be(Niceness.PROMPT, session=True)
+    set_niceness(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `app.lifetime`
     sys.exit(in_words(start))

@@ -29,7 +29,7 @@ BOMS = {
 UTF-16."""
 DECLARATION = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 WIDE = ("utf-16", "utf-32", "ucs-", "utf16", "utf32")
-"""Encodings that cannot be true if the declaration could be read byte by byte."""
+"""Encodings that cannot be right if the declaration could be read byte by byte."""
 SLOW = ("idna", "punycode")
 """Codecs whose time grows with the square of the text's length. They are not meant for files."""
 DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")

@@ -20,7 +20,7 @@ from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError, ConfigError
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.device import LESS
@@ -149,7 +149,7 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
-        be(Niceness.PROMPT)  # readers of the state would take an old one for a dead process
+        set_niceness(Niceness.PROMPT)  # readers of the state would take an old one for a dead process
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not requested: the fast clock does not wait"
         )

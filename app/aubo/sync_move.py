@@ -32,7 +32,7 @@ def sync_move_on(robot: Services, syncident: int, taskset: list[str]) -> None:
 async def sync_move_segment(
     robot: Services, segment: int, q: list[float], a: float = ACCELERATION, v: float = VELOCITY
 ) -> bool:
-    """This robot's part of a segment. The last robot's part starts the segment.
+    """Add this robot's part of a segment. The last robot's part starts the segment.
 
     All robots begin together and take as long as the slowest. If one stops, all stop. The call that starts a
     segment waits for the end of the segment before it.

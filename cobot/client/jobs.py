@@ -79,7 +79,7 @@ class JobHandle:
         return self._tell("resume", **{} if waypoint is None else {"waypoint": waypoint})
 
     def retarget(self, **goal: Any) -> Json:
-        """Lead the running motion to another goal, without a stop; the job goes on.
+        """Change the goal of the running motion, without a stop. The job continues.
 
         Args:
             goal: the fields of a motion as in POST /robot/move/named, joints or pose, for example
@@ -89,7 +89,7 @@ class JobHandle:
             The answer of POST /jobs/{job}/retarget: where the arm leaves its former path.
 
         Raises:
-            CobotError: the goal cannot be changed; the motion goes on as before.
+            CobotError: the goal cannot be changed; the motion continues as before.
         """
         return self._connection._json("POST", f"/jobs/{self.id}/retarget", json=goal, timeout=30.0)
 

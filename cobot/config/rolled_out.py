@@ -42,7 +42,7 @@ def advice(settings: Settings) -> str:
     link = settings.rolled_out
     if not settings.fleet.connect or not link.is_symlink():
         return ""
-    return f"the fleet has rolled out {link / ROLLED_OUT_FILE}; to go on without it, remove {link}"
+    return f"the fleet has rolled out {link / ROLLED_OUT_FILE}; to continue without it, remove {link}"
 
 
 def read_rolled_out(file: Path) -> dict[str, Any]:

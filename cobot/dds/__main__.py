@@ -7,7 +7,7 @@ import gc
 import signal
 import sys
 
-from cobot.launch.process import Niceness, be, die_with_parent, in_words
+from cobot.launch.process import Niceness, die_with_parent, in_words, set_niceness
 
 
 def start() -> int:
@@ -21,7 +21,7 @@ PARTICIPANT_RECORD = "--participant-record"
 if __name__ == "__main__":
     atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
-    be(Niceness.PROMPT, session=True)
+    set_niceness(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `cobot.dds.process`
     if PARTICIPANT_RECORD in sys.argv[:-1]:
         from cobot.dds.rtps import ParticipantRecord

@@ -1,7 +1,7 @@
 """`python -m cobot.dds.arm_client SETTINGS`: a client of an arm's joint trajectory controller.
 
-A process of its own, so that the traffic of a network never delays rtloop. It ends with its standard input,
-and cancels its goal then. SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`,
+It is a separate process, so that network traffic never delays rtloop. When its standard input ends, it
+cancels its goal and ends. SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`,
 `robot`, `joints` (names in the arm's order), `namespace`, `controller`, `action`, `controller_manager`,
 `joint_states`, `speed_scaling`, `gpio`, `answer_timeout_s`, `tolerances`.
 
@@ -15,9 +15,9 @@ says why something was not done.
     output   send the `value` of an `interface` (GPIO/INTERFACE) to the GPIO controller
     forget   forget the last goal, and choose the controller again
 
-With `stream`, the descriptor of a socket, there are no goals: each datagram that comes on it, doubles, is
-published as a command of a forward command controller; each joint state goes out on it, as doubles: the
-moment on the monotonic clock, positions, velocities, efforts.
+With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives there holds doubles,
+    which are published as a command of a forward command controller. Each joint state is sent there as
+    doubles: the time on the monotonic clock, positions, velocities, efforts.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ class Goal:
     Attributes:
         id: its id.
         facts: see `rtloop.backends.ros2_control.link.GoalFacts`; without the times.
-        sent_s, ended_s, feedback_s: moments.
+        sent_s, ended_s, feedback_s: times of sending, of the end and of the last feedback, on the monotonic
+            clock.
     """
 
     def __init__(self) -> None:

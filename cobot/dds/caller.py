@@ -86,8 +86,8 @@ class ActionCaller:
 
     Args:
         on_feedback: called with each feedback of the newest goal.
-        on_last: called with the result of the goal that had ended last when this client came; None: it is
-            not asked for.
+        on_last: called with the result of the last goal that had ended before this client connected; None:
+            this result is not requested.
         on_status: called with the status list of the server's goals.
     """
 

@@ -10,8 +10,9 @@ from cobot.errors import CobotError, InputError
 
 LIST = "controller_manager_msgs/srv/ListControllers"
 LAYOUTS = tuple(f"controller_manager_msgs/srv/{name}ListControllers" for name in ("", "Humble", "Exporting"))
-"""The answer has other fields in Jazzy, in Humble, and in releases without is_async. Services tell no type
-hash, so the layout that fits is taken."""
+"""The answer has other fields in Jazzy, in Humble, and in releases without is_async. Services carry no type
+hash, so the layout that fits the answer is used.
+"""
 STATES = frozenset({"unconfigured", "inactive", "active", "finalized", "unknown"})
 TRAJECTORIES = "JointTrajectoryController"
 """Ending of the type names of controllers that accept trajectories; UR's type is

@@ -43,7 +43,7 @@ from cobot.fleet.names import FleetKeys, own_cell_name, parts
 from cobot.fleet.panel_cell import CellPanel
 from cobot.fleet.robot import FROM, FleetRobot
 from cobot.fleet.watching import EventWatch
-from cobot.launch.process import Niceness, be, die_with_parent, in_words
+from cobot.launch.process import Niceness, die_with_parent, in_words, set_niceness
 from cobot.logs import start_logging
 
 if TYPE_CHECKING:
@@ -453,5 +453,5 @@ def _check(config: Path | None) -> int:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
-    be(Niceness.BACKGROUND)
+    set_niceness(Niceness.BACKGROUND)
     sys.exit(in_words(main))

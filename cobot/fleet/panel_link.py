@@ -103,7 +103,7 @@ class PanelLink:
     """The open panels, and the connection to their cells.
 
     Args:
-        epoch: of the hub's time.
+        epoch: the epoch of the hub's time.
     """
 
     def __init__(

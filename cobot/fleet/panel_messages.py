@@ -162,7 +162,7 @@ class PanelRequest(StrictModel):
 
 
 class PanelHead(StrictModel):
-    """What a piece of an answer is.
+    """The description of a piece of an answer.
 
     Attributes:
         code: "ok", or the code of the error that `text` explains.

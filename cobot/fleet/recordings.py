@@ -232,7 +232,7 @@ class RecordingPuller:
     """Fetches recordings in a thread, one robot after the other.
 
     Args:
-        robots: returns the cells and robots that presently provide recordings.
+        robots: returns the cells and robots that currently provide recordings.
         ask: sends a request to the key of a robot; returns None without an answer.
     """
 

@@ -123,7 +123,8 @@ class People:
         authorization: Annotated[str, Header()] = "",
         name: Annotated[str, Header(alias=CLIENT_NAME)] = "",
     ) -> Person:
-        """In the event loop: a stop must not wait for a thread that other requests use.
+        """Find the person who sends a request. Runs in the event loop, because a stop must not wait for a
+        thread that other requests use.
 
         Raises:
             AuthenticationError: the hub needs a token, and this one is not valid.

@@ -124,7 +124,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _advise(settings: Settings) -> None:
-    """Name the settings of the fleet, which may be what is wrong."""
+    """Name the settings of the fleet, which may be the cause."""
     if hint := advice(settings):
         print(f"cobot: {hint}", file=sys.stderr)
 

@@ -120,7 +120,7 @@ def as_command(main: Callable[[], int]) -> int:
         return INTERRUPTED
 
 
-def be(niceness: Niceness, *, session: bool = False) -> None:
+def set_niceness(niceness: Niceness, *, session: bool = False) -> None:
     """Set the niceness of this thread, and of all threads and processes that it starts.
 
     A lower niceness needs root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
@@ -146,7 +146,7 @@ def leave_real_time() -> None:
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    be(Niceness.PROMPT)
+    set_niceness(Niceness.PROMPT)
 
 
 def _write_again(file: Path, text: str) -> None:

@@ -33,8 +33,8 @@ of free ones that are tried."""
 def leave_invalid_start(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """A motion to the nearest free joint angles within the limits; None if the start is free and within them.
 
-    On the way no contact gets deeper. If there is no such way, none gets deeper than the deepest at the
-    start. No other pair comes nearer than the margin. The `note` gives the reason and the distance.
+    On the way, no contact becomes deeper. If that is impossible, no contact becomes deeper than the deepest
+    one at the start. All other pairs keep the margin. The `note` gives the reason and the distance.
 
     Raises:
         CollisionError: there is no way out.

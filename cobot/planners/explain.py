@@ -137,20 +137,22 @@ def _slower(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _faster(request: MotionRequest) -> Iterator[Idea]:
-    """A missing time profile may be due to an acceleration scale near 0."""
+    """The same request with a larger acceleration scale, because no time profile exists if it is near 0."""
     scaling = request.scaling
     if scaling.acceleration < scaling.speed:
         yield Idea("faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
 
 
 def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
-    """With a free rotation, an arm with too few joints for every orientation reaches more poses."""
+    """The request with more free rotations. With them, an arm with too few joints for every orientation
+    reaches more poses.
+    """
     for axes in freer(request.free_axes):
         yield Idea("free_axes", {"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
 
 
 def _is_the_path(request: MotionRequest) -> bool:
-    """Whether the path itself is requested, so that another way to its end is no help."""
+    """Whether the path itself is requested. Another path to its end is then no alternative."""
     return bool(request.through) or request.is_by_angle
 
 

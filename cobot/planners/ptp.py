@@ -18,8 +18,9 @@ from cobot.types import Array, JointLimits, Synchronization
 
 MIN_PIECE_S = 1e-9
 MAX_DURATION_S = 3600.0
-"""Duration of a motion for which no profile was found and that is not planned in another way, in seconds: its
-limits are all but 0."""
+"""If Ruckig finds no profile and the motion in phase would take longer than this, in seconds, the motion is
+rejected: its limits are close to 0.
+"""
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:

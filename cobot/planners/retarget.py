@@ -1,6 +1,6 @@
 """A new goal for a running motion.
 
-A ptp motion goes on from the moving state: Ruckig's profiles lead from its velocities and accelerations to
+A ptp motion continues from the moving state: Ruckig's profiles lead from its velocities and accelerations to
 the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. From the
 place of the change on, the arm slows down to rest, all joints in the same time. From the place where it would
 rest, a motion from rest leads to the new goal, by any planner. The second begins before the first has ended,
@@ -37,7 +37,7 @@ GENTLE = 0.7
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest after which the new motion begins; the first that keeps the limits is used."""
 LOOK_S = 0.01
-"""Interval at which the speed of the TCP is looked at while both motions add up, s."""
+"""Interval at which the speed of the TCP is checked while both motions add up, s."""
 
 
 def load_search() -> None:
@@ -125,7 +125,7 @@ def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) 
 
 
 def _slow_down(state: Array, limits: JointLimits) -> Trajectory:
-    """From a moving state, shape (3, dof), to rest, all joints in the same time."""
+    """A motion from a moving state, shape (3, dof), to rest. All joints stop at the same time."""
     if not state[1:].any():
         return _resting(state[0])
     acceleration = np.maximum(GENTLE * limits.max_acceleration, np.abs(state[2]) * (1.0 + TOLERANCE))
@@ -193,7 +193,9 @@ def _joined(
 
 
 def _keeps_rates(motion: Trajectory, limits: JointLimits) -> bool:
-    """Whether no joint is too fast; a fraction of the time that `validate` takes to say where one is."""
+    """Whether no joint is too fast. This takes a fraction of the time of `validate`, which also finds the
+    place.
+    """
     bounds = np.array((limits.max_velocity, limits.max_acceleration, limits.max_jerk))[:, None]
     return bool((greatest_rates(motion.coefficients, np.diff(motion.breakpoints_s), bounds) <= bounds).all())
 
@@ -206,7 +208,7 @@ def _tcp_speeds(robot: RobotDescription, motion: Trajectory, until_s: float) -> 
 
 
 def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
-    """A motion to rest, and on top of it from a time on one from this rest."""
+    """The sum of a motion to rest and, from a given time on, a motion that begins at this rest."""
     if begun_s >= slowing.duration_s:
         return slowing.followed_by(following)
     times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))

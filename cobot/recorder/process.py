@@ -14,7 +14,7 @@ from typing import Any
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, NotFoundError
 from cobot.ipc.recording_memory import RecordingMemory
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 from cobot.logs import start_logging
 from cobot.recorder.robot import RobotRecorder
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
@@ -41,7 +41,7 @@ def main() -> int:
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    be(Niceness.BACKGROUND)  # after the start, so that a busy computer does not delay it
+    set_niceness(Niceness.BACKGROUND)  # after the start, so that a busy computer does not delay it
     asyncio.run(_serve(settings, robots))
     return 0
 

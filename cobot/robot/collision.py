@@ -23,7 +23,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 RESOLUTION_M = 5e-4
-"""A motion that passes the check keeps at least the margin less this distance from everything."""
+"""A motion that passes the check keeps at least the margin minus this distance from everything."""
 
 MAX_TRAVEL_RAD = 20_000.0
 """Longest checked motion, which takes some seconds; a longer one is a mistake."""

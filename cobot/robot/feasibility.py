@@ -14,7 +14,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""A value may exceed its limit by this share of the limit, because motions from elsewhere are rounded."""
+"""A value may exceed its limit by this share of the limit, because motions of clients are rounded."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000

@@ -174,7 +174,7 @@ class Messages:
         """
         made = self._records.get(name)
         if made is None:
-            self._keep_promise(name)
+            self._parse_if_needed(name)
             definition = self._store.fielddefs.get(name)
             if definition is None:
                 raise InputError(f"there is no type {shown(name)} here")
@@ -204,7 +204,7 @@ class Messages:
             self._texts[name] = text
             self._promised |= dict.fromkeys(message_names(name), name)
 
-    def _keep_promise(self, message: str) -> None:
+    def _parse_if_needed(self, message: str) -> None:
         """Parse the definition of a message if that has not been done yet."""
         if (name := self._promised.get(message)) is not None:
             for each in message_names(name):
@@ -214,7 +214,7 @@ class Messages:
     def _register(self, definitions: Mapping[str, str]) -> None:
         messages = [message for name, text in definitions.items() for message in parsed(name, text)]
         for message in messages:
-            self._keep_promise(message.name)
+            self._parse_if_needed(message.name)
         new = {message.name: message for message in messages}
         for message in messages:
             for _, description in message.fields:

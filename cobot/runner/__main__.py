@@ -12,7 +12,7 @@ from pathlib import Path
 from cobot.addresses import DEFAULT_URL
 from cobot.client.connection import MOTION_TIMEOUT_S
 from cobot.errors import InputError
-from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, die_with_parent, set_niceness
 from cobot.runner.library import Library
 from cobot.runner.lua_sandbox import LuaLimits, require_lua
 from cobot.runner.progress import Progress
@@ -96,7 +96,7 @@ def _seconds(argument: str) -> float:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.progress_fd is not None:  # the service has started it, and it ends with the service
         die_with_parent(signal.SIGTERM)
-        be(Niceness.ORDINARY)
+        set_niceness(Niceness.ORDINARY)
     name = arguments.name or arguments.file.name
     lua = arguments.lua or name.endswith(".lua")
     status = run(

@@ -22,7 +22,7 @@ from typing import Any
 from cobot.config.section import parse
 from cobot.errors import CobotError, ConfigError, ConflictError, InputError, LimitError, exhausted
 from cobot.foreign import plain_error
-from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, die_with_parent, set_niceness
 from cobot.robot.kept import keep, size_of
 from cobot.strict import StrictModel, shown, unknown_key
 from cobot.studies.chunks import Columns
@@ -92,7 +92,7 @@ def main() -> int:
     if os.getppid() != request.parent:
         return 1  # it died before the call above
     # A client waits for the check of its study.
-    be(Niceness(min(request.niceness, Niceness.BACKGROUND)), session=True)
+    set_niceness(Niceness(min(request.niceness, Niceness.BACKGROUND)), session=True)
     cancel = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: cancel.set())
     try:
@@ -125,7 +125,7 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
         raise LimitError(f"the study has {tasks} tasks, at most {request.max_tasks} are allowed here")
     missing = sum(last - first for first, last in results.gaps(tasks))
     _tell(id=folder.name, tasks=tasks, done=tasks - missing, maps=study.maps)
-    be(Niceness(request.niceness), session=True)
+    set_niceness(Niceness(request.niceness), session=True)
     watch = _Watch(request, study, results, cancel, size_of(folder))
     found = run_study(study, folder, workers=request.workers, report=watch.report, cancel=cancel)
     columns = results.columns()

@@ -69,7 +69,7 @@ class Teleoperation:
             self._let_go()
 
     def once(self) -> None:
-        """Send the presently requested velocity."""
+        """Send the velocity that is requested now."""
         velocity = self._device.read_velocity(self._clock.now_s())
         if velocity is None:
             self._let_go()

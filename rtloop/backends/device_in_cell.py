@@ -100,7 +100,7 @@ class DeviceInCell:
         self._cell.set_tool(tool)
 
     def status(self) -> DeviceStatus:
-        """The device's own, with a note that the hand is simulated."""
+        """The device's own status, with a note that the hand is simulated."""
         own = self.device.status() if isinstance(self.device, Reporting) else DeviceStatus()
         return replace(own, text=f"{own.text}; {NOTE}" if own.text else NOTE)
 

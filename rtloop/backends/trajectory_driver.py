@@ -57,7 +57,7 @@ def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class PollAnswer:
     """The device's answer to a poll.
 
     Attributes:
@@ -129,7 +129,7 @@ class TrajectoryDriver:
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._threaded, self._ending = threaded, False
-        self._said = self._read = Said(np.zeros(0))
+        self._said = self._read = PollAnswer(np.zeros(0))
         self._motion: Motion | None = None
         self._number = 0
         self._loaded = 0  # the number of the motion that the device has
@@ -262,7 +262,7 @@ class TrajectoryDriver:
             self._find_velocity(found)
             result = self._check_movement(found, done_s)
         now_s = time.monotonic()
-        self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, result, now_s)
+        self._said = PollAnswer(found.values.copy(), self._loaded, done_s, self._halted, result, now_s)
 
     def _ask_status(self) -> None:
         if self._io is not None:

@@ -18,7 +18,7 @@ from floods import STOPS, flooding
 from thorough import few
 
 from cobot.errors import BusyError
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 
 KINDS = (
     "slow body",
@@ -87,7 +87,7 @@ def ask(run: Run, method: str, path: str) -> httpx.Response:
     """As a client on another computer, whose processor is its own: one that was let in but spoke too
     late, and had to make room, comes again.
     """
-    be(Niceness.PROMPT)
+    set_niceness(Niceness.PROMPT)
     try:
         for _ in range(TRIES):
             try:
@@ -97,7 +97,7 @@ def ask(run: Run, method: str, path: str) -> httpx.Response:
             except (httpx.RemoteProtocolError, httpx.ReadError):
                 continue
     finally:
-        be(Niceness.ORDINARY)
+        set_niceness(Niceness.ORDINARY)
     raise AssertionError(f"{method} {path}: closed {TRIES} times")
 
 

@@ -132,7 +132,8 @@ async def step_job(job: Id, request: Request) -> JobAnswer:
     responses=responses(404, 409, 501, 503),
 )
 async def retarget_job(job: Id, body: NewGoal, request: Request) -> RetargetAnswer:
-    """Lead a running motion to another goal, without a stop. If that is impossible, it goes on unchanged.
+    """Change the goal of a running motion, without a stop. If that is impossible, the motion continues
+    unchanged.
 
     The body is that of a motion to a named position, to joint angles or to a pose. The arm leaves its path at
     a place ahead, with continuous accelerations. The whole way is checked for limits and collisions first.

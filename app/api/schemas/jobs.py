@@ -155,7 +155,7 @@ class NewGoal(RootModel[AnyMotion]):
 class RetargetAnswer(BaseModel):
     """The place at which the arm leaves its former path, and the motion from there."""
 
-    job: str = Field(description="Id of the job, which goes on.")
+    job: str = Field(description="Id of the job, which continues.")
     motion_id: int = Field(description="Number of the motion, which stays the same.")
     change_in_s: float = Field(
         description="Time at planned speed until the arm leaves its former path; 0 if it already has."

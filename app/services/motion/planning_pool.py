@@ -89,7 +89,8 @@ class PlanningPool:
             from the list.
 
     Attributes:
-        replaced: the number of workers that have ended or were suspended without the pool's doing.
+        replaced: the number of workers that have ended or were suspended, although the pool did not request
+            it.
         problem: reason why the last start of a worker failed; "" if it succeeded.
     """
 

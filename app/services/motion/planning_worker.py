@@ -22,7 +22,7 @@ from pathlib import Path
 from socket import socket
 from typing import Any, BinaryIO
 
-from cobot.launch.process import Niceness, be, die_with_parent, in_words
+from cobot.launch.process import Niceness, die_with_parent, in_words, set_niceness
 
 LENGTH = struct.Struct("=Q")
 Task = Callable[[Any], Any]
@@ -66,7 +66,7 @@ def main() -> int:
         return 2
     gc.freeze()
     gc.enable()
-    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting
+    set_niceness(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting
     with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
         _work(channel, robot)
     return 0
@@ -107,6 +107,8 @@ if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
     # The parent process has registered it. OMPL reports what is not collected at the end as leaks.
     atexit.unregister(gc.freeze)
-    be(Niceness.ORDINARY)  # not as prompt as the service that starts it, and not yet in the background
+    set_niceness(
+        Niceness.ORDINARY
+    )  # not as prompt as the service that starts it, and not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

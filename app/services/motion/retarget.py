@@ -60,7 +60,7 @@ class Retargeted:
 
 
 class RetargetService:
-    """Leads the running motion of one robot to another goal."""
+    """Changes the goal of the running motion of one robot."""
 
     def __init__(
         self,
@@ -79,7 +79,8 @@ class RetargetService:
         self._lead_s = FIRST_LEAD_S
 
     async def retarget(self, job: Job, goal: MotionRequest, timeout_s: float) -> Retargeted:
-        """Lead the motion of a job to another goal. Unless it is stopped, it goes on unchanged on any error.
+        """Change the goal of a job's motion. After an error the motion continues unchanged, unless it was
+        stopped.
 
         Args:
             timeout_s: timeout for planning, with all repetitions.
@@ -94,7 +95,7 @@ class RetargetService:
         """
         claim = self._claim_of(job)
         _require_goal(goal)
-        self._ownership.require_mover("lead the motion to another goal")
+        self._ownership.require_mover("change the goal of the motion")
         if self._busy:
             raise ConflictError(
                 f"job {job.id}: another request changes its goal, or the service plans a way around an "
@@ -107,16 +108,17 @@ class RetargetService:
             self._busy = False
 
     async def lead_around(self, within_s: float) -> bool:
-        """Lead the running motion to its goal on another way, because an object is in its path.
+        """Redirect the running motion to its goal along another path, because an object is in the current
+        one.
 
-        Only a motion whose path is free to choose is led around: a single one without constraints, actions or
+        Only a motion whose path is free to choose is redirected: a single one without constraints, actions or
         conditions, by a planner that moves the joints.
 
         Args:
             within_s: time to find the way and hand it over.
 
         Returns:
-            Whether the motion leads around now. If not, it goes on as before.
+            Whether the motion was redirected. If not, it continues as before.
         """
         claim = self._ownership.moving
         if not isinstance(claim, Claim) or self._busy:
@@ -179,7 +181,7 @@ class RetargetService:
                 if attempt == ATTEMPTS:
                     raise ConflictError(
                         f"job {job.id}: the arm has passed the place of the change {ATTEMPTS} times before "
-                        f"the new motion was ready, and goes on to its former goal: {exc}"
+                        f"the new motion was ready, and continues to its former goal: {exc}"
                     ) from exc
                 continue
             claim.goal = goal

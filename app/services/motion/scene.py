@@ -306,8 +306,8 @@ class SceneService:
         return ""
 
     async def _lead_around(self, checker: CollisionChecker, left: Trajectory, since_s: float) -> bool:
-        """Lead the current motion around what is in its way, if the settings permit this and the arm could
-        still stop afterwards. Returns whether it did.
+        """Redirect the current motion around an obstacle in its path, if the settings permit this and the arm
+        could still stop afterwards. Returns whether it did.
 
         Args:
             since_s: time at which the arm was at the beginning of `left`, on the link's clock. It moves on

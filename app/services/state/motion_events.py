@@ -17,7 +17,7 @@ ENDS = {
     MotionResult.STOPPED_ASIDE: "stopped",
     MotionResult.FAILED: "failed",
 }
-"""The result in the event, for each result of a motion."""
+"""Result that the event states, by the result of the motion."""
 
 
 class MotionEvents:

@@ -205,8 +205,8 @@ def search(
 ) -> Stage:
     """Move along a pattern in contact until the TCP drops, reaches the target, or `input_holds` returns true.
 
-    A drop is measured from the place of the TCP under the whole force, at which a soft surface has already
-    given way.
+    A drop is measured from the place that the TCP reaches under the whole force, because a soft surface gives
+    way under it.
 
     Args:
         input_holds: returns whether the condition on the input is met.

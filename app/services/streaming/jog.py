@@ -201,7 +201,7 @@ class Jog:
         self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
 
     def _accelerate(self, command: JogCommand, step_s: float) -> LimitedVelocity:
-        """Lead the velocity of the joints to the requested one."""
+        """Change the joint velocities towards the requested ones."""
         gain = step_s / (SMOOTHING_S + step_s)
         if command.twist is None:
             self._line = None

@@ -41,7 +41,7 @@ class JogLine:
         self._rest: Array = position
 
     def in_base(self, twist: Array) -> Array:
-        """A twist along the axes of the tool on the line, along those of the base."""
+        """Convert a twist from the axes of the tool on the line to the axes of the base."""
         rotation = self._pose.rotation
         return np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
 
@@ -62,8 +62,8 @@ class JogLine:
         self._pose = _shifted(self._pose, way[:3], way[3:])
 
     def rest(self, position: Array) -> None:
-        """The arm has come to rest at these joints. The line goes on from there, but without the deviation of
-        the stop, unless that is large.
+        """The arm has come to rest at these joints. The line continues from there, but without the deviation
+        of the stop, unless that is large.
         """
         pose = self._model.forward(position)
         moved, turned = self._deviation(pose)

@@ -1,8 +1,10 @@
 """Errors of the wire layer; the layer above translates them.
 
-RtpsError ├── MalformedError       a datagram is not what the protocol allows; counted, never leaves the
-package ├── SampleTooLargeError  a sample is larger than the participant accepts ├── ClosedError          the
-participant, writer or reader was closed before └── NetworkError         no free port, no such interface
+RtpsError
+├── MalformedError       a datagram violates the protocol; it is counted and never leaves the package
+├── SampleTooLargeError  a sample is larger than the participant accepts
+├── ClosedError          the participant, writer or reader was closed before
+└── NetworkError         there is no free port, or no such interface
 """
 
 from __future__ import annotations

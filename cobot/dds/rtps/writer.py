@@ -76,7 +76,9 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         """
         most = self._wire.limits.payload
         if len(payload) > most:
-            raise SampleTooLargeError(f"a sample of {len(payload)} bytes on {self.topic!r}, at most {most}")
+            raise SampleTooLargeError(
+                f"a sample on {self.topic!r} has {len(payload)} bytes, allowed are {most}"
+            )
         inline = related_identity(related) if related is not None else b""
         with self._wire.lock:
             if self._closed:

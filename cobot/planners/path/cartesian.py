@@ -140,8 +140,9 @@ def _is_free(robot: RobotDescription, joint_path: JointCurve) -> bool:
 def _plan_redundancy(
     robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
 ) -> tuple[JointCurve | None, float]:
-    """A collision-free joint path by planning the arm angle, from coarse to fine, and the share that any
-    reached."""
+    """A collision-free joint path, found by planning the arm angle from coarse to fine; and the greatest
+    share of the path that any attempt reached.
+    """
     reached = 0.0
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:

@@ -15,7 +15,7 @@ from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.path.cartesian import follow
 from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
-from cobot.planners.path.tcp_path import TcpPath, angles_between, least_turned
+from cobot.planners.path.tcp_path import TcpPath, angles_between, with_shortest_turn
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import apart, inverse
 from cobot.trajectory import Notice, Trajectory
@@ -36,7 +36,7 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
     if robot.model.inverse_kinematics.lacking:
         with suppress(UnreachableError):  # planning the path reports the share at which it ends
             goal = robot.model.forward(inverse(robot.model, goal, request.start, free=request.free_axes))
-    return least_turned(before, goal, request.free_axes)
+    return with_shortest_turn(before, goal, request.free_axes)
 
 
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:

@@ -102,7 +102,7 @@ class Particles:
         return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
 
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
-        """Free configurations at a pose, drawn near `rows`, more near the cheap ones.
+        """Free configurations at a pose, drawn near `rows`, with more of them near the cheap rows.
 
         If the end is given, every second one is moved towards it, by one of the `left` remaining steps.
         """

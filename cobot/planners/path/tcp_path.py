@@ -76,7 +76,7 @@ def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) 
     return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(square), 1.0)))
 
 
-def least_turned(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
+def with_shortest_turn(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
     """The goal with its free rotation chosen so that the TCP turns the shorter way from the start."""
     if not free:
         return goal

@@ -47,7 +47,7 @@ ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """Time for OMPL's optimising planners to shorten their path after they have found one."""
 SLICE_S = 0.05
-"""Interval at which their progress is checked."""
+"""Interval at which the progress of these planners is checked, s."""
 NOT_IMPROVING = frozenset({"RRT", "FMT", "BFMT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
 
 util.setLogLevel(util.LogLevel.LOG_NONE)

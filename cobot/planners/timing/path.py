@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 DEGREE = ORDER - 1
 SWUNG = 1.0
-"""Rad; a piece whose control points are this far outside counts as outside without computing its extrema."""
+"""A piece whose control points are outside by this angle, rad, counts as outside without computing its
+extrema.
+"""
 POINTS_ALONG = 200
 """Number of a trajectory's points through which its path is taken."""
 

@@ -42,8 +42,9 @@ INNER, MIN_INNER = 0.85, 0.2
 AS_ASKED = 1.002
 """A motion that takes no longer than this multiple of the requested duration is not improved."""
 NEAR, SMOOTH = 7, 3.0
-"""Where a bound is exceeded, time is stretched over the first number of control points, and smoothly over the
-second number more."""
+"""Where a bound is exceeded, time is stretched over `NEAR` control points, with a smooth transition over
+`SMOOTH` further ones.
+"""
 ROUNDING_RAD = 1e-9
 HASTE = 0.97
 """Factor per round by which time is regained where no bound is exceeded, down to the requested duration."""

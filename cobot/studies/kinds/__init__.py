@@ -1,1 +1,1 @@
-"""The kinds of studies, and what only they use."""
+"""The kinds of studies, and code that only they use."""

@@ -75,7 +75,7 @@ class FanucBackend:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """channel, rmi, clock, sleep: for tests: replacements of the network and its time."""
+        """channel, rmi, clock, sleep: replacements for the network and its clock in tests."""
         if limits.dof > AXES:
             raise BackendError(f"Stream Motion has {AXES} axes, this robot has {limits.dof}")
         options = settings.backend_options(FanucOptions)
@@ -134,8 +134,8 @@ class FanucBackend:
             self._check_limits(self._table, self._tool)
 
     def enable(self) -> None:
-        """Enable the drives. Either side may start first. At the start, the first command reports why the
-        robot accepts none, and a reset tries again.
+        """Enable the drives. Either side may start first. If the robot accepts no commands at the start, the
+        first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         while not self.recover_step():
@@ -384,8 +384,8 @@ class FanucBackend:
         require_accepted(table.check(self._limits, self._units, load))
 
     def _may_come_back(self, packet: StatusPacket) -> bool:
-        """Whether the program may end and run again without a fault. This is so shortly after enabling, which
-        restarts it, and only while the arm does not move.
+        """Whether the program may end and run again without a fault. It may do so shortly after enabling,
+        which restarts it, and only while the arm does not move.
         """
         stopped = safety_stop(packet) or packet.robot_status & (RobotFlag.PENDANT | RobotFlag.ERROR)
         return self._clock() < self._join_until_s and not stopped

@@ -62,7 +62,7 @@ class FrankaBackend:
         library: Any = None,
         knock: Callable[[str], Knocking] = Knock,
     ) -> None:
-        """library, knock: for tests: replacements of pylibfranka and of the connection check."""
+        """library, knock: replacements for pylibfranka and for the connection check in tests."""
         if limits.dof != DOF:
             raise BackendError(f"a Franka has {DOF} joints, this robot has {limits.dof}")
         options = settings.backend_options(FrankaOptions)

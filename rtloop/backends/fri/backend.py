@@ -187,8 +187,8 @@ class FriBackend:
             raise BackendError(f"the robot accepts no commands: {result.reason}")
 
     def enable(self) -> None:
-        """Enable the drives. Either side may start first. At the start, the first command reports why the
-        robot accepts none, and a reset tries again.
+        """Enable the drives. Either side may start first. If the robot accepts no commands at the start, the
+        first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         self.recover_step()

@@ -12,7 +12,7 @@ from rtloop.backends.fri.codec import MAX_PACKET, decode_monitoring
 def fri_channel(
     listen: str, port: int, address: str | None, *, clock: Callable[[], float] = time.monotonic
 ) -> UdpChannel:
-    """Open it; a packet is valid if it is a monitoring message.
+    """Open the UDP channel to an FRI controller. A packet is valid if it is a monitoring message.
 
     Raises:
         BackendError: the port is taken, or the address is not one of this computer.

@@ -38,7 +38,7 @@ MIN_STATES = 2.0
 
 
 class StreamOptions(Ros2ControlOptions):
-    """As for whole motions; `controller` is the forward command controller."""
+    """The options are those for whole motions; `controller` is the forward command controller."""
 
     min_rate_hz: float = 100.0
     state_timeout_s: float = 0.1
@@ -140,7 +140,7 @@ class Ros2ControlStream(ControllerClient):
             self._stream.command(command[0])
 
     def set_output(self, name: str, value: float) -> None:
-        """The next poll sends it, because a request to the process takes longer than a cycle may."""
+        """Set an output with the next poll. A request to the process would take longer than a cycle may."""
         self._wanted.append((self._gpio.place_of(name), value))
 
     def disable(self) -> None:

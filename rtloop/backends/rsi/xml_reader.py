@@ -94,7 +94,7 @@ class _Reader:
         if name in telegram.elements:
             raise TelegramError(f"{shown(name)} occurs twice")
         if len(telegram.elements) == MAX_ELEMENTS:
-            raise TelegramError(f"more than {MAX_ELEMENTS} elements")
+            raise TelegramError(f"has more than {MAX_ELEMENTS} elements")
         self._open = telegram.elements[name] = TelegramElement(attributes)
 
     def _end(self, name: str) -> None:
@@ -110,7 +110,7 @@ class _Reader:
 
     @staticmethod
     def _reject_doctype(name: str, system: str | None, public: str | None, internal: bool) -> None:
-        raise TelegramError("a document type, which may define entities; a telegram has none")
+        raise TelegramError("has a document type, which may define entities; a telegram has none")
 
     @staticmethod
     def _reject_instruction(target: str, data: str) -> None:

@@ -28,7 +28,7 @@ State = Callable[[], Mapping[str, Any]]
 
 
 class Enabling:
-    """The steps; between two of them packets are read and answered."""
+    """Performs the steps that make the arm ready. Between two steps, packets are read and answered."""
 
     def __init__(
         self, transport: UrTransport, options: UrOptions, program: MotionProgram, period_s: float

@@ -202,7 +202,7 @@ class RtdeLink:
                 self._ask(_Step.VERSION, encode(Kind.GET_CONTROL_VERSION))
         elif step is _Step.VERSION:
             if len(payload) < _VERSION.size:
-                raise RtdeError(f"a version of {len(payload)} bytes, {_VERSION.size} are needed")
+                raise RtdeError(f"the version has {len(payload)} bytes, but {_VERSION.size} are needed")
             self.version = _VERSION.unpack_from(payload)
             self._ask_outputs(self._needed + self._useful)
         elif step is _Step.OUTPUTS:

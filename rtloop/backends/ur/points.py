@@ -143,7 +143,7 @@ def _request(point: IoPoint, value: float, data: Mapping[str, Any]) -> tuple[str
 
 
 def _analog(name: str, index: int, value: float, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The unit is the one in which the controller uses the output now: V or A."""
+    """The variables that set an analog output. The unit is V or A, as the controller uses the output now."""
     domain = data.get("analog_io_types", 0) >> _OUTPUT_DOMAIN + index & 1
     low, high, unit = (0.0, MAX_VOLT, "V") if domain else (MIN_AMPERE, MAX_AMPERE, "A")
     if not low <= value <= high:

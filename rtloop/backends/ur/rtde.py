@@ -127,7 +127,7 @@ class Recipe:
             RtdeError: a package of another recipe or length.
         """
         if len(payload) != self._struct.size:
-            raise RtdeError(f"a data package of {len(payload)} bytes, {self._struct.size} were agreed")
+            raise RtdeError(f"a data package has {len(payload)} bytes, but {self._struct.size} were agreed")
         flat = self._struct.unpack(payload)
         if flat[0] != self.number:
             raise RtdeError(f"a data package has the recipe {flat[0]}, but {self.number} was agreed")

@@ -48,7 +48,7 @@ def test_what_does_not_fit_any_more_says_what_to_remove(own: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_with_rolled_out(own)
     assert "planning.workers" in str(caught.value)
-    assert f"to go on without it, remove {link}" in str(caught.value)
+    assert f"to continue without it, remove {link}" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_the_hash_of_a_configuration_is_of_contents_and_not_of_places(own: Path)
 def test_a_folder_that_is_missing_is_an_error_and_not_the_users_own_limits(own: Path) -> None:
     link = load_settings(own).rolled_out
     (link.parent / "0123" / ROLLED_OUT_FILE).unlink()
-    with pytest.raises(ConfigError, match="to go on without it, remove"):
+    with pytest.raises(ConfigError, match="to continue without it, remove"):
         load_with_rolled_out(own)
     link.unlink()
     assert load_with_rolled_out(own).planning.workers == 2
@@ -94,7 +94,7 @@ def test_a_folder_that_is_missing_is_an_error_and_not_the_users_own_limits(own: 
 
 def test_they_do_not_apply_to_a_file_that_has_several_robots_by_now(own: Path) -> None:
     own.write_text(f"{OWN}robots: [{{name: iiwa}}, {{name: other}}]\n")
-    with pytest.raises(ConfigError, match=r"has several robots, .* to go on without it, remove"):
+    with pytest.raises(ConfigError, match=r"has several robots, .* to continue without it, remove"):
         load_with_rolled_out(own)
 
 
@@ -109,7 +109,7 @@ def test_a_start_that_fails_with_them_says_what_to_remove(
     assert main([command, "--config", str(own)]) == 1
     said = capsys.readouterr()
     assert "shoulder" in said.out + said.err
-    assert f"to go on without it, remove {link}" in said.err
+    assert f"to continue without it, remove {link}" in said.err
     link.unlink()
     assert main(["check", "--config", str(own)]) == 0
     assert "remove" not in capsys.readouterr().err

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from cobot.launch import process
-from cobot.launch.process import AUTOGROUP, Niceness, as_command, be
+from cobot.launch.process import AUTOGROUP, Niceness, as_command, set_niceness
 
 SAYS = """
 import os
 from pathlib import Path
-from cobot.launch.process import AUTOGROUP, Niceness, be
-be(Niceness.{niceness}, session={session})
+from cobot.launch.process import AUTOGROUP, Niceness, set_niceness
+set_niceness(Niceness.{niceness}, session={session})
 print(os.nice(0), AUTOGROUP.read_text() if os.access(AUTOGROUP, os.W_OK) else "")
 """
 
@@ -77,5 +77,5 @@ def test_a_session_asks_again_where_linux_takes_no_more_for_now(monkeypatch: pyt
     monkeypatch.setattr(process, "AUTOGROUP_PAUSE_S", 0.0)
     monkeypatch.setattr(os, "setpriority", lambda *_: None)
     monkeypatch.setattr(os, "getsid", lambda _: os.getpid())
-    be(Niceness.BACKGROUND, session=True)
+    set_niceness(Niceness.BACKGROUND, session=True)
     assert asked == ["10", "10", "10"]

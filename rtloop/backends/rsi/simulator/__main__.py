@@ -68,8 +68,8 @@ def _server(chosen: argparse.Namespace) -> UdpServer[RsiController]:
 
 
 def _options_without_backend() -> dict[str, object]:
-    """Options for an arm whose settings name another backend. Its own limits bound it, not those of a
-    correction.
+    """Options for an arm whose settings name another backend. The arm keeps its own limits, not those of the
+    corrections.
     """
     return {"max_correction": 360.0}
 

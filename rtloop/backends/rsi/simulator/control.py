@@ -19,7 +19,7 @@ class RsiControlRequest(StrictModel):
     """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
-        drop: number of next packets to the client that are lost.
+        drop: number of the following packets to the client that are lost.
         spoil: how measured values are corrupted on their way to the client.
         estop: whether the emergency stop is pressed.
         override: program override, percent.

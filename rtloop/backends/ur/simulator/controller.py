@@ -34,7 +34,9 @@ STOPPING = {
     SafetyMode.RECOVERY,
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP,
 }
-"""Safety modes with the drives on; in all others but normal and reduced they are off."""
+"""Safety modes in which the arm is stopped with its drives on. In all other modes, except normal and reduced,
+the drives are off.
+"""
 MOVING = {SafetyMode.NORMAL, SafetyMode.REDUCED}
 
 
@@ -109,7 +111,7 @@ class UrController:
             self._next_mode = (self.time_s + START_S, UrRobotMode.RUNNING)
 
     def unlock(self) -> str:
-        """Unlock a protective stop; why not, "" if it is done."""
+        """Unlock a protective stop. Returns the reason if that is impossible; "" if it is done."""
         if self.safety == SafetyMode.PROTECTIVE_STOP:
             if self.blocked:
                 return self.blocked

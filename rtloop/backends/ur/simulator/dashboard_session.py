@@ -13,7 +13,7 @@ READING = (
     "is in remote control", "get loaded program", "get robot model", "get serial number", "isprogramsaved",
     "get operational mode", "quit",
 )  # fmt: skip
-"""Commands that work in Local Control, too."""
+"""Commands that also work in Local Control."""
 
 
 class DashboardSession:

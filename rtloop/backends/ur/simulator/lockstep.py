@@ -243,7 +243,7 @@ class _Later:
 
 
 def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:
-    """A controller with the arm of the settings, and the way to it."""
+    """A controller with the arm of the settings, and the connection to it."""
     names = settings.robot
     start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
     arm = ControllerArm(settings, limits, np.array(start))

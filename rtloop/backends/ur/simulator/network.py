@@ -1,4 +1,4 @@
-"""Data packages that a controller leaves out, sends late, or falsifies: the same seed, the same faults."""
+"""Data packages that a controller leaves out, sends late, or falsifies. The same seed gives the same faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class DataNetwork:
     Attributes:
         loss: share of the packages that the controller leaves out, as a busy one does.
         reorder: share of the packages that come after their successor, which TCP itself never does.
-        spoil: what becomes of the measured values: "frozen", "nan", or "" for nothing.
+        spoil: how the measured values are corrupted: "frozen", "nan", or "" for not at all.
         lost: packages that were left out.
     """
 
@@ -28,7 +28,7 @@ class DataNetwork:
         self._late: Mapping[str, Any] | None = None
 
     def to_client(self, values: dict[str, Any]) -> list[Mapping[str, Any]]:
-        """What is sent in this period."""
+        """The data package that is sent in this period."""
         if self.spoil:
             self._known = self._known or {name: values[name] for name in SPOILED}
             values.update(self._known)

@@ -190,7 +190,9 @@ class UrServer:
             self._sent_s = None
 
     def _waits_for_command(self) -> bool:
-        """Whether the newest data package still needs one; a program waits for its first by itself."""
+        """Whether the newest data package still needs a command. Before its first command, the program waits
+        by itself.
+        """
         program = self._program
         if self.silent or self._sent_s is None or program is None or program.is_closed:
             return False
@@ -202,7 +204,7 @@ class UrServer:
         return waits
 
     def watch(self, stream: ProgramStream) -> None:
-        """Note the time at which something arrives there."""
+        """Wait for data on this stream too."""
         with contextlib.suppress(KeyError):
             self._selector.register(stream.socket, selectors.EVENT_READ, stream)
 

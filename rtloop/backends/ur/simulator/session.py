@@ -24,5 +24,5 @@ class UrSession(Protocol):
         ...
 
     def close(self) -> None:
-        """The client has gone."""
+        """End the session, because the client has disconnected."""
         ...

@@ -153,7 +153,7 @@ class Script:
     Attributes:
         name: name of the program.
         is_secondary: whether it runs next to another program.
-        line: that runs now or has failed.
+        line: number of the line that runs now or has failed.
     """
 
     def __init__(self, text: str, functions: Mapping[str, Function]) -> None:
