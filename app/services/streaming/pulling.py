@@ -72,6 +72,5 @@ class Pulling:
         if device.capabilities.hardware:
             raise NotSupportedError(
                 f"only a simulated arm can be pulled with the mouse, and the backend {backend} moves a real "
-                f"one: "
-                "push it with your hand"
+                "one: push it with your hand"
             )

@@ -267,7 +267,7 @@ class RsiBackend:
         if count:
             yield f"{count} packets from addresses other than the controller's were ignored"
         if self._malformed:
-            yield f"{self._malformed} packets were rejected, the last one because it is {self._refused}"
+            yield f"{self._malformed} packets were rejected, the last one for this reason: {self._refused}"
 
     def io(self) -> list[IoPoint]:
         state, options = self._newest, self._options

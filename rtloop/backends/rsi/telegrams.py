@@ -255,14 +255,14 @@ def _element(telegram: Telegram, tag: str, entry: str = "") -> TelegramElement:
     found = telegram.elements.get(tag)
     if found is None:
         raise TelegramError(
-            f"a telegram without {tag}: the Ethernet configuration of the controller needs {entry or tag}"
+            f"it has no {tag}: the Ethernet configuration of the controller needs {entry or tag}"
         )
     return found
 
 
 def _root(telegram: Telegram, root: str, kind: str) -> None:
     if telegram.root != root:
-        raise TelegramError(f"a document with the root {shown(telegram.root)}, expected is {root}")
+        raise TelegramError(f"its root is {shown(telegram.root)}, expected is {root}")
     if telegram.type != kind:
         raise TelegramError(f"{root} has the Type {shown(telegram.type)}, expected is {kind}")
 

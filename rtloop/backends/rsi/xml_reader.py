@@ -57,14 +57,14 @@ def shown(value: object) -> str:
 def read_telegram(packet: bytes) -> Telegram:
     """Parse a packet. Raises TelegramError: the packet is not such a document."""
     if len(packet) > MAX_PACKET:
-        raise TelegramError(f"has more than {MAX_PACKET} bytes")
+        raise TelegramError(f"it has more than {MAX_PACKET} bytes")
     reader = _Reader()
     try:
         reader.parser.Parse(packet, True)
     except expat.ExpatError as exc:
-        raise TelegramError(f"a packet that is not XML: {exc}, it begins with {shown(packet[:20])}") from exc
+        raise TelegramError(f"it is not XML ({exc}); it begins with {shown(packet[:20])}") from exc
     except (ValueError, LookupError) as exc:  # an encoding that Python does not have
-        raise TelegramError(f"a packet that is not XML: {exc}") from exc
+        raise TelegramError(f"it is not XML ({exc})") from exc
     return reader.telegram
 
 
@@ -94,7 +94,7 @@ class _Reader:
         if name in telegram.elements:
             raise TelegramError(f"{shown(name)} occurs twice")
         if len(telegram.elements) == MAX_ELEMENTS:
-            raise TelegramError(f"has more than {MAX_ELEMENTS} elements")
+            raise TelegramError(f"it has more than {MAX_ELEMENTS} elements")
         self._open = telegram.elements[name] = TelegramElement(attributes)
 
     def _end(self, name: str) -> None:
@@ -106,12 +106,12 @@ class _Reader:
             return
         self._open.text += text
         if len(self._open.text) > MAX_TEXT:
-            raise TelegramError(f"has a text of more than {MAX_TEXT} characters")
+            raise TelegramError(f"it has a text of more than {MAX_TEXT} characters")
 
     @staticmethod
     def _reject_doctype(name: str, system: str | None, public: str | None, internal: bool) -> None:
-        raise TelegramError("has a document type, which may define entities; a telegram has none")
+        raise TelegramError("it has a document type, which may define entities; a telegram has none")
 
     @staticmethod
     def _reject_instruction(target: str, data: str) -> None:
-        raise TelegramError(f"a processing instruction, {shown(target)}; a telegram has none")
+        raise TelegramError(f"it has a processing instruction, {shown(target)}; a telegram has none")

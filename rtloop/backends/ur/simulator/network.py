@@ -1,4 +1,4 @@
-"""Data packages that a controller leaves out, sends late, or falsifies. The same seed gives the same faults."""
+"""Data packages that a controller omits, delays or falsifies. The same seed gives the same faults."""
 
 from __future__ import annotations
 

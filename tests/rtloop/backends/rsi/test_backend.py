@@ -286,7 +286,7 @@ def test_a_rejected_packet_moves_nothing_and_is_reported(make: Make) -> None:
     assert not driven.problems
     np.testing.assert_allclose(driven.controller.arm.setpoint, there, atol=1e-3)
     assert (
-        "2 packets were rejected, the last one because it is AIPos.A1 is 'nan'"
+        "2 packets were rejected, the last one for this reason: AIPos.A1 is 'nan'"
         in driven.backend.status().text
     )
 

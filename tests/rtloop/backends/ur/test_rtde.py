@@ -68,8 +68,8 @@ def test_a_stream_is_split_however_it_is_cut() -> None:
 @pytest.mark.parametrize(
     ("payload", "found"),
     [
-        (b"", "a data package of 0 bytes, 9 were agreed"),
-        (b"\x01" + b"\x00" * 9, "of 10 bytes"),
+        (b"", "a data package has 0 bytes, but 9 were agreed"),
+        (b"\x01" + b"\x00" * 9, "has 10 bytes"),
         (b"\x02" + b"\x00" * 8, "the recipe 2, but 1 was agreed"),
     ],
 )
