@@ -152,7 +152,7 @@ def test_an_axis_that_no_joint_is_must_not_move() -> None:
 
 def test_an_external_axis_that_is_not_reported_is_named() -> None:
     found = decode_rob(ROB.encode(), RAIL)
-    assert found == "a telegram without EIPos: the Ethernet configuration of the controller needs DEF_EIPos"
+    assert found == "it has no EIPos: the Ethernet configuration of the controller needs DEF_EIPos"
 
 
 @given(st.binary(max_size=300))
