@@ -59,7 +59,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
     """
     found = tuple(itertools.islice(items, most + 1))
     if len(found) > most:
-        raise InputError(f"more than {most} {what}, at most {most} are allowed")
+        raise InputError(f"there are more than {most} {what}, which is the maximum")
     return found
 
 

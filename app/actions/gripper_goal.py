@@ -159,7 +159,9 @@ class FingerJoints:
         if len(positions) != len(names):
             raise RejectedGoalError(f"command.position must be {len(names)} numbers, got {len(positions)}")
         if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):  # NaN is not either
-            raise RejectedGoalError(f"command.position is {shown(positions)}: both fingers move alike")
+            raise RejectedGoalError(
+                f"command.position is {shown(positions)}: it must be the same for both fingers"
+            )
         one = {}
         for name in ("velocity", "effort"):
             values = command[name]

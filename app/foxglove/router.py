@@ -202,7 +202,7 @@ class _Client:
         if number in self._wanted:
             raise InputError(f"id: subscription {number} exists already")
         if len(self._wanted) >= (most := max(MAX_SUBSCRIPTIONS, len(self._numbers))):
-            raise InputError(f"there are {most} subscriptions already")
+            raise InputError(f"there are already {most} subscriptions, which is the maximum")
         self._wanted[number] = self._numbers[channel]
 
 

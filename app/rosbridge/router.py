@@ -38,7 +38,9 @@ async def rosbridge(socket: WebSocket) -> None:
     state = socket.app.state
     try:
         if state.rosbridge_connections >= MAX_CONNECTIONS:
-            raise UnavailableError(f"{MAX_CONNECTIONS} clients of rosbridge are connected already")
+            raise UnavailableError(
+                f"{MAX_CONNECTIONS} clients of rosbridge are already connected, which is the maximum"
+            )
     except CobotError as exc:
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
         await socket.send_denial_response(answer)

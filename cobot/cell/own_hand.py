@@ -116,7 +116,10 @@ class TurningHand(CellEntry):
     @classmethod
     def _has_a_driven_joint(cls, joints: tuple[TurningJoint, ...]) -> tuple[TurningJoint, ...]:
         if joints[0].ratio != 1.0:
-            raise ValueError(f"[0].ratio is {joints[0].ratio:g}, that of the driven joint must be 1")
+            raise ValueError(
+                f"[0].ratio is {joints[0].ratio:g}, but the first joint is the driven one, whose ratio must "
+                f"be 1"
+            )
         return joints
 
     @field_validator("widths_m")

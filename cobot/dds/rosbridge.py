@@ -119,9 +119,13 @@ class Rosbridge:
             CobotError: the call was rejected, with the reason; the class is that of the answer's code.
         """
         if len(self._calls) >= MAX_CALLS:
-            raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are already in progress")
+            raise UnavailableError(
+                f"{MAX_CALLS} calls over ROS 2 are already in progress, which is the maximum"
+            )
         if self._calls_of[client] >= MAX_CALLS_OF_CLIENT:
-            raise UnavailableError(f"{MAX_CALLS_OF_CLIENT} calls of this process are already in progress")
+            raise UnavailableError(
+                f"{MAX_CALLS_OF_CLIENT} calls of this process are already in progress, which is the maximum"
+            )
         number = f"call:{next(self._numbers)}"
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._calls[number] = answer

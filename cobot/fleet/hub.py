@@ -239,7 +239,7 @@ class Hub:
         robots = [each for each in self.cells() if each["cell"] == cell]
         if not robots:
             names = ", ".join(sorted({each["cell"] for each in self.cells()})) or "none"
-            raise NotFoundError(f"there is no cell {cell!r} in the fleet {self.fleet}; there are: {names}")
+            raise NotFoundError(f"there is no cell {cell!r} in the fleet {self.fleet}; valid are: {names}")
         found = [each for each in robots if robot in (None, each["robot"])]
         if not found:
             names = ", ".join(each["robot"] for each in robots)
@@ -461,7 +461,7 @@ class Hub:
                 if name == cell:  # a new process has to publish a state first: this one is of the last
                     known = tile.state.instance in instances
                     tile.gone_s = None if known else tile.gone_s or time.monotonic()
-        log.info("the cell %s %s", cell, "is here" if here else "is gone")
+        log.info("the cell %s %s", cell, "is connected" if here else "is not connected any more")
         if here:
             # Another thread: a callback that waits blocks the session.
             threading.Thread(target=self._ask_states, args=(cell,), daemon=True).start()
@@ -491,7 +491,9 @@ class Hub:
         try:
             state = read(FleetState, bytes(sample.payload))
             if (state.cell, state.robot) != parts(str(sample.key_expr)):
-                raise InputError(f"the state of {state.cell}/{state.robot} came as {sample.key_expr}")
+                raise InputError(
+                    f"the state of {state.cell}/{state.robot} arrived under the key {sample.key_expr}"
+                )
             self._keep(state)
         except InputError as exc:
             log.warning("a state is ignored: %s", exc)

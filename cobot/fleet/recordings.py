@@ -258,9 +258,9 @@ class RecordingPuller:
                 try:
                     self._pull(cell, robot)
                 except CobotError as exc:
-                    log.warning("recordings of %s/%s: %s", cell, robot, exc)
+                    log.warning("the recordings of %s/%s cannot be fetched: %s", cell, robot, exc)
                 except Exception:
-                    log.exception("recordings of %s/%s", cell, robot)
+                    log.exception("the recordings of %s/%s cannot be fetched", cell, robot)
 
     def _pull(self, cell: str, robot: str) -> None:
         listing = self._ask(cell, robot, "recordings", None)

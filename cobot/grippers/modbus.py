@@ -160,7 +160,9 @@ class Master:
             got = f"; it sent {len(frame)} bytes" if frame else ""
             raise self._error(f"has not answered within {self._timeout_s:g} s{got}")
         if not is_whole(frame) or frame[0] != self._unit or frame[1] & ~REFUSED != function:
-            raise self._error(f"has answered garbage ({frame[:16].hex(' ')}): check baud rate and wiring")
+            raise self._error(
+                f"has sent an invalid answer ({frame[:16].hex(' ')}): check baud rate and wiring"
+            )
         self._expects_late = False
         if refuses:
             raise self._error(
@@ -204,6 +206,6 @@ class TcpMaster(Master):
         transaction, protocol, count = struct.unpack(">HHH", head)
         if (transaction, protocol) != (self._transaction, 0) or not 3 <= count <= length + 2:
             self._expects_late = True
-            raise self._error(f"has answered garbage ({head.hex(' ')}): it may not speak Modbus TCP")
+            raise self._error(f"has sent an invalid answer ({head.hex(' ')}): it may not speak Modbus TCP")
         body: bytes = self._port.read(count)
         return framed(body) if len(body) == count else body

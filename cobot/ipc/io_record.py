@@ -46,7 +46,7 @@ def report_of(record: np.ndarray) -> IoReport:
     count = int(record["count"])
     kinds = record["kinds"][:count]
     if count > IO_POINTS or (kinds >= len(KINDS)).any():
-        raise ValueError(f"{count} inputs and outputs of kinds {kinds.tolist()}")
+        raise ValueError(f"a record of {count} inputs and outputs with the kinds {kinds.tolist()} is invalid")
     rows = zip(*(record[name][:count] for name in ("names", "kinds", "outputs", "values")), strict=True)
     points = tuple(
         IoPoint(text(name), KINDS[kind], bool(output), float(value)) for name, kind, output, value in rows

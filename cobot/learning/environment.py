@@ -103,8 +103,8 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             raise InputError(f"config must be the path of a settings file, got {config!r}")
         if not isinstance(cell, Path | str | None) or (cell is not None and url is not None):
             raise InputError(
-                f"cell must be the path of a cell file, without url, got {cell!r}; a service has the cell of "
-                "its own settings"
+                f"cell must be the path of a cell file, and cannot be combined with url: a service has the "
+                f"cell of its own settings; got {cell!r}"
             )
         settings = load_settings(config if config is None else Path(config))
         if cell is not None:

@@ -60,7 +60,9 @@ class StepClock:
         self._step(count)
 
     def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> Ticks:
-        raise NotSupportedError("a simulation that is stepped has no event loop to tick in")
+        raise NotSupportedError(
+            "this simulation advances only by step(), so it has no event loop for a ticker"
+        )
 
 
 class SimulatedFingers:

@@ -17,7 +17,7 @@ REST_RAD = 1e-4
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
     """The points of the motion: times from 0 on, s, shape (n,), and joint positions, rad, shape (n, dof).
 
-    The rest before and after the motion is left out.
+    The time at rest before and after the motion is left out.
 
     Args:
         every_s: time between two points.

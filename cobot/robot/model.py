@@ -59,8 +59,8 @@ class RobotModel:
         joints = [mj.joint(index).name for index in range(mj.njnt)]
         if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
             raise ConfigError(
-                f"the model's joints must be those of the limits, hinges in the same order: "
-                f"{', '.join(joints)} against {', '.join(limits.names)}"
+                f"the model must have the joints of the limits, in the same order and of one degree of "
+                f"freedom each; the model has {', '.join(joints)}, the limits have {', '.join(limits.names)}"
             )
         slides = tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in mj.jnt_type)
         if any(slides):

@@ -31,7 +31,7 @@ t  base or tool       q  end              release all keys: the arm stops"""
 class Keyboard:
     """
     Args:
-        descriptor: descriptor of the terminal. Until `close` it passes on each key at once.
+        descriptor: descriptor of the terminal. The terminal passes on each key at once, until `close`.
 
     Raises (constructor):
         InputError: the descriptor is not a terminal.

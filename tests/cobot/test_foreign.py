@@ -72,7 +72,7 @@ def test_lines_that_are_to_be_one_are_joined_by_spaces() -> None:
 
 def test_an_endless_iterator_is_an_error_with_the_limit() -> None:
     assert bounded(iter("ab"), 2, "letters") == ("a", "b")
-    with pytest.raises(InputError, match="more than 2 letters, at most 2 are allowed"):
+    with pytest.raises(InputError, match="there are more than 2 letters, which is the maximum"):
         bounded(itertools.repeat("a"), 2, "letters")
 
 

@@ -82,7 +82,7 @@ def test_what_no_device_can_have_is_not_read() -> None:
     for fields in ({"count": 2**40}, {"count": 1, "kinds": 255}):
         for name, value in fields.items():
             record[name] = value
-        with pytest.raises(ValueError, match="inputs and outputs of kinds"):
+        with pytest.raises(ValueError, match="inputs and outputs with the kinds"):
             report_of(record)
 
 

@@ -176,7 +176,7 @@ def _listener(connection: HTTPConnection, query: EventsQuery) -> Listener:
     if events.closed:
         raise UnavailableError("the service is shutting down")
     if len(events.on_news) >= MAX_LISTENERS:
-        raise UnavailableError(f"{MAX_LISTENERS} clients listen to events already")
+        raise UnavailableError(f"{MAX_LISTENERS} clients already listen to events, which is the maximum")
     robots = _robots(connection, query.robot)
     states = [each.states for each in robots.values()] if query.state_hz is not None else []
     wanted = EventFilter(_types(query.types), frozenset(robots))

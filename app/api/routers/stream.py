@@ -264,7 +264,7 @@ class StreamConnection:
             case FrameKind.END:
                 self._required.end()
             case FrameKind.STATE:
-                raise InputError("states come from the service")
+                raise InputError("only the service sends states; a client cannot")
 
     def _estop(self) -> None:
         self._streams.estop(self._required)

@@ -161,7 +161,7 @@ class Channels:
         if name in self._open:
             raise ConflictError(f"the {self._kind} {shown(name)} is already open; close it first")
         if len(self._open) >= MAX_OPEN:
-            raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are open already")
+            raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are already open, which is the maximum")
 
     def add(self, name: str, channel: Channel) -> None:
         """Keep the channel, unless another client has meanwhile used the name."""

@@ -45,7 +45,7 @@ class Modbus:
             valid = ", ".join(f"{each} {each.name.lower()}" for each in SignalKind)
             raise InputError(f"signal_type is {kind}; valid are: {valid}")
         if len(self._signals) >= MAX_SIGNALS:
-            raise LimitError(f"there are {MAX_SIGNALS} signals already")
+            raise LimitError(f"there are already {MAX_SIGNALS} signals, which is the maximum")
         signal = self._signals[name] = Signal(name, unit, address, SignalKind(kind))
         if (host, port) not in self._devices:
             self._devices[host, port] = ModbusDevice(host, port)
@@ -79,7 +79,7 @@ class Modbus:
         """
         if name not in self._signals:
             there = ", ".join(self._signals) or "none"
-            raise NotFoundError(f"there is no signal {shown(name)}; there are: {shown(there)}")
+            raise NotFoundError(f"there is no signal {shown(name)}; valid are: {shown(there)}")
         return self._signals[name]
 
     def signals(self) -> list[Signal]:

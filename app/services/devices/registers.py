@@ -55,7 +55,7 @@ class Registers:
         """
         _checked(index)
         if kind == "int16" and not -INT16 - 1 <= value <= INT16:
-            raise LimitError(f"an int16 register holds from {-INT16 - 1} to {INT16}, got {value}")
+            raise LimitError(f"an int16 register holds numbers from {-INT16 - 1} to {INT16}, got {value}")
         if kind == "float":
             try:
                 (value,) = FLOAT.unpack(FLOAT.pack(value))
@@ -175,7 +175,7 @@ class Variables:
         if timeout_s and not shortest <= timeout_s <= longest:
             raise LimitError(f"a watchdog's timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
         if name not in self._watchdogs and len(self._watchdogs) >= MAX_WATCHDOGS:
-            raise LimitError(f"there are {MAX_WATCHDOGS} watchdogs already")
+            raise LimitError(f"there are already {MAX_WATCHDOGS} watchdogs, which is the maximum")
         old = self._watchdogs.pop(name, None)
         if old is not None and old.timer is not None:
             old.timer.cancel()

@@ -290,7 +290,9 @@ class PlanService:
             async with asyncio.timeout(DRAW_S):
                 await self._drawing.acquire()
         except TimeoutError:
-            raise UnavailableError(f"not drawn within {DRAW_S:g} s: other plans are being drawn") from None
+            raise UnavailableError(
+                f"the plan could not be drawn within {DRAW_S:g} s: other plans are being drawn"
+            ) from None
         try:
             return await self._planning.compute(
                 partial(draw_picture, joints=found.joints, poses=found.poses), DRAW_S
@@ -388,7 +390,8 @@ class PlanService:
                 await self._turn.acquire()
         except TimeoutError:
             raise PlanningTimeout.after(
-                timeout_s, f"not rehearsed within {timeout_s:g} s: other plans are being made"
+                timeout_s,
+                f"the plan could not be rehearsed within {timeout_s:g} s: other plans are being made",
             ) from None
         try:
             left_s = timeout_s - (self._clock.now_s() - begun_s)

@@ -36,7 +36,7 @@ def remove_frame(name: str) -> Edit:
     def edit(scene: Scene, hand: Pose) -> Scene:
         if name not in scene.frames:
             there = ", ".join(scene.frames) or "none"
-            raise NotFoundError(f"there is no frame {shown(name)}; there are: {there}")
+            raise NotFoundError(f"there is no frame {shown(name)}; valid are: {there}")
         return replace(scene, frames={other: each for other, each in scene.frames.items() if other != name})
 
     return edit
@@ -72,5 +72,5 @@ def named(scene: Scene, name: str) -> SceneObject:
     """The object with this name. NotFoundError lists the existing ones."""
     if name not in scene.objects:
         there = ", ".join(scene.objects) or "none"
-        raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")
+        raise NotFoundError(f"there is no object {shown(name)}; valid are: {there}")
     return scene.objects[name]

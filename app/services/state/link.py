@@ -192,7 +192,9 @@ class RobotLink:
         """
         state = await self.await_fresh_state(timeout_s)
         if state.measured_age_s > self._stale_after_s:
-            raise UnavailableError(f"not measured for {state.measured_age_s:.1f} s: {state.reason}")
+            raise UnavailableError(
+                f"the arm has not been measured for {state.measured_age_s:.1f} s: {state.reason}"
+            )
         return state
 
     async def await_measured_record(self, timeout_s: float) -> np.ndarray:

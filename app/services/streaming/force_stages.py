@@ -44,7 +44,7 @@ class ForceSample:
     Attributes:
         step_s: time since the last sample, without pauses, s.
         pose: pose of the TCP in the base frame.
-        force_n: force of the TCP along the push, N.
+        force_n: force of the TCP in the pushing direction, N.
     """
 
     step_s: float
@@ -181,8 +181,8 @@ def follow(
         if abs(off) > max_deviation_m:
             raise NotMet(
                 "max_deviation",
-                f"{path_s:.2f} s into the path the TCP is off it by {1e3 * off:.1f} mm along the push, "
-                f"allowed are {1e3 * max_deviation_m:g} mm",
+                f"after {path_s:.2f} s of the path, the TCP is {1e3 * off:.1f} mm away from it in the "
+                f"pushing direction, allowed are {1e3 * max_deviation_m:g} mm",
             )
         if path_s >= duration_s:
             return sample
@@ -210,7 +210,7 @@ def search(
 
     Args:
         input_holds: returns whether the condition on the input is met.
-        found: called with the word for the cause of the end.
+        found: called with the cause of the end, as a word.
     """
     pattern, way_m = pattern_of(body), 0.0
     start_m, settling_s = push.distance_m(touched.pose), SETTLING_S
@@ -305,5 +305,5 @@ def _require_near(push: Push, sample: ForceSample) -> None:
     if push.distance_m(sample.pose) > push.max_distance_m:
         raise NotMet(
             "max_distance",
-            f"the TCP has moved {push.max_distance_m:g} m along the push, which is the maximum",
+            f"the TCP has moved {push.max_distance_m:g} m in the pushing direction, which is the maximum",
         )

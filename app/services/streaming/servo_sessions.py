@@ -1,4 +1,4 @@
-"""The life of servo sessions. Each begins after the previous one has come to rest, and ends for one
+"""When servo sessions begin and end. Each begins after the previous one has come to rest, and ends for one
 reason.
 """
 

@@ -148,7 +148,7 @@ def read_key(payload: bytes) -> Guid:
     for pid in (Pid.ENDPOINT_GUID, Pid.PARTICIPANT_GUID, Pid.KEY_HASH):
         if pid in values:
             return values.guid(pid)
-    raise MalformedError("a disposal without a key")
+    raise MalformedError("an announcement that a participant or endpoint has ended has no key")
 
 
 def goodbye(participant: Guid) -> bytes:

@@ -231,7 +231,7 @@ class Discovery:
             return
         announcement = read_participant(payload or b"")
         if announcement.guid.prefix != prefix:
-            raise MalformedError("a participant announces another")
+            raise MalformedError("a participant announces another participant")
         if announcement.domain_id not in (None, self._announcement.domain_id):
             return
         metatraffic = reachable(list(announcement.metatraffic), heard_from, self._wire.interfaces)

@@ -43,7 +43,7 @@ class SampleAssembly:
         start = (fragment.first - 1) * self._size
         length = min(last * self._size, len(self._data)) - start
         if len(payload) < length:
-            raise MalformedError(f"{len(payload)} bytes, but the fragments have {length}")
+            raise MalformedError(f"the fragments need {length} bytes, but {len(payload)} have arrived")
         self._data[start : start + length] = payload[:length]
         self._marks[fragment.first - 1 : last] = b"\1" * fragment.count
         return 0 not in self._marks

@@ -229,7 +229,7 @@ def read_data(message: Submessage) -> Data:
         has_payload = True
     sequence = (high << 32) | low
     if sequence < 1:
-        raise MalformedError(f"a sample has the number {sequence}")
+        raise MalformedError(f"a sample has the number {sequence}, which must be 1 or more")
     ahead = start + to_inline - body.position
     if ahead < 0:
         raise MalformedError(f"inline QoS at byte {to_inline} is inside the header")
@@ -249,7 +249,7 @@ def read_heartbeat(message: Submessage) -> tuple[int, int, bool]:
     """Read a heartbeat: the first and last sample of the writer, and whether it needs no answer."""
     first, last = message.body.sequence(), message.body.sequence()
     if first < 1 or last < first - 1:
-        raise MalformedError(f"a heartbeat reports the samples {first} to {last}")
+        raise MalformedError(f"a heartbeat reports samples from {first} to {last}, which is not a range")
     return first, last, bool(message.flags & _FINAL)
 
 
@@ -263,7 +263,7 @@ def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
     start = message.body.sequence()
     base, members = read_sequences(message.body)
     if start < 1 or base < start:
-        raise MalformedError(f"a gap reaches from {start} to {base}")
+        raise MalformedError(f"a gap from {start} to {base} is invalid")
     return start, base, members
 
 

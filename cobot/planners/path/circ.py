@@ -71,7 +71,8 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
     if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
         raise PlanningError(
             f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
-            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the smallest is {1e3 * NEAREST_POINTS_M:g} mm",
+            f"; these radii may differ by {1e3 * EQUAL_RADII_M:g} mm, and must be at least "
+            f"{1e3 * NEAREST_POINTS_M:g} mm",
             findings=[_shape("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)],
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)

@@ -177,8 +177,8 @@ def _halve(
 
 def _lengths(shares: Array, rows: Array) -> Array:
     """The parameter of each place: its arc length along a curve through all places. The curve is first made
-    over chord lengths, and then refined twice. Lengths are those of the joints plus a small share of the
-    path's.
+    over chord lengths, and then refined twice. A length is the one in joint space plus a small share of the
+    one along the TCP path.
 
     If a curve through the places would oscillate, chord lengths are used until there are more places.
     """

@@ -1,4 +1,4 @@
-"""Joint paths along a TCP path, for arms with more joints than a pose needs and no arm angle.
+"""Joint paths along a TCP path, for redundant arms for which no arm angle is defined.
 
 A particle filter carries a set of configurations along the path. At each place, neighbours are drawn from
 their null space. Those that are free and near a configuration of the previous place are kept, each with the

@@ -132,7 +132,7 @@ def _descend(
     weight, free = SMOOTHNESS_WEIGHT, None
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
-            raise PlanningTimeout.after(timeout_s, f"chomp: not done within {timeout_s:.1f} s")
+            raise PlanningTimeout.after(timeout_s, f"chomp: not finished within {timeout_s:.1f} s")
         velocities = np.gradient(points, axis=0) * (count - 1)
         push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
         if iteration % LOOK == 0 and nearest.min() >= least_m:

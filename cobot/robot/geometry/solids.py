@@ -39,7 +39,9 @@ def cloud(points: Array, voxel_m: float) -> Array:
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not np.isfinite(points).all():
-        raise InputError(f"points: needs finite points, got {len(points)}")
+        raise InputError(
+            f"points: at least one point is needed, and all must be finite; got {len(points)} points"
+        )
 
     def cells(edge_m: float) -> Array:
         return np.asarray(np.unique(np.floor(points / edge_m), axis=0))
@@ -133,7 +135,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
     """
     above = np.where(np.isnan(heights), 0.0, heights - floor_m)
     if not (above > MIN_M).any():
-        raise InputError(f"heights: none of {heights.size} is above the floor, {floor_m:g} m")
+        raise InputError(f"heights: none of {heights.size} values is above the floor, {floor_m:g} m")
     boxes = _steps(above, step_m)
 
     def fits(tried_m: float) -> bool:

@@ -1,4 +1,4 @@
-"""A pool of processes as `concurrent.futures.Executor` that continues if a worker dies.
+"""A process pool, a `concurrent.futures.Executor`, that continues if a worker dies.
 
 `concurrent.futures.ProcessPoolExecutor` fails as a whole when one of its processes dies, and its processes
 survive their parent. Here, if a worker dies, only the call that it was computing fails, and the worker is

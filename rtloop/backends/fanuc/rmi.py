@@ -71,7 +71,7 @@ class TcpLines:
         deadline_s = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
             if len(self._rest) > MAX_LINE:
-                raise OSError(f"a line of more than {MAX_LINE} bytes")
+                raise OSError(f"the controller has sent a line of more than {MAX_LINE} bytes")
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 raise TimeoutError("timed out")

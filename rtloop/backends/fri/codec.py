@@ -124,7 +124,7 @@ def _check_joints(message: MonitoringMessage) -> None:
         message.external_torque,
     ):
         if values and len(values) != count:
-            raise WireError(f"values of {len(values)} joints, the robot has {count}")
+            raise WireError(f"there are values of {len(values)} joints, but the robot has {count}")
     message.joints = count
 
 
@@ -219,13 +219,15 @@ def _read_interpolator(message: MonitoringMessage, data: bytes, begin: int, stop
 
 def _add_io(found: list[IoValue], data: bytes, begin: int, stop: int) -> None:
     if len(found) == MAX_IO:
-        raise WireError(f"more than {MAX_IO} inputs and outputs")
+        raise WireError(f"there are more than {MAX_IO} inputs and outputs")
     value = IoValue("", IoType.BOOLEAN, IoDirection.INPUT)
     for number, kind, at, end in fields(data, begin, stop):
         if number == 1:
             need_length(number, kind)
             if end - at > MAX_NAME:
-                raise WireError(f"the name of an input or output of {end - at} bytes, at most {MAX_NAME}")
+                raise WireError(
+                    f"the name of an input or output has {end - at} bytes, allowed are {MAX_NAME}"
+                )
             value.name = data[at:end].decode("utf-8", "replace")
         elif number == 2:
             value.type = _enum(IoType, "type of an input or output", number, kind, at)

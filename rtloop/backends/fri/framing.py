@@ -35,8 +35,8 @@ def unframe(packet: bytes) -> tuple[bytes, bool]:
         if _begins_message(packet, 0) or not _begins_message(packet, 4):
             return packet, False
         raise WireError(
-            f"the frame of FRI 2.7 states a message of {stated} bytes, the packet of {len(packet)} bytes "
-            f"has {size}"
+            f"the frame of FRI 2.7 states a message of {stated} bytes, but the message has {size} (packet: "
+            f"{len(packet)} bytes)"
         )
     message = packet[4:-4]
     found, sent = crc32(message), _NUMBER.unpack_from(packet, len(packet) - 4)[0]

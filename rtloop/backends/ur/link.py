@@ -190,7 +190,9 @@ class RtdeLink:
         if package.kind == Kind.DATA:
             return  # of an earlier start
         if package.kind != expected:
-            raise RtdeError(f"a package of type {package.kind} in answer to {expected.name}")
+            raise RtdeError(
+                f"the controller has answered {expected.name} with a package of type {package.kind}"
+            )
         if step is _Step.PROTOCOL:
             if payload[:1] != b"\x01":
                 self._give_up(

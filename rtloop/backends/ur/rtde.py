@@ -154,7 +154,7 @@ def decode_setup(payload: bytes) -> tuple[int, list[str]]:
         RtdeError: an empty answer.
     """
     if not payload:
-        raise RtdeError("an empty answer to a recipe")
+        raise RtdeError("the answer to a recipe is empty")
     return payload[0], payload[1:].decode("ascii", errors="replace").split(",")
 
 

@@ -203,7 +203,7 @@ def test_nobody_has_the_service_send_the_same_a_thousand_times(run: VirtualServi
         channel = client.channels["/joint_states"]["id"]
         wanted = [{"id": number, "channelId": channel} for number in range(65)]
         client.send(op="subscribe", subscriptions=wanted)
-        assert client.told("status")["message"] == "there are 64 subscriptions already"
+        assert client.told("status")["message"] == "there are already 64 subscriptions, which is the maximum"
         client.data(63)
 
 

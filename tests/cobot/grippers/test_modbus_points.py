@@ -197,8 +197,8 @@ def test_a_device_that_is_killed_and_comes_back_is_found_again_by_the_next_conne
     [
         (b"", "has not answered within"),
         (b"\x00\x01\x00\x00\x00", "has not answered within"),
-        (b"HTTP/1.1 400 Bad Request\r\n", "has answered garbage .*: it may not speak Modbus TCP"),
-        (b"\x00\x01\x00\x00\x00\x04\x03\x02\x01\x01", "has answered garbage"),  # to another function
+        (b"HTTP/1.1 400 Bad Request\r\n", "has sent an invalid answer .*: it may not speak Modbus TCP"),
+        (b"\x00\x01\x00\x00\x00\x04\x03\x02\x01\x01", "has sent an invalid answer"),  # to another function
         (b"\x00\x01\x00\x00\x00\x03\x03\x81\x02", "rejects the request: illegal address"),
     ],
 )

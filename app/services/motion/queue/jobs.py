@@ -51,4 +51,6 @@ def report_stops(
     for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
         if move is not None and radius_m > 0.0 and used_m == 0.0:
             where = f"{label}move {move.number} ({move.name})"
-            log.info("%s: no blend is possible within the limits, so the arm stops at its end", where)
+            log.info(
+                "%s: no blend is possible within the limits, so the arm stops at the end of this move", where
+            )

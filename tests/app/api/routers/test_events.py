@@ -281,7 +281,7 @@ def test_who_goes_is_forgotten_and_who_is_one_too_many_is_refused(run: VirtualSe
     assert len(ring.on_news) == MAX_LISTENERS
     with run.listen("/events") as events:
         assert events.status == 503
-        assert "224 clients listen to events already" in json.loads(events.body())["detail"]
+        assert "224 clients already listen to events" in json.loads(events.body())["detail"]
     with pytest.raises(Refused) as refused:
         run.connect("/events")
     assert refused.value.status == 503

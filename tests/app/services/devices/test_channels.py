@@ -157,7 +157,7 @@ def test_channels_are_found_by_name_and_closed_once() -> None:
         assert [line.closed for line in lines.values()] == [1, 1]
         for number in range(MAX_OPEN):
             channels.add(str(number), Line().channel)
-        with pytest.raises(ConflictError, match=f"{MAX_OPEN} of the kind socket are open already"):
+        with pytest.raises(ConflictError, match=f"{MAX_OPEN} of the kind socket are already open"):
             channels.require_place("one more")
         for name in ("", "x" * 201):
             with pytest.raises(InputError, match="a name has from 1 to 200 characters"):

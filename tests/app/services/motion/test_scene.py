@@ -156,7 +156,7 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
         ({"objects": {"a": BOX | {"frame_id": "link7"}}}, 422, "moves with the joints"),
         ({"objects": {"link7": BOX}}, 422, "'link7' is a body"),
         ({"objects": {"a b": BOX}}, 422, "a b"),
-        ({"objects": {"a": None}}, 404, "there is no object 'a'; there are: none"),
+        ({"objects": {"a": None}}, 404, "there is no object 'a'; valid are: none"),
         ({"frames": {"a": None}}, 404, "there is no frame 'a'"),
         ({"attach": {"a": []}}, 404, "there is no object 'a'"),
         ({"detach": ["a"]}, 404, "there is no object 'a'"),

@@ -51,7 +51,7 @@ def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> 
         (0, 1, 4, 20, "fragments 0 to 0, but the sample has 5"),
         (5, 2, 4, 20, "fragments 5 to 6, but the sample has 5"),
         (1, 0, 4, 20, "fragments 1 to 0, but the sample has 5"),
-        (1, 2, 4, 20, "4 bytes, but the fragments have 8"),
+        (1, 2, 4, 20, "the fragments need 8 bytes, but 4 have arrived"),
     ],
 )
 def test_fragments_that_do_not_fit_are_malformed(

@@ -168,5 +168,5 @@ def test_ompl_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> N
 def test_chomp_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS["high"]), robot)
     request = MotionRequest(*sides(robot), PlannerName.CHOMP, Scaling(1.0), timeout_s=0.0)
-    with pytest.raises(PlanningTimeout, match=r"chomp: not done within 0\.0 s"):
+    with pytest.raises(PlanningTimeout, match=r"chomp: not finished within 0\.0 s"):
         plan(there, request)

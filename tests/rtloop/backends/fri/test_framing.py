@@ -80,8 +80,8 @@ def test_a_wrong_length_is_named(length: int) -> None:
     packet = bytearray(encode_monitoring(MESSAGE))
     packet[:4] = length.to_bytes(4, "little")
     assert decode_monitoring(bytes(packet)) == (
-        f"no monitoring message of FRI: the frame of FRI 2.7 states a message of {length} bytes, the packet "
-        f"of {len(packet)} bytes has {len(BARE)}"
+        f"no monitoring message of FRI: the frame of FRI 2.7 states a message of {length} bytes, but the "
+        f"message has {len(BARE)} (packet: {len(packet)} bytes)"
     )
 
 
