@@ -25,7 +25,7 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
 
 
 def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
-    """The rest of a motion at a time, which begins at the last breakpoint before it, and the time of that
+    """The remaining part of a motion, from the last breakpoint before a time on; and the time of that
     breakpoint, s.
 
     The polynomials are the same, bit for bit. The times are also exact, minus that of the breakpoint.

@@ -84,7 +84,7 @@ def addressed(connection: HTTPConnection) -> dict[str, Services]:
 
 
 class Call:
-    """A request to an endpoint; raises as `services_of` does.
+    """A request to an endpoint; raises the same errors as `services_of`.
 
     Attributes:
         services: services of the robot that the request addresses.

@@ -169,7 +169,7 @@ class JobService:
         await self._ownership.speed_override.resume()
 
     async def step(self, number: str) -> JobRecord:
-        """Continue a paused sequence up to its next stop. Raises as `resume`."""
+        """Continue a paused sequence up to its next stop. Raises the same errors as `resume`."""
         job = self.going(number)
         steps = self._steps(job)
         self._require_paused(job)

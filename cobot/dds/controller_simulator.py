@@ -349,7 +349,7 @@ def _interface(argument: str) -> str:
 
 
 def _within(kind: type[float], least: float, most: float) -> Callable[[str], float]:
-    """What an argument has to be: a number of that kind in that range."""
+    """The type of an argument: a number of this kind within this range."""
 
     def read(argument: str) -> float:
         try:

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     import zenoh
 
 MAX_PANELS = 200
-"""Maximum number of panels that are open at the same time. Beyond it, the one is closed that was not used for
-longest."""
+"""Maximum number of panels that are open at the same time. Beyond it, the least recently used one is closed.
+"""
 UNUSED_S = 900.0
 """Time without a request after which a panel is closed."""
 MAX_OPEN_S = 12 * 3600.0
@@ -209,7 +209,7 @@ def _error_of(head: PanelHead) -> CobotError:
 def require_room(now: int, most: int, what: str) -> None:
     """
     Raises:
-        BusyError: as many as possible are in progress.
+        BusyError: the maximum number of requests is in progress.
     """
     if now >= most:
         raise BusyError(f"{now} {what} are in progress, allowed are {most}; try again in a moment")

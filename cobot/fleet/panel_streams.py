@@ -125,7 +125,9 @@ class PanelStreams:
             stream.task.cancel()
 
     def close_unread(self, longest_s: float = IDLE_S) -> None:
-        """Close the streams that were not read for this time. Their hub is gone."""
+        """Close the streams that were not read for longer than `longest_s`: their hub is not connected any
+        more.
+        """
         now_s = time.monotonic()
         for name in [name for name, each in self._streams.items() if now_s - each.read_s > longest_s]:
             self.close(name)

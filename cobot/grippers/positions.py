@@ -25,8 +25,8 @@ class FingerGoal(Enum):
 
 
 class TwoPositions:
-    """Base of such a gripper. It chooses the end that is nearer to a width, and measures the time of the
-    fingers.
+    """Base class for a gripper with two positions. It chooses the position that is nearer to a width, and
+    measures the time of the fingers.
 
     Args:
         width_m: widths when closed and when open; None for a gripper without a width.

@@ -94,7 +94,7 @@ class SimulatedGripper:
 
     @staticmethod
     def contract_rig(options: SimulatedOptions) -> HandRig:
-        """The hand in the options, or without one the default hand of a cell."""
+        """A rig with the hand in the options, or else with the default hand of a cell."""
         return HandRig(options.hand or Hand())
 
     def connect(self) -> None:

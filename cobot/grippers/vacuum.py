@@ -112,7 +112,7 @@ class VacuumGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: VacuumOptions) -> VacuumRig:
-        """A simulated cup at this output, which a part can close."""
+        """A rig with a simulated cup at this output. A part can close the cup."""
         return VacuumRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:

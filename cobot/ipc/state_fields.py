@@ -59,7 +59,7 @@ class StateField:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether it is one number. The cycle writes all of these at once."""
+        """Whether the field is one number. The cycle writes all such fields at once."""
         return self.length == 0 and not self.is_text
 
     @property

@@ -39,7 +39,7 @@ class StopRequest:
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
         moving: the motion that the stop ends, for people; "" for none.
-        followed: number of the service's heartbeat by which it has followed the stop.
+        followed: number of the service's heartbeat after which the service has handled the stop.
         followed_s: time until which to wait for that heartbeat, because the service may not run.
     """
 
@@ -150,7 +150,9 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
 
 
 def _await_service(stop: StopRequest) -> None:
-    """Wait until the service has followed the stop. Before that, it would end a motion that is requested."""
+    """Wait until the service has handled the stop. Before that, the service would end any newly requested
+    motion.
+    """
     while stop.memory.heartbeat.sequence < stop.followed and time.monotonic() < stop.followed_s:
         time.sleep(POLL_S)
 

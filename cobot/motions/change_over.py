@@ -9,7 +9,7 @@ from cobot.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class ChangeOver:
-    """The rest of a motion that leads to another goal. Picklable.
+    """The remaining part of a motion whose goal has been changed. Picklable.
 
     Attributes:
         trajectory: equal to the current one, bit for bit, until the change.

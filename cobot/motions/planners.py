@@ -52,8 +52,8 @@ class PlannerTraits:
             rejected.
         needs: fields of which the request must give exactly one.
         missing: the error if the request gives none of them, with advice.
-        one_piece: whether the rest of its path after a stop cannot be planned as a separate motion, unlike
-            that of a line.
+        one_piece: whether what remains of its path after a stop cannot be planned as a separate motion. For a
+            line it can.
         alternative: the planner to try if this one finds no motion.
     """
 

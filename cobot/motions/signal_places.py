@@ -36,7 +36,7 @@ REST_S = 0.01
 
 
 class TcpWay:
-    """The way of the TCP along a trajectory.
+    """The path of the TCP along a trajectory.
 
     Attributes:
         duration_s: duration of the trajectory.
@@ -55,7 +55,7 @@ class TcpWay:
         self._lengths_m: Array = np.concatenate([[0.0], np.cumsum(steps)])
 
     def appended_to(self, before: TcpWay | None, at_s: float, from_s: float) -> TcpWay:
-        """This way, delayed by `at_s`, appended to the part of the way `before` from `from_s` to `at_s`."""
+        """This path, delayed by `at_s`, appended to the part of the path `before` from `from_s` to `at_s`."""
         found = copy(self)
         found.duration_s = at_s + self.duration_s
         found._times_s = at_s + self._times_s

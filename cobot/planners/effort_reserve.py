@@ -17,7 +17,9 @@ PLANNED_EFFORT = 0.98
 """Maximum share of the effort limits in planned motions; `allowed_shares` has the exception."""
 TRANSITION_EFFORT = 0.99
 """Maximum share of the effort limits where a motion is joined with the next one. Both may already use
-`PLANNED_EFFORT`. Without a margin above it the join would often fail, and the arm would stop between them."""
+`PLANNED_EFFORT`. Without a margin above that value the join would often fail, and the arm would stop between
+the two motions.
+"""
 MAX_HOLDING_EFFORT = 0.999
 """If holding the arm takes more than this share of an effort limit, no effort is left for a motion."""
 

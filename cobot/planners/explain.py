@@ -33,10 +33,13 @@ SLOWER = (0.5, 0.2, 0.1)
 MIN_SPEED, MAX_DURATION_S = 0.01, 600.0
 """The lowest speed that is tried, and the longest duration of a remedy."""
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
-"""Shares of the way to the start by which a goal at the edge of the workspace is taken back, in this order:
-at the edge a joint is at its limit or the elbow is straight."""
+"""Shares of the way to the start by which a goal at the edge of the workspace is moved towards the start, in
+this order: at the edge a joint is at its limit or the elbow is straight.
+"""
 SHORT_OF, MIN_SHARE = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
-"""Shares of the point of failure up to which a line is tried, and the shortest share of the line to offer."""
+"""If a line fails at a point, it is tried up to these shares of the distance to that point. The second value
+is the shortest share of the line that is offered.
+"""
 SPREAD = 8
 ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
 DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.name in BODY_FIELDS}
@@ -171,7 +174,7 @@ def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) 
 
 
 def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """For ptp to a pose: the joint angles that it did not choose."""
+    """For ptp to a pose: the joint angles that ptp did not choose."""
     if request.traits.way is not Way.DIRECT or not isinstance(request.goal, Pose):
         return
     try:

@@ -20,7 +20,7 @@ DISTANCE_SAMPLES = 200
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
-    """Plan as `plan` does and describe the motion; raises as `plan` does."""
+    """Plan as `plan` does and describe the motion; raises the same errors."""
     return describe(robot, plan(robot, request), request.start, samples)
 
 

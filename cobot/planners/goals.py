@@ -57,7 +57,7 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
 
 
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
-    """Only the nearest free joint angles, shape (dof,); raises as `joint_goals` does."""
+    """Only the nearest free joint angles, shape (dof,); raises the same errors as `joint_goals`."""
     free = request.free_axes
     if isinstance(request.goal, Pose) and (free or not _at(robot, request.start, request.goal)):
         joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed, free=free)

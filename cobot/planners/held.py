@@ -15,8 +15,9 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
 LOOK_S, MAX_LOOKS = 1e-3, 50_000
-"""Time between samples of a motion: in between it deviates from the chord by less than a hundredth of the
-allowance."""
+"""Time between samples of a motion. Between two samples the motion deviates from the chord by less than a
+hundredth of the allowance.
+"""
 ALLOWANCE = 1e-4
 """How far a motion, its start or its goal may violate a constraint, rad or m."""
 INSIDE, INSIDE_SHARE = 2e-3, 0.1

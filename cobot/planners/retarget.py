@@ -78,7 +78,8 @@ def retarget(
 
 def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) -> Trajectory | None:
     """The fastest motion of all joints from a moving state, shape (3, dof), to the goal; None if the request
-    asks for another path, is slower than the state, or is not free in this way."""
+    needs another path, if its limits are below the current velocities, or if this motion is not free.
+    """
     limits = request.scaled_limits(robot)
     direct = request.planner in MOVING_ON and request.synchronization is Synchronization.TIME
     slow = (np.abs(state[1:]) > (limits.max_velocity, limits.max_acceleration)).any()

@@ -96,7 +96,9 @@ class CollisionChecker:
         self._nearest = None
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
-        """A checker of the same arm in another scene or with another tool; raises as `surround` does."""
+        """A checker of the same arm in another scene or with another tool; raises the same errors as
+        `surround`.
+        """
         other = copy.copy(self)
         other.surround(scene, tool)
         return other

@@ -115,7 +115,7 @@ class Holding:
     """How well the drives hold the arm in all its postures.
 
     Attributes:
-        hardest: for each joint the posture that needs most of it, the greatest share first.
+        hardest: for each joint the posture that needs most of its effort, the greatest share first.
         share: share of random collision-free postures that the drives can hold.
     """
 

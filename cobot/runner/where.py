@@ -54,7 +54,7 @@ class Where:
         return replace(self, notes=(*self.notes, note), begin=begin, width=width)
 
     def with_place(self, name: str, place: PalletPlace) -> Where:
-        """This place, with a pallet's place for poses with this frame name."""
+        """A copy in which poses with this frame name are relative to a place of a pallet."""
         return replace(self, frames={**self.frames, name: place})
 
     def in_file(self, name: str, word: str, total: int) -> Where:

@@ -437,7 +437,7 @@ class MovesByItself(Protocol):
         ...
 
     def done_s(self) -> float:
-        """The progress along that path at the last reading, in seconds of the path's time."""
+        """The progress along the path of `begin` at the last reading, in seconds of the path's time."""
         ...
 
     def halt(self) -> None:

@@ -141,8 +141,8 @@ class _Reader:
         return self._points
 
     def require_own_time(self, field: str) -> None:
-        """Require that the real-time loop leads the arm. A device that executes whole motions itself cannot
-        fire actions.
+        """Require that the real-time loop controls the motion. A device that executes whole motions itself
+        cannot fire actions.
         """
         named = self._services.link.device()
         if named is not None and named[1].capabilities.trajectories:

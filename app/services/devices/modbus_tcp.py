@@ -50,7 +50,7 @@ class ModbusConnection:
             self._streams = None
 
     async def read(self, unit: int, function: ModbusFunction, address: int) -> int:
-        """Read one value. Raises as `write` does."""
+        """Read one value. Raises the same errors as `write`."""
         size = _BYTES[function]
         data = await self._ask(unit, function, address, 1)
         if len(data) != 1 + size or data[0] != size:

@@ -15,7 +15,7 @@ from cobot.grippers import GripperState
 from cobot.reasons import Reason, ReasonCode
 
 MIN_WAIT_S = 0.001
-"""Minimum wait, s. Without it, a rest of time from rounding would give a wait of no duration."""
+"""Minimum wait, s. Without it, a remainder from rounding would give a wait of length zero."""
 
 
 async def follow(

@@ -47,7 +47,7 @@ class Approvals:
         return plan
 
     def withdraw(self, plan_id: str) -> Plan:
-        """Withdraw an approval. Raises as `approve` does."""
+        """Withdraw an approval. Raises the same errors as `approve`."""
         plan = self._plans.get(plan_id)
         self._by.pop(plan_id, None)
         return plan

@@ -43,7 +43,7 @@ class RobotTarget:
 
 
 class EqualMotions:
-    """Plans such motions, starts them and follows them to their end.
+    """Plans motions of equal duration, starts them and follows them to their end.
 
     Args:
         robots: the robots by name; read for each request.

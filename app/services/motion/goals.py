@@ -82,7 +82,7 @@ class Goals:
         return goal if place is None else placed(goal, place)
 
     def placed(self, pose: Pose, frame: str) -> Pose:
-        """A pose of a frame, converted to the base frame. Raises as `frame` does."""
+        """A pose of a frame, converted to the base frame. Raises the same errors as `frame`."""
         place = self.frame(frame)
         return pose if place is None else place @ pose
 

@@ -89,7 +89,8 @@ class MoveService:
         self._planning = planning
 
     async def move(self, goal: MotionRequest, caller: Caller) -> Outcome:
-        """Plan and execute a motion. Returns when the arm has settled at the goal, or the reason why not.
+        """Plan and execute a motion. Returns when the arm has settled at the goal or has failed to reach it;
+        the outcome has the reason.
 
         Raises:
             ConflictError, UnavailableError, InputError: the motion is rejected; nothing has moved.

@@ -2,7 +2,7 @@
 
 Planning takes time in which the arm moves on. The place is therefore as far ahead as planning usually takes.
 If the arm has passed it before the real-time loop has the new trajectory, the loop rejects it and the arm
-goes on as before. Then a place further ahead is tried.
+continues as before. Then a place further ahead is tried.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ class SceneService:
             await self.send_load(self._robot.model.tool, scene)
 
     async def send_load(self, tool: Tool, scene: Scene) -> None:
-        """Send rtloop the load: a tool, and the attached objects of a scene. Raises as
+        """Send rtloop the load: a tool, and the attached objects of a scene. Raises the same errors as
         `Commands.set_tool`.
         """
         tcp = self._robot.model.tcp_in_flange(tool)
@@ -310,8 +310,8 @@ class SceneService:
         could still stop afterwards. Returns whether it did.
 
         Args:
-            since_s: time at which the arm was at the beginning of `left`, on the link's clock. It moves on
-                while this checks and searches.
+            since_s: time at which the arm was at the beginning of `left`, on the link's clock. The arm moves
+                on during the check and the search.
         """
         within_s = self._replan_within_s
         if within_s == 0.0:

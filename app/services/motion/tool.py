@@ -86,7 +86,7 @@ class ToolService:
     @contextlib.asynccontextmanager
     async def in_force(self) -> AsyncIterator[None]:
         """Make sure that rtloop has this tool and this scene. After a crash between writing the file and
-        sending the command it has not.
+        sending the command, rtloop does not have them.
         """
         task = asyncio.create_task(self._watch(), name="tool")
         try:

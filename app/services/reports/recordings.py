@@ -84,7 +84,7 @@ class RecordingService:
         return self._store.path(name)
 
     def remove(self, name: str) -> None:
-        """Delete a recording. Raises as `path` does."""
+        """Delete a recording. Raises the same errors as `path`."""
         self._store.remove(name)
 
     async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:

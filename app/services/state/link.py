@@ -198,7 +198,7 @@ class RobotLink:
         return state
 
     async def await_measured_record(self, timeout_s: float) -> np.ndarray:
-        """A copy of the state block, see `state_dtype`; raises as `await_measured_state` does."""
+        """A copy of the state block, see `state_dtype`; raises the same errors as `await_measured_state`."""
         return (await self.await_measured_state(timeout_s)).record
 
     async def await_ready_state(self, timeout_s: float) -> RobotState:
@@ -310,8 +310,8 @@ class RobotLink:
             return None
 
     def rtloop_pid(self) -> int:
-        """The process id of rtloop. Raises as `statistics`. Does not copy the block, because the id is needed
-        for each state.
+        """The process id of rtloop. Raises the same errors as `statistics`. Does not copy the block, because
+        the id is needed for each state.
         """
         try:
             return int(self.memory.statistics.read()["pid"])

@@ -138,7 +138,9 @@ class ForceService:
             await self._end("force control was disabled")
 
     async def lend(self) -> None:
-        """Lend the arm to another client's session, which then serves `settings`."""
+        """End this session so that another client's session can move the arm. `settings` then apply to that
+        session.
+        """
         async with self._changing:
             await self._end("another session takes over")
 

@@ -1,9 +1,9 @@
-"""The line along which a jog leads the TCP, and the turn about an axis.
+"""The line along which a jog moves the TCP, and the rotation about an axis.
 
-Velocities of the joints alone would lead the TCP away from its line, because the Jacobian changes on the way.
-So the pose on the line is kept, and deviations from it are corrected. When a jog ends, rtloop stops each
-joint separately, as quickly as it can. This also leads away from the line, by up to 3 mm and 0.7° at 0.1 m/s.
-The next jog corrects it, so that the deviations of many jogs do not add up.
+With velocities of the joints alone, the TCP would leave its line, because the Jacobian changes on the way. So
+the pose on the line is kept, and deviations from it are corrected. When a jog ends, rtloop stops each joint
+separately, as quickly as it can. Then the TCP also leaves the line, by up to 3 mm and 0.7° at 0.1 m/s. The
+next jog corrects this deviation, so that the deviations of many jogs do not add up.
 """
 
 from __future__ import annotations
@@ -85,12 +85,12 @@ class JogLine:
 
 
 def _shifted(pose: Pose, way: Array, turn: Array) -> Pose:
-    """The pose, moved by a way and turned by a rotation vector, both in the base frame."""
+    """The pose, moved by a displacement and turned by a rotation vector, both in the base frame."""
     turned = quaternion.product(quaternion.exp(turn.tolist()), pose.quaternion.tolist())
     return Pose(pose.position + way, np.array(turned, float))
 
 
 def _across(vector: Array, direction: Array) -> Array:
-    """The part of a vector across a direction; the whole vector without one."""
+    """The part of a vector that is normal to a direction; the whole vector if there is no direction."""
     size = float(direction @ direction)
     return np.asarray(vector - (vector @ direction) / size * direction if size > 0.0 else vector)

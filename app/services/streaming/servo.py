@@ -1,7 +1,7 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
 This module connects the protocol's rules in `cobot.servo.protocol` with the modes in rtloop. `servo_sessions`
-has the life of a session, `servo_points` its points, `servo_wrench` its wrench.
+begins and ends sessions, `servo_points` handles their points, `servo_wrench` their wrench.
 """
 
 from __future__ import annotations

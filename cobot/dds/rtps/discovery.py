@@ -225,7 +225,7 @@ class Discovery:
     def on_participant(
         self, prefix: bytes, payload: bytes | None, inline: Parameters | None, heard_from: str
     ) -> None:
-        """Process an announcement of the participant that sent it, or of that participant's end."""
+        """Process a participant's announcement of itself or of its end."""
         if disposes(inline):
             self._drop(prefix)
             return

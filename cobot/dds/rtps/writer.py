@@ -271,8 +271,9 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._greet(proxy, wanted)
 
     def _greet(self, proxy: ReaderProxy, wanted: list[Change]) -> None:
-        """Tell a new reliable reader which samples it may request, which it does once it has discovered this
-        writer."""
+        """Tell a new reliable reader which samples it may request. The reader requests them once it has
+        discovered this writer.
+        """
         first = wanted[0].sequence if wanted else self._last + 1
         before = submessages.gap(proxy.guid[12:], self._entity, 1, first) if first > 1 else b""
         self._wire.send(proxy.enveloped(before + self._heartbeat(proxy, final=False)), proxy.address)
@@ -332,8 +333,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
-        """Remove samples that every reader has received. Does nothing if the history has a depth, which then
-        decides.
+        """Remove samples that every reader has received. Does nothing if the history has a depth, because
+        then the depth decides what is kept.
         """
         if self.qos.depth is not None or not len(self._history):
             return

@@ -152,8 +152,9 @@ class JointTree:
         return (node for node in self.nodes.values() if not node.children)
 
     def is_finger(self, node: MovingJoint) -> bool:
-        """Whether a joint belongs to a finger: by its name, or because it is on one of several short branches
-        that are many, slide or are coupled."""
+        """Whether a joint belongs to a finger: by its name, or because it is on one of several short
+        branches, if there are many of them, or they slide or are coupled.
+        """
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True
         branches = node.parent.children if node.parent else self.roots

@@ -35,7 +35,9 @@ FAR = 0.5
 """Share of the path that one of the first start configurations must reach before further ones are tried.
 Further places are tried only after a configuration has reached the end."""
 SLOW = 2.5
-"""A motion slower than the TCP's limits require by this factor is compared with one found by the graph."""
+"""If a motion is slower by this factor than the limits of the TCP require, it is compared with one found by
+the graph.
+"""
 
 
 def follow(

@@ -134,8 +134,9 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
 
 
 def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
-    """The share at which an arm with few joints stays farthest from these poses, in terms of lin's
-    tolerance."""
+    """The share of the path at which an arm with few joints stays farthest from these poses, relative to the
+    tolerance of lin.
+    """
 
     def excess(share: float) -> float:
         _, _, distance_m, angle_rad = descend(poses[share], near)

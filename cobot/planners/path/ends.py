@@ -22,8 +22,9 @@ from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, Pose
 
 CLOSED_M, CLOSED_RAD = 2.0 * MAX_DEVIATION_M, 2.0 * MAX_DEVIATION_RAD
-"""A path that ends this close to the TCP pose of the joints is led exactly there, because the pose may have
-been rounded to four digits."""
+"""A path that ends this close to the TCP pose of the joints is changed to end exactly there, because the pose
+may have been rounded to four digits.
+"""
 ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
 
@@ -42,7 +43,7 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:
     """The end of a path to this pose, and the joints there, shape (dof,); None if any are allowed.
 
-    The path ends exactly where these joints have the TCP.
+    The path ends exactly at the pose of the TCP for these joints.
 
     Raises:
         PlanningError: their TCP is not at the pose; with the distance.

@@ -25,8 +25,9 @@ approximately."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
 """Where in each interval between places the deviation is checked."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
-"""Additional checks from the path's beginning in the first interval and from its end in the last: there a
-spline overshoots first."""
+"""Additional places that are checked: from the path's beginning in the first interval, and from its end in
+the last one. A spline overshoots there first.
+"""
 EVEN_STEP_RAD = 0.25
 """If the joints turn further than this between even places, the parameter is the joints' distance instead."""
 EVEN_SHARE = 1e-9

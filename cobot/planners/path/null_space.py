@@ -104,7 +104,8 @@ class Particles:
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
         """Free configurations at a pose, drawn near `rows`, with more of them near the cheap rows.
 
-        If the end is given, every second one is moved towards it, by one of the `left` remaining steps.
+        If the end is given, every second configuration is moved towards it, by one of the `left` remaining
+        steps.
         """
         if self._end is not None and left == 1:
             return self._end[None]

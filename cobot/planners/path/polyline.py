@@ -101,8 +101,9 @@ def rounded(
 
 
 def _progress(since: Array, size: float, first: float, last: float) -> Array:
-    """Progress from 0 to 1 over a leg: even, except for its blends, which extend beyond the leg by as
-    much."""
+    """Progress from 0 to 1 over a leg. It is even except in the blends at its ends; each blend extends
+    equally far into the leg and beyond it.
+    """
     progress = np.clip(since / size, 0.0, 1.0)
     for round_m, inside in ((first, since), (last, size - since)):
         if round_m > 0.0:

@@ -31,10 +31,13 @@ NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
 limit all along, s²."""
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
-"""Weights of the arm angle's bending, relative to its distance from the graph's way; tried in this order."""
+"""Weights of the curvature of the arm angle, relative to its distance from the path through the graph. They
+are tried in this order.
+"""
 PULLS, EDGE, HELD = 8, 0.15, 1e9
-"""Number of rounds in which points outside the corridor are drawn back; how far inside it, as a share of the
-way from the edge to the graph's way; and the weight that holds the start."""
+"""Number of rounds in which points outside the corridor are moved back into it; how far inside, as a share of
+the distance from the edge to the path through the graph; and the weight that keeps the start.
+"""
 DEGREE = 5
 MARGIN_RAD = 1e-4
 
@@ -100,7 +103,7 @@ class RedundancyGraph:
     ) -> None:
         """
         Args:
-            end: joints in which all ways end, shape (dof,), at the end of the path; None: any.
+            end: joints in which all paths end, shape (dof,), at the end of the TCP path; None: any.
         """
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
@@ -210,7 +213,7 @@ def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bo
     `to_end`, ends at the last.
 
     Whittaker's smoothing minimises the squared distances to the angles plus squared second differences.
-    Points outside the corridor, shape (2, n - 1), are drawn to its edge with increasing weight.
+    Points outside the corridor, shape (2, n - 1), are moved to its edge with increasing weight.
     """
     count = len(angles)
     knots = np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, count - DEGREE + 1), np.ones(DEGREE)])

@@ -34,7 +34,9 @@ SMOOTHING = 40
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
-"""Distance that the path keeps in addition to the margin, if its ends do: room for the spline through it."""
+"""Clearance that the path has beyond the margin, if its ends have it too. It is needed for the spline through
+the path.
+"""
 PUSHED_M = 3e-3
 """Margin on the required clearance, m. Where the clearance is smaller than both together, the push has its
 full strength. The margin exists because the path between two points needs room too.

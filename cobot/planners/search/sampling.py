@@ -31,12 +31,13 @@ FIRST_ATTEMPTS = 1000
 """Number of attempts to add a node before more configurations of the goal are searched. Each time the number
 grows by a half."""
 DIRECT = 1.25
-"""A path that is no longer than the direct way by this factor is not improved."""
+"""A path is not improved if its length is at most this factor times that of the direct way."""
 ROUNDS, PATHS = 6, 2
 """Number of rounds for a longer path, and number of paths whose detours each round removes together."""
 SHARES = (0.1, 0.25, 0.4)
-"""Shares of the best path's excess over the direct way that another path may have, in turn: the smaller the
-space, the sooner a search finds a way within it."""
+"""The searches in turn: how much longer than the direct way a path may be, as a share of how much longer the
+best path is. The smaller the space, the sooner a search finds a path within it.
+"""
 SEARCHES, ATTEMPTS = 6, 3000
 """Maximum number of searches in a round, and of attempts to add a node in each."""
 MUCH_WORK, MUCH_LONGER = 150_000, 0.5
@@ -131,7 +132,7 @@ def _first(
     seed: int,
 ) -> tuple[Array | None, Array]:
     """The first path and the goals known by then. If no path is found soon, an arm with more joints than the
-    pose needs gets more goal configurations, because no free way may lead to the first ones.
+    pose needs gets more goal configurations, because possibly no free path leads to the first ones.
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position

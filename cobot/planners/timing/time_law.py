@@ -307,8 +307,9 @@ class _Problem:
 
 @lru_cache(maxsize=32)
 def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
-    """Among the begins of all cells, their middles and the end: indices of the knots, indices at which the
-    jerk is limited, and the cells in whose middle it is limited too."""
+    """Among the beginnings of all cells, their middles and the end: indices of the knots, indices at which
+    the jerk is limited, and the cells in whose middle it is limited too.
+    """
     knots = np.append(np.arange(cells), 2 * cells)
     ending = np.append(np.arange(ENDING_CELLS), np.arange(cells - ENDING_CELLS, cells))
     return knots, np.concatenate([knots[:-1], knots[1:], cells + ending]), ending

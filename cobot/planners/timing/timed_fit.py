@@ -25,7 +25,7 @@ from cobot.types import Array, JointLimits
 STEPS_TO_FULL_ACCELERATION = 10
 MIN_STEPS, MAX_STEPS = 40, 60_000
 MUCH_SLOWER = 1.5
-"""A motion that must be slower by this factor overall gets steps for its expected duration."""
+"""If the whole motion must be slower by this factor, the steps are chosen for its expected duration."""
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Widths of the moving averages in steps: the first is applied once, the second twice."""
 TOO_FAR = 1.5

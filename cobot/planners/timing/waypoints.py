@@ -29,7 +29,7 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""A motion may take longer than its points specify by this factor without the client's permission."""
+"""Factor by which a motion may take longer than its points specify without the client's permission."""
 ASIDE = 0.1
 """Share of the delay at each end that the reported slow interval leaves out."""
 FEW = 5_000

@@ -139,8 +139,9 @@ class ResultsFolder:
             raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
 
     def study(self) -> Study:
-        """The study whose results are in this folder, to compute its answer. Its files need not exist any
-        more."""
+        """The study whose results are in this folder, to compute its answer. The files that the study was
+        made from need not exist any more.
+        """
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
     def add(self, first: int, last: int, content: bytes) -> None:

@@ -60,8 +60,8 @@ class Bridge:
         return self.sent
 
     def _jumps(self, command: Array) -> bool:
-        """Whether the command does not follow from the last one, with the last velocity or the mean of both.
-        After a fault, rtloop continues from the current position of the arm, which is such a jump.
+        """Whether the command is not one period away from the last one, at the new velocity or at the mean of
+        both. After a fault, rtloop continues from the current position of the arm, which is such a jump.
         """
         step = command[0] - self._last[0]
         by_last = np.abs(step - self._period_s * command[1])

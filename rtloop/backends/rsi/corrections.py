@@ -81,9 +81,7 @@ class Corrections:
         return found
 
     def agree(self, set_position: Sequence[float], correction: Sequence[float]) -> bool:
-        """Whether a controller with these values, rad or m, is still in the same session as these
-        corrections.
-        """
+        """Whether these values of the controller (rad or m) are from the same session as these corrections."""
         if self.reference is None:
             return False
         off = np.subtract(correction, self.sent / self._scale)

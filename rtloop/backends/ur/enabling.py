@@ -139,7 +139,9 @@ class Enabling:
             raise BackendError(SWITCH_ON.get(mode) or f"the robot mode: {mode_in_words(mode)}")
 
     def _end_programs(self, state: State) -> Generator[None, None, None]:
-        """Programs of others are not ended. cobot's own, of a process that was killed, ends by itself."""
+        """Wait until no program runs. A program of cobot that is still running is ended; another program is
+        an error.
+        """
 
         def stopped() -> bool:
             return bool(state()["runtime_state"] == RuntimeState.STOPPED)

@@ -125,7 +125,7 @@ class UrOutputs:
                 occupied.add(wanted.group)
 
     def _release(self, wanted: _Wanted) -> None:
-        """Let others set the output: a mask stays in force until it is taken back."""
+        """Release the output for others: the controller applies the mask until it is cleared."""
         self._send(wanted.group, {**wanted.values, wanted.group: 0})
 
 

@@ -57,7 +57,7 @@ def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
 
 
 def joinable(before: Sequence[QueuedMove], chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-    """The first moves of a chain through which a motion through the moves `before` may continue."""
+    """The first moves of a chain that can be joined to a motion through the moves `before`."""
     found: list[QueuedMove] = []
     for move in chain:
         if not may_follow([*before, *found], move):

@@ -124,7 +124,9 @@ class QueueLine:
                 return found
 
     async def replan_loose(self, claim: Claim) -> None:
-        """Plan the loose moves again. If one cannot be planned, it fails with all moves after it."""
+        """Plan the loose moves (those that wait to be planned) again. If one cannot be planned, it fails with
+        all moves after it.
+        """
         while self._loose:
             move = self._loose[0]
             try:

@@ -34,7 +34,9 @@ IDLE = -1
 LOOK_S = 0.01
 """Interval between checks for new moves, s."""
 AHEAD_S = 8.0
-"""Maximum remaining time of a motion that is extended, s. So the motion does not grow with the queue."""
+"""A motion is extended only when its remaining time is at most this, s, so that it does not grow with the
+queue.
+"""
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
 """Time for which the motion stays unchanged while it is extended, s: minimum, initial and maximum value. It
 follows the last planning time.

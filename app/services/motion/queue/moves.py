@@ -36,8 +36,8 @@ class QueueRequest:
 
     Attributes:
         name: displayed name.
-        parts: a function for each motion of the move. From the motion's start it returns the request to the
-            planner, or the planned motion; None if the arm is already at the goal.
+        parts: a function for each motion of the move. It takes the motion's start, and returns the request to
+            the planner or the planned motion; None if the arm is already at the goal.
         radius_m: blend radius at the end, m, if another move follows in time.
         inner_radii_m: blend radius at the end of each part except the last, m.
         job: the job of the move; None for the vendor services, whose moves are one job together.
@@ -256,7 +256,7 @@ class MovePlanner:
                 raise exc.with_message(f"the scene has changed since it was queued: {exc}") from exc
 
     async def begin_stretch(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
-        """See `planning_tasks.begin_stretch`; raises as `PlanningService.compute`."""
+        """See `planning_tasks.begin_stretch`; raises the errors of `PlanningService.compute`."""
         envelope = self._settings.envelope
         return await self._compute(
             claim, partial(begin_stretch, legs=legs, radii_m=radii_m, envelope=envelope)
@@ -270,7 +270,7 @@ class MovePlanner:
         radii_m: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch:
-        """See `planning_tasks.extend_stretch`; raises as `PlanningService.compute`."""
+        """See `planning_tasks.extend_stretch`; raises the errors of `PlanningService.compute`."""
         work = partial(
             extend_stretch,
             under_way=under_way,

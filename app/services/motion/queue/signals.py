@@ -89,8 +89,8 @@ class MoveSignals:
         self.follower.go_on_with(placed, 0, 0.0)
 
     def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
-        """Keep the places that are still ahead when a move is cut off here. The rest of the move is then
-        planned again. The move must have a single motion.
+        """Keep the places that the arm has not reached when a move is cut off here. The remaining part of the
+        move is then planned again. The move must have a single motion.
         """
         ordered = sorted(placed.actions, key=lambda each: each.number)
         times_s = [each.path_time_s for each in ordered]

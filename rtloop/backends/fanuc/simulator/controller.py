@@ -231,7 +231,7 @@ class FanucController:
 
     @property
     def peaks(self) -> dict[str, list[float]]:
-        """Largest share of each joint's limit that commands have used, by rate."""
+        """Largest share of each joint's velocity, acceleration and jerk limit that commands have used."""
         return {
             rate.name.lower(): row.tolist() for rate, row in zip(LimitRate, self._reflexes.peaks, strict=True)
         }
@@ -287,7 +287,9 @@ class FanucController:
         self._last, self._received = packet.is_last, True
 
     def _move(self) -> None:
-        """Move the arm for one period: to the command, on at constant velocity without one, or braking."""
+        """Move the arm for one period: to the command; without a command, on at constant velocity; or
+        braking.
+        """
         arm = self.arm
         target, is_last = self._targets.popleft() if self._targets else (None, False)
         if target is not None:

@@ -124,7 +124,7 @@ class RsiController:
         return self._session is not None and not self._session.is_answered
 
     def packet(self) -> bytes:
-        """End a period and begin the next: its telegram, b"" while RSI is off."""
+        """End a period and begin the next. Returns the telegram of the next period, b"" while RSI is off."""
         if self._session is not None:
             self._count_missing(self._session)
         self._move()

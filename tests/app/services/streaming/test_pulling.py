@@ -138,7 +138,7 @@ def test_what_cannot_be_pulled_is_refused_by_name(run: VirtualService, client: F
     for link in ("base_link", "nowhere"):
         detail = refused(client, link=link, point=POINT, target=target)["detail"]
         assert f"there is no link {link!r} that moves; valid are: link1, link2" in detail
-    assert "go together" in refused(client, link="link7", target=target)["detail"]
+    assert "must be given together" in refused(client, link="link7", target=target)["detail"]
     block = run.rig.memory.device
     try:
         fill_capabilities(block.data, replace(MujocoBackend.capabilities, hardware=True))
