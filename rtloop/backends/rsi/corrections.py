@@ -81,7 +81,7 @@ class Corrections:
         return found
 
     def agree(self, set_position: Sequence[float], correction: Sequence[float]) -> bool:
-        """Whether these values, rad or m, come from the same session of the controller as these corrections."""
+        """Whether these values, rad or m, are from the same controller session as these corrections."""
         if self.reference is None:
             return False
         off = np.subtract(correction, self.sent / self._scale)
