@@ -24,7 +24,7 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
     return Trajectory(times - begin_s, expanded(trajectory, times[:-1], middles))
 
 
-def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
+def remainder_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
     """The remaining part of a motion, from the last breakpoint before a time on; and the time of that
     breakpoint, s.
 

@@ -32,9 +32,9 @@ def last_state(memory: RobotMemory) -> np.ndarray | None:
         block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
         block.data["reason_code"] = ReasonCode.DAMAGED.encode()
         block.data["reason_values"] = np.nan
-        block.data["stops_seen"] = _counted(memory.requests, "stops")
-        block.data["estops_seen"] = _counted(memory.requests, "estops")
-        block.data["command_seen"] = _counted(memory.head, "id")
+        block.data["stops_seen"] = _read_counter(memory.requests, "stops")
+        block.data["estops_seen"] = _read_counter(memory.requests, "estops")
+        block.data["command_seen"] = _read_counter(memory.head, "id")
     return block.data.copy()
 
 
@@ -46,5 +46,5 @@ def _makes_sense(state: np.ndarray) -> bool:
     )
 
 
-def _counted(block: Block, field: str) -> int:
+def _read_counter(block: Block, field: str) -> int:
     return int(block.data[field]) if block.try_read() else 0

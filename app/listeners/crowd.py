@@ -137,7 +137,7 @@ class Crowd:
         self._count += room
         return visit
 
-    def go_on(self, visit: Visit, doing: Doing, deadline_s: float = math.inf) -> None:
+    def note_progress(self, visit: Visit, doing: Doing, deadline_s: float = math.inf) -> None:
         """Note that a connection has progressed. Does nothing for a closed connection."""
         here = visit._among.visits
         visit.deadline_s = deadline_s

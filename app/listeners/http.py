@@ -126,7 +126,9 @@ class HttpProtocol(HttpToolsProtocol):
         A waiting /stop or /health keeps its place for longer than a connection without a request.
         """
         if STOP.match(data) or HEALTH.match(data):
-            self._crowd.go_on(self._visit, Doing.WAITING, self.loop.time() + self._limits.header_timeout_s)
+            self._crowd.note_progress(
+                self._visit, Doing.WAITING, self.loop.time() + self._limits.header_timeout_s
+            )
         elif self._visit.reserved and b"\r\n" in data:
             self._refuse_crowded()
             return False
@@ -186,7 +188,9 @@ class HttpProtocol(HttpToolsProtocol):
     def handle_websocket_upgrade(self) -> None:
         self._unread.clear()
         self.flow.release()
-        self._crowd.go_on(self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s)
+        self._crowd.note_progress(
+            self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s
+        )
         self._visit.close = self._visit.expire = self.transport.abort
         # As uvicorn calls it, which knows no more than its own arguments.
         self.ws_protocol_class = functools.partial(  # type: ignore[assignment]
@@ -344,13 +348,15 @@ class HttpProtocol(HttpToolsProtocol):
     def _note(self) -> None:
         """Report the activity of this connection to the crowd."""
         if self._in_body:
-            self._crowd.go_on(self._visit, Doing.SENDING, self._body_deadline_s)
+            self._crowd.note_progress(self._visit, Doing.SENDING, self._body_deadline_s)
         elif self.cycle is not None and not self.cycle.response_complete:
-            self._crowd.go_on(self._visit, Doing.SERVED)
+            self._crowd.note_progress(self._visit, Doing.SERVED)
         elif self._in_header:
-            self._crowd.go_on(self._visit, Doing.ASKING, self.loop.time() + self._limits.header_timeout_s)
+            self._crowd.note_progress(
+                self._visit, Doing.ASKING, self.loop.time() + self._limits.header_timeout_s
+            )
         else:
-            self._crowd.go_on(self._visit, Doing.IDLE)  # uvicorn has a timer for it
+            self._crowd.note_progress(self._visit, Doing.IDLE)  # uvicorn has a timer for it
 
     def _expire(self) -> None:
         limits = self._limits

@@ -97,7 +97,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if self.initial_response is not None and self.close_sent:
             self.handshake_complete = True  # a refusal is an answer, too
         if message["type"] == "websocket.accept":
-            self._crowd.go_on(self._visit, Doing.STREAMING)
+            self._crowd.note_progress(self._visit, Doing.STREAMING)
             if self._unread:
                 self._wait()
 

@@ -45,7 +45,7 @@ FAULTS: Faults = {
     "a change of the operation mode": ({"mode": "T1"}, {"mode": "AUTO"}),
     "a contact stop": ({"contact_stop": 2}, {"contact_stop": 1}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
-    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
     "a closed connection of RMI and an alarm": ({"close": True, "alarm": "SRVO-023 Stop error"}, {}),
 }
 """Each in the middle of a motion, with what ends it."""

@@ -36,7 +36,7 @@ FAULTS: Faults = {
     "90 % of loss": ({"loss": 0.9}, {"loss": 0.0}),
     "answers three periods late": ({"delay": 3}, {"delay": 0}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
-    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
     "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
 }
 """Each in the middle of a motion, with what ends it."""

@@ -33,7 +33,7 @@ FAULTS: Faults = {
     "a change of the operation mode": ({"mode": "T2"}, {"mode": "AUT"}),
     "the end of its program": ({"off": True}, {}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
-    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
     "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
 }
 """Each in the middle of a motion, with what ends it."""

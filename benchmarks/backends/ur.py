@@ -29,7 +29,7 @@ FAULTS: Faults = {
     "a safeguard stop": ({"safety": 5}, {"safety": 1}),
     "a program stopped at the pendant": ({"program": "stop"}, {}),
     "a silent network": ({"silent": True}, {"silent": False}),
-    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
 }
 """Each in the middle of a motion, with what ends it."""
 

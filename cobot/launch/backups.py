@@ -17,7 +17,7 @@ from cobot.foreign import plain_lines
 from cobot.launch.backup.archive import MAX_ARCHIVE_BYTES
 from cobot.launch.backup.backup import Backup, activate, make_backup, read_backup, stage, staged_file
 from cobot.launch.backup.support import make_bundle
-from cobot.launch.supervisor.kept_lock import keeping_alone
+from cobot.launch.supervisor.kept_lock import locking_kept_files
 
 SUPPORT_TIMEOUT_S = 60.0
 EXISTS = "exists already; choose another name, or remove it first"
@@ -50,7 +50,7 @@ def restore_staged(settings: Settings, config: Path | None) -> Settings:
     if not staged_file(settings).exists():
         return settings
     try:
-        with keeping_alone(settings):
+        with locking_kept_files(settings):
             restored = activate(settings, config)
     except InputError as exc:
         log.error("the restore was rejected: %s", exc)
@@ -65,7 +65,7 @@ def _restore(chosen: argparse.Namespace, settings: Settings) -> None:
     backup = read_backup(content, settings)
     stage(settings, content)
     try:
-        with keeping_alone(settings):
+        with locking_kept_files(settings):
             activate(settings, chosen.config)
     except ConflictError:
         _tell(backup, "cobot is running, so the next start will restore the backup")

@@ -26,7 +26,7 @@ from cobot.planners.timing.profile import fastest_profile
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
-from cobot.trajectory_parts import SAME_S, cut, expanded, rest_at
+from cobot.trajectory_parts import SAME_S, cut, expanded, remainder_at
 from cobot.types import Array, JointLimits, PlannerName, Synchronization
 
 MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
@@ -71,7 +71,7 @@ def retarget(
     if whole is None:
         whole, until_s = _by_way_of_rest(robot, request, under_way, max(now_s, 0.0), state)
     before = replace(_until(under_way, from_s), note="", notices=())
-    changed, offset_s = rest_at(before.followed_by(whole), now_s)
+    changed, offset_s = remainder_at(before.followed_by(whole), now_s)
     at_s = from_s - offset_s
     return ChangeOver(changed, offset_s, at_s, at_s + until_s)
 

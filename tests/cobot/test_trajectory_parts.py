@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cobot.trajectory import Trajectory, from_hermite
-from cobot.trajectory_parts import cut, rest_at
+from cobot.trajectory_parts import cut, remainder_at
 
 
 def wavy(pieces: int = 40) -> Trajectory:
@@ -19,7 +19,7 @@ def wavy(pieces: int = 40) -> Trajectory:
 def test_what_is_left_of_a_motion_has_the_same_polynomials(share: float) -> None:
     whole = wavy()
     time_s = share * whole.duration_s
-    left, offset_s = rest_at(whole, time_s)
+    left, offset_s = remainder_at(whole, time_s)
     index = int(np.flatnonzero(whole.breakpoints_s == offset_s)[0])
     assert offset_s <= time_s <= whole.breakpoints_s[index + 1]
     np.testing.assert_array_equal(left.coefficients, whole.coefficients[index:])
@@ -28,8 +28,8 @@ def test_what_is_left_of_a_motion_has_the_same_polynomials(share: float) -> None
 
 def test_nothing_before_the_start_and_a_piece_after_the_end_is_left() -> None:
     whole = wavy()
-    assert rest_at(whole, -1.0)[1] == 0.0
-    assert rest_at(whole, 1e9)[0].segments == 1
+    assert remainder_at(whole, -1.0)[1] == 0.0
+    assert remainder_at(whole, 1e9)[0].segments == 1
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -39,7 +39,7 @@ from cobot.planners import plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.trajectory import Trajectory
-from cobot.trajectory_parts import rest_at
+from cobot.trajectory_parts import remainder_at
 from cobot.types import Array, LoopMode, PlannerName, Scaling
 
 NOWHERE = PathPlace("time_s", 0.0)
@@ -494,7 +494,7 @@ def test_what_is_no_condition_is_refused(
 
 def replaced(rig: Rig, motion: Trajectory, signals: Placed) -> float:
     """Have the motion under way go on along what is left of it, with other signals; when that begins."""
-    left, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    left, offset_s = remainder_at(motion, rig.loop.controller.clock.path_time_s)
     rig.memory.slots[1].write(1, left, signals=signals)
     assert rig.answer(rig.send(Command.REPLACE, slot=1, motion_id=1, value=offset_s)) == ""
     return offset_s
@@ -507,7 +507,7 @@ def test_what_fires_is_reported_at_path_times_since_the_start_of_the_motion(
     before = arm.written
     assert rig.start(motion, signals=settings_at(first_s, last_s)) == ""
     rig.step(round(500.0 * motion.duration_s))
-    _, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    _, offset_s = remainder_at(motion, rig.loop.controller.clock.path_time_s)
     assert offset_s > 0.1
     replaced(rig, motion, Placed((setting(1, first_s - offset_s), setting(2, last_s - offset_s, 2.0))))
     rig.run()
@@ -525,7 +525,7 @@ def test_a_condition_comes_with_a_replacement_and_counts_in_its_part(
     assert rig.start(motion) == ""
     rig.step(200)
     from_s = 0.75 * motion.duration_s
-    _, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    _, offset_s = remainder_at(motion, rig.loop.controller.clock.path_time_s)
     until = Until(Condition(Quantity.INPUT, *FALSE, name="part"))
     replaced(rig, motion, Placed(until=until, until_s=from_s - offset_s))
     rig.run()

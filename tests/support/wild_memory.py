@@ -27,7 +27,7 @@ from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import load_robot
 from cobot.trajectory import Trajectory
-from cobot.trajectory_parts import rest_at
+from cobot.trajectory_parts import remainder_at
 from cobot.types import LoopMode
 
 KINDS = ("hold", "motion", "replaced", "joint", "cartesian", "torque", *(mode for mode in ServoMode if mode))
@@ -106,7 +106,7 @@ class Replaced(Task):
             return
         controller = self.rig.loop.controller
         whole = bool(self._random.integers(2))
-        left, offset_s = rest_at(self._motion, 0.0 if whole else controller.clock.path_time_s)
+        left, offset_s = remainder_at(self._motion, 0.0 if whole else controller.clock.path_time_s)
         slot = int(self._random.integers(2))
         self.rig.memory.slots[slot].write(controller.motion_id, left)
         self.rig.send(Command.REPLACE, slot=slot, motion_id=controller.motion_id, value=offset_s)

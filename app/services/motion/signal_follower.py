@@ -102,7 +102,7 @@ class SignalFollower:
         """The numbers of the actions that are known to have fired, or were rejected."""
         return frozenset(number for number, result in self._results.items() if result.path_time_s is not None)
 
-    def go_on_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
+    def continue_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
         """Follow the signals on another path. Results of actions are kept.
 
         Args:

@@ -182,7 +182,7 @@ class StoredPrograms:
         if saved.kind == "sequence":
             _require_object(saved.text)
         author = CLIENT.get().name
-        made = await self._alone(lambda: self._save(program, saved, base, author))
+        made = await self._one_at_a_time(lambda: self._save(program, saved, base, author))
         self._tell("saved", made)
         return made
 
@@ -199,7 +199,7 @@ class StoredPrograms:
             UnavailableError: the disk does not permit it.
         """
         self._require_no_example(program)
-        self._tell("deleted", await self._alone(lambda: self._delete(program, base)))
+        self._tell("deleted", await self._one_at_a_time(lambda: self._delete(program, base)))
 
     def _require_no_example(self, program: str) -> None:
         if program in self._examples:
@@ -208,7 +208,7 @@ class StoredPrograms:
                 f"under another id"
             )
 
-    async def _alone(self, work: Callable[[], Result]) -> Result:
+    async def _one_at_a_time(self, work: Callable[[], Result]) -> Result:
         async with self._turn:
             return await asyncio.to_thread(work)
 

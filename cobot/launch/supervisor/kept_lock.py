@@ -29,7 +29,7 @@ log = logging.getLogger("cobot")
 
 
 @contextmanager
-def keeping_alone(settings: Settings) -> Iterator[None]:
+def locking_kept_files(settings: Settings) -> Iterator[None]:
     """Hold the locks for as long as the context lasts.
 
     Raises:

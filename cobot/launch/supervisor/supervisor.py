@@ -28,7 +28,7 @@ from cobot.launch.supervisor.announcement import announce
 from cobot.launch.supervisor.child import Child
 from cobot.launch.supervisor.children import RECORDER, SERVICE, Children
 from cobot.launch.supervisor.heartbeat import HeartbeatWatch
-from cobot.launch.supervisor.kept_lock import keeping_alone
+from cobot.launch.supervisor.kept_lock import locking_kept_files
 from cobot.launch.supervisor.listening import access_to, listen, url_of
 from cobot.launch.supervisor.signals import ProcessSignals
 from cobot.launch.supervisor.systemd import Systemd
@@ -99,7 +99,7 @@ class Supervisor:
             if listener is not None:
                 stack.callback(listener.close)
             memories = {name: self._memory(name, url, stack) for name in self._settings.each}
-            stack.enter_context(keeping_alone(self._settings))
+            stack.enter_context(locking_kept_files(self._settings))
             stack.callback(self._running.remove)
             self._running.create(self._as_written)
             try:

@@ -23,7 +23,7 @@ from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import with_room
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.trajectory_parts import rest_at
+from cobot.trajectory_parts import remainder_at
 
 RESERVE = (0.998, 0.98, 0.92)
 """Shares of the velocity, acceleration and jerk limits that a motion uses if it can be extended."""
@@ -65,7 +65,7 @@ def extend_stretch(
         found = _rounded(robot, under_way, legs, radii_m, max(from_s, under_way.valid_s))
     if found is None:
         found = _following(robot, under_way, legs, radii_m)
-    left, offset_s = rest_at(found.trajectory, now_s)
+    left, offset_s = remainder_at(found.trajectory, now_s)
     ends = [end_s - offset_s for end_s in found.ends_s]
     over = min(sum(end_s <= 0.0 for end_s in ends), len(ends) - len(found.legs))
     return replace(

@@ -73,14 +73,16 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
             f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
             f"; these radii may differ by {1e3 * EQUAL_RADII_M:g} mm, and must be at least "
             f"{1e3 * NEAREST_POINTS_M:g} mm",
-            findings=[_shape("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)],
+            findings=[
+                _arc_finding("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)
+            ],
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
     if given.axis is None and np.linalg.norm(normal) < MIN_SINE * radii[0] * radii[1]:
         raise PlanningError(
             "circ: start, centre and goal are on one line; send an axis, which defines the plane of the arc, "
             "or via, a point on it",
-            findings=[_shape("sine of the arc", _sine(normal, x, to_goal), MIN_SINE, "")],
+            findings=[_arc_finding("sine of the arc", _sine(normal, x, to_goal), MIN_SINE, "")],
         )
     axis = normal / np.linalg.norm(normal)
     for name, way in (("start", x), ("goal", to_goal)):
@@ -88,7 +90,7 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
             raise PlanningError(
                 f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm outside the plane of the arc, which is "
                 f"normal to the axis; allowed are {1e3 * EQUAL_RADII_M:g} mm",
-                findings=[_shape("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
+                findings=[_arc_finding("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
             )
     angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))
     end = _circle(given.centre, x, axis, angle, np.zeros(3), np.array([1.0]))[0]
@@ -110,7 +112,7 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     if given.axis is None or np.linalg.norm(given.axis) < MIN_SINE:
         raise PlanningError(
             "circ: axis: is missing or zero; an arc by an angle needs one",
-            findings=[_shape("length of the axis", 0.0, MIN_SINE, "")],
+            findings=[_arc_finding("length of the axis", 0.0, MIN_SINE, "")],
         )
     axis = given.axis / np.linalg.norm(given.axis)
     along = (start.position - given.centre) @ axis * axis
@@ -120,7 +122,7 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
         raise PlanningError(
             f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs at least "
             f"{1e3 * NEAREST_POINTS_M:g} mm",
-            findings=[_shape("distance from the axis", radius, NEAREST_POINTS_M)],
+            findings=[_arc_finding("distance from the axis", radius, NEAREST_POINTS_M)],
         )
     turn = angle * axis if given.turns_tool else np.zeros(3)
 
@@ -132,7 +134,7 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     return TcpPath("circ", poses, length, float(np.linalg.norm(turn)), _places(angle))
 
 
-def _shape(quantity: str, value: float, limit: float, unit: str = "m") -> Finding:
+def _arc_finding(quantity: str, value: float, limit: float, unit: str = "m") -> Finding:
     """The finding for points that define no arc."""
     return Finding("path", quantity, float(value), limit, unit)
 
@@ -169,7 +171,7 @@ def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> Tc
         if length < NEAREST_POINTS_M:
             raise PlanningError(
                 f"circ: {name} are {1e3 * length:.2f} mm apart, an arc needs three distinct points",
-                findings=[_shape("distance of two points", float(length), NEAREST_POINTS_M)],
+                findings=[_arc_finding("distance of two points", float(length), NEAREST_POINTS_M)],
             )
     normal = np.cross(to_via, to_goal)
     area = float(np.linalg.norm(normal))
@@ -177,7 +179,7 @@ def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> Tc
         sine = _sine(normal, to_via, via - goal.position)
         raise PlanningError(
             "circ: start, via and goal are on one line; use lin",
-            findings=[_shape("sine of the angle at via", sine, MIN_SINE, "")],
+            findings=[_arc_finding("sine of the angle at via", sine, MIN_SINE, "")],
         )
     # Circumcentre of a triangle with one corner in the origin.
     towards = np.cross(normal, to_via) * (to_goal @ to_goal) + np.cross(to_goal, normal) * (to_via @ to_via)

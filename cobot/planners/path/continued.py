@@ -46,13 +46,13 @@ def continued(
     try:
         shares, rows = _chain(robot, start, path)
         if end is not None:
-            rows = _led_to(robot, path, shares, rows, end)
+            rows = _ending_at(robot, path, shares, rows, end)
         return through(robot, path, shares, rows, joints_at(robot, path)), None
     except UnreachableError as exc:
         return None, exc
 
 
-def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
+def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
     """The joint positions, shape (n, dof), changed gradually along the path so that they end at `end`."""
     arm, drift = robot.model.kinematics(path.free), end - rows[-1]
     if np.abs(drift).max() > SAME_RAD:

@@ -98,10 +98,10 @@ def _within_limits(course: WaypointCourse, limits: JointLimits, request: Waypoin
     elif request.retime:
         changed = _slow_evenly(motion, limits)
     if changed is None or changed.duration_s > longest_s:
-        raise _with_way_out(excess, asked.duration_s, changed, request)
+        raise _with_advice(excess, asked.duration_s, changed, request)
     left = _excess(changed, limits, course.labels if changed.segments == motion.segments else None)
     if left is not None and request.check_limits:
-        raise _with_way_out(left, asked.duration_s, None, request)
+        raise _with_advice(left, asked.duration_s, None, request)
     return changed
 
 
@@ -128,7 +128,7 @@ def _within_efforts(
         raise LimitError(
             f"{excess}; slowing down does not help, because already holding the arm needs too much effort"
         ) from excess
-    raise _with_way_out(excess, asked_s, slower, request) from excess
+    raise _with_advice(excess, asked_s, slower, request) from excess
 
 
 def _longest_s(request: WaypointRequest, asked_s: float) -> float:
@@ -221,7 +221,7 @@ def _with_note(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
     return replace(motion, note="; ".join(filter(None, (motion.note, note))), changes=changes)
 
 
-def _with_way_out(
+def _with_advice(
     excess: LimitError, asked_s: float, possible: Trajectory | None, request: WaypointRequest
 ) -> LimitError:
     """The error with advice, and the duration that the motion would then have."""

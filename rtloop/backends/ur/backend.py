@@ -400,7 +400,7 @@ class UrBackend:
         version = self._link.version
         if version is not None and version[0] <= CB3 and self._period_s != CB3_PERIOD_S:
             return Rejected(
-                f"the controller is a CB3 (software {self._link.said_version}), which sends every "
+                f"the controller is a CB3 (software {self._link.version_text}), which sends every "
                 f"{CB3_PERIOD_S} s, rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
             )
         return ACCEPTED
@@ -434,7 +434,7 @@ class UrBackend:
             yield f"no data for {self._silence_s:.1f} s: {self._link.problem or 'the controller is silent'}"
         elif self._enabled and isinstance(self._last_motion, Rejected):
             yield self._last_motion.reason
-        yield f"software {self._link.said_version}"
+        yield f"software {self._link.version_text}"
         if data["safety_mode"] == SafetyMode.REDUCED:
             yield "reduced mode: the controller permits less speed and force"
         if self._hand is _Hand.GUIDES:

@@ -226,7 +226,7 @@ class RtdeLink:
         if lacking:
             self._give_up(
                 f"the controller's RTDE has no variable {', '.join(lacking)} (NOT_FOUND); its software "
-                f"{self.said_version} is too old",
+                f"{self.version_text} is too old",
                 lasting=True,
             )
         elif missing:
@@ -258,7 +258,7 @@ class RtdeLink:
         self._ask_inputs()
 
     @property
-    def said_version(self) -> str:
+    def version_text(self) -> str:
         return ".".join(map(str, self.version)) if self.version else "of unknown version"
 
     @property

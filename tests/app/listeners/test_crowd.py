@@ -26,7 +26,7 @@ class Guests:
     ) -> Visit | None:
         visit = self.crowd.enter(address, self._closing(name), now_s)
         if visit is not None and doing is not Doing.ASKING:
-            self.crowd.go_on(visit, doing)
+            self.crowd.note_progress(visit, doing)
         return visit
 
     def _closing(self, name: str) -> Callable[[], object]:
@@ -99,8 +99,8 @@ def test_who_does_not_go_on_in_time_is_told() -> None:
     slow, quick = guests.come("slow"), guests.come("quick")
     assert slow is not None
     assert quick is not None
-    guests.crowd.go_on(slow, Doing.SENDING, 10.0)
-    guests.crowd.go_on(quick, Doing.SENDING, 20.0)
+    guests.crowd.note_progress(slow, Doing.SENDING, 10.0)
+    guests.crowd.note_progress(quick, Doing.SENDING, 20.0)
     assert not guests.crowd.expire(15.0)
     assert guests.closed == ["slow"]
 
@@ -111,7 +111,7 @@ def test_of_many_that_are_late_some_are_told_at_once_and_each_once_the_slowest_t
     for name in names:
         visit = guests.come(name)
         assert visit is not None
-        guests.crowd.go_on(visit, Doing.SENDING, 10.0)
+        guests.crowd.note_progress(visit, Doing.SENDING, 10.0)
     more = [guests.crowd.expire(15.0) for _ in range(4)]
     assert more == [True, True, False, False]
     assert guests.closed == names
@@ -124,7 +124,7 @@ def test_who_has_just_come_stays_before_who_has_sent_a_body_for_longer() -> None
     for name in ("sends", "sends too", "sends as well"):
         sending = crowd.enter("a", partial(closed.append, name), 1.0)
         assert sending is not None
-        crowd.go_on(sending, Doing.SENDING)
+        crowd.note_progress(sending, Doing.SENDING)
     crowd.enter("a", partial(closed.append, "stop"), 2.0)
     crowd.enter("a", partial(closed.append, "of the flood"), 2.0 + SETTLED_S / 2)
     assert closed == ["sends", "sends too"]
@@ -167,7 +167,7 @@ def test_the_numbers_are_kept_whatever_happens(seed: int) -> None:
                 crowd.leave(visit)
                 del there[key]
             else:
-                crowd.go_on(visit, chance.choice(list(Doing)))
+                crowd.note_progress(visit, chance.choice(list(Doing)))
             continue
         address = chance.choice("abc")
         visit_ = crowd.enter(address, lambda key=number: there.pop(key))
@@ -188,14 +188,14 @@ def test_who_has_just_got_the_last_place_of_the_reserve_may_say_what_it_wants() 
     crowd = Crowd(places=1, per_address=1, reserve=1)
     served = crowd.enter("a", lambda: None, 0.0)
     assert served is not None
-    crowd.go_on(served, Doing.SERVED)
+    crowd.note_progress(served, Doing.SERVED)
     assert not crowd.would_evict_recent(1.0, GRACE_S), "a place of the reserve is free"
     stop = crowd.enter("a", lambda: None, 1.0)
     assert stop is not None
     assert stop.reserved
     assert crowd.would_evict_recent(1.0 + GRACE_S / 2, GRACE_S)
     assert not crowd.would_evict_recent(1.0 + GRACE_S, GRACE_S)
-    crowd.go_on(stop, Doing.SERVED)
+    crowd.note_progress(stop, Doing.SERVED)
     assert not crowd.would_evict_recent(1.0 + GRACE_S / 2, GRACE_S), (
         "it has said it: nobody can take its place"
     )

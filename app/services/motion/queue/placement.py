@@ -142,7 +142,7 @@ class QueueSignals:
         for move in self._moves:
             placed, follower = self._placement.placed.get(move.number), move.signals.follower
             if placed is not None and follower is not None:
-                follower.go_on_with(placed, self._motion_id, self._placement.times_s[move.number][0])
+                follower.continue_with(placed, self._motion_id, self._placement.times_s[move.number][0])
 
     async def _place(
         self, before: Placement, run: QueueRun, moves: Sequence[QueuedMove], offset_s: float

@@ -86,7 +86,7 @@ class MoveSignals:
         self.placed = placed
         if self.follower is None:
             self.follower = make()
-        self.follower.go_on_with(placed, 0, 0.0)
+        self.follower.continue_with(placed, 0, 0.0)
 
     def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
         """Keep the places that the arm has not reached when a move is cut off here. The remaining part of the

@@ -160,8 +160,8 @@ def running(config: Path) -> Iterator[None]:
     """Another process keeps the files of these settings, as `cobot run` does."""
     code = (
         "import sys; from pathlib import Path; from cobot.config import load_settings\n"
-        "from cobot.launch.supervisor.kept_lock import keeping_alone\n"
-        "with keeping_alone(load_settings(Path(sys.argv[1]))): print('held', flush=True); input()"
+        "from cobot.launch.supervisor.kept_lock import locking_kept_files\n"
+        "with locking_kept_files(load_settings(Path(sys.argv[1]))): print('held', flush=True); input()"
     )
     command = [sys.executable, "-c", code, str(config)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:

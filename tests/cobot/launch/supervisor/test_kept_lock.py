@@ -12,14 +12,14 @@ import pytest
 
 from cobot.config import Settings, load_settings
 from cobot.errors import ConflictError
-from cobot.launch.supervisor.kept_lock import keeping_alone, lock_files
+from cobot.launch.supervisor.kept_lock import lock_files, locking_kept_files
 
 HOLD = """
 import sys
 from pathlib import Path
 from cobot.config import load_settings
-from cobot.launch.supervisor.kept_lock import keeping_alone
-with keeping_alone(load_settings(Path(sys.argv[1]))):
+from cobot.launch.supervisor.kept_lock import locking_kept_files
+with locking_kept_files(load_settings(Path(sys.argv[1]))):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -50,12 +50,12 @@ def test_a_second_run_in_the_same_folder_is_refused_and_the_lock_dies_with_its_p
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
-        with pytest.raises(ConflictError) as caught, keeping_alone(mine):
+        with pytest.raises(ConflictError) as caught, locking_kept_files(mine):
             pass
         assert str(caught.value).startswith(f"{tmp_path / named}: another cobot (pid {other.pid} on ")
         assert "robot 'iiwa'" in str(caught.value)
         other.kill()
-    with keeping_alone(mine):
+    with locking_kept_files(mine):
         assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in lock_files(mine))
 
 
@@ -71,6 +71,6 @@ def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path: Path) -> None:
     mine, _ = settings(tmp_path, "logs: logs")
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "iiwa.lock").symlink_to(tmp_path / "target")
-    with pytest.raises(ConflictError, match=r"iiwa\.lock: cannot be locked"), keeping_alone(mine):
+    with pytest.raises(ConflictError, match=r"iiwa\.lock: cannot be locked"), locking_kept_files(mine):
         pass
     assert not os.path.lexists(tmp_path / "target")
