@@ -17,7 +17,7 @@ from benchmarks.table import Row, percentiles, row
 from cobot.client import Client
 from cobot.errors import CobotError
 from cobot.ipc.shm import RobotMemory
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 
 CLIENTS = 16
 TOKENS = 10
@@ -86,7 +86,7 @@ def stop(repetitions: int) -> Iterator[Row]:
         ):
             memory = reader(run)
             gc.disable()
-            be(Niceness.PROMPT)  # this client stands for another computer, which no planner slows down
+            set_niceness(Niceness.PROMPT)  # this client stands for another computer, which no planner slows down
             names = ("work", "home")
             for repetition in range(repetitions):
                 with motion(mover, names[repetition % 2]):
@@ -97,7 +97,7 @@ def stop(repetitions: int) -> Iterator[Row]:
                 begun_ns = time.monotonic_ns()
                 floor.stop()
                 answers.append((time.monotonic_ns() - begun_ns) / 1e6)
-            be(Niceness.ORDINARY)
+            set_niceness(Niceness.ORDINARY)
     yield row(
         f"POST /stop to the first decelerating cycle, {POLLERS} clients polling, a planner running",
         "ms",

@@ -8,7 +8,7 @@ import sys
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 
 PAYLOAD = {
     "name": [f"joint{n}" for n in range(1, 8)],
@@ -40,7 +40,7 @@ async def echo(socket: WebSocket) -> None:
 
 
 if __name__ == "__main__":
-    be(Niceness.PROMPT, session=True)  # as the service is
+    set_niceness(Niceness.PROMPT, session=True)  # as the service is
     listening = socket.create_server(("127.0.0.1", 0))
     folder = sys.argv[1] if sys.argv[1:] else None  # of a certificate
     print(f"http{'s' if folder else ''}://127.0.0.1:{listening.getsockname()[1]}", flush=True)

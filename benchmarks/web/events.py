@@ -16,7 +16,7 @@ from cobot import Mode, Robot
 from cobot.client import Client
 from cobot.ipc.layout import Intervention
 from cobot.ipc.shm import RobotMemory
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 from cobot.types import LoopMode
 
 OBSERVERS, OBSERVED_HZ = 200, 20
@@ -29,7 +29,7 @@ def events(repetitions: int, duration_s: float) -> Iterator[Row]:
     with and without 200 observers.
     """
     with service() as run:
-        be(Niceness.PROMPT)  # this client, and the observers, stand for other computers
+        set_niceness(Niceness.PROMPT)  # this client, and the observers, stand for other computers
         yield row(
             "a mode that changes in rtloop to a client of GET /events",
             "ms",
@@ -46,7 +46,7 @@ def events(repetitions: int, duration_s: float) -> Iterator[Row]:
             observed = _controlled(run.url, reader(run), duration_s)
             crowd.terminate()
             heard = json.loads(crowd.stdout.readline())
-        be(Niceness.ORDINARY)
+        set_niceness(Niceness.ORDINARY)
     yield row(
         f"a controller at {CONTROL_HZ} Hz beside {OBSERVERS} observers at {OBSERVED_HZ} Hz, "
         f"who hear {heard['hz']:.1f} states a second each",

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import httpx
 
 from cobot.client import Client
-from cobot.launch.process import Niceness, be
+from cobot.launch.process import Niceness, set_niceness
 
 TOO_LATE_S = 1.0
 """An answer that takes longer, or does not come, counts as this."""
@@ -63,7 +63,7 @@ def visitor() -> Iterator[Visitor]:
 
 
 def main() -> None:
-    be(Niceness.PROMPT, session=True)
+    set_niceness(Niceness.PROMPT, session=True)
     Client("http://localhost").close()  # what is loaded for the first one takes longer than a stop
     for line in sys.stdin:
         what, url = line.split()
