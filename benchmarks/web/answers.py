@@ -86,7 +86,7 @@ def stop(repetitions: int) -> Iterator[Row]:
         ):
             memory = reader(run)
             gc.disable()
-            set_niceness(Niceness.PROMPT)  # this client stands for another computer, which no planner slows down
+            set_niceness(Niceness.PROMPT)  # this client stands for another computer, without planners
             names = ("work", "home")
             for repetition in range(repetitions):
                 with motion(mover, names[repetition % 2]):
