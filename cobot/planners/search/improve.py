@@ -21,7 +21,7 @@ from cobot.errors import CobotError
 from cobot.motions.improving import Improving
 from cobot.motions.requests import MotionRequest
 from cobot.planners import validated
-from cobot.planners.escape import leave
+from cobot.planners.escape import leave_invalid_start
 from cobot.planners.goals import joint_goals
 from cobot.planners.ptp import fastest_s, plan_ptp
 from cobot.planners.rrt_connect import connect
@@ -64,7 +64,7 @@ def begin(robot: RobotDescription, request: MotionRequest, first: Trajectory) ->
         goals = np.vstack([goals, first.end])
     bounds_s = np.array([fastest_s(request.start, goal, limits) for goal in goals])
     state = Improving(first, first.duration_s, goals, bounds_s)
-    return replace(state, done=leave(robot, request) is not None or _is_final(state))
+    return replace(state, done=leave_invalid_start(robot, request) is not None or _is_final(state))
 
 
 def improve(
