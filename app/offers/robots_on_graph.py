@@ -33,7 +33,7 @@ async def serving(
         tcps: the name of each robot's TCP.
     """
     messages = Messages()
-    messages.add_unparsed(interface_definitions())
+    messages.add_lazily(interface_definitions())
     graph = Graph(messages, clock)
     add_rosapi(graph)
     graph.warn = partial(_warn, graph.advertise("/rosout", LOG, owner=graph), clock)

@@ -55,7 +55,7 @@ UNKNOWN = ""
 
 def add_rosapi(graph: Graph) -> None:
     """Offer the services of /rosapi."""
-    graph.messages.add_unparsed(DEFINITIONS)
+    graph.messages.add_lazily(DEFINITIONS)
     for name, (type_, answer) in _services(graph).items():
 
         async def call(request: Message, answer: Callable[[Message], Message] = answer) -> Message:

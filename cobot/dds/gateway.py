@@ -113,7 +113,7 @@ class DdsGateway:
         """Create and close endpoints until they match the graph."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
-        messages.add_unparsed(new)  # the graph has validated them
+        messages.add_lazily(new)  # the graph has validated them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {each["name"]: (each["name"], each["type"]) for each in topics if each["publishers"]}
         listens = self._identity.role >= Role.OPERATOR

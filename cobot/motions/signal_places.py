@@ -54,7 +54,7 @@ class TcpWay:
         steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
         self._lengths_m: Array = np.concatenate([[0.0], np.cumsum(steps)])
 
-    def appended_to(self, before: TcpWay | None, at_s: float, from_s: float) -> TcpWay:
+    def append_to(self, before: TcpWay | None, at_s: float, from_s: float) -> TcpWay:
         """This path, delayed by `at_s`, appended to the part of the path `before` from `from_s` to `at_s`."""
         found = copy(self)
         found.duration_s = at_s + self.duration_s

@@ -48,7 +48,7 @@ class Messages:
         self._promised: dict[str, str] = {}  # by message: the definition that it belongs to
         self._texts: dict[str, str] = {}  # texts of these definitions
         self.definitions: dict[str, str] = {}
-        self._add_unparsed(STANDARD)
+        self._add_lazily(STANDARD)
         self.add(definitions or {})
 
     def add(self, definitions: Mapping[str, str]) -> None:
@@ -60,12 +60,12 @@ class Messages:
         self._register({n: text for n, text in definitions.items() if self.definitions.get(n) != text})
         self.definitions |= definitions
 
-    def add_unparsed(self, definitions: Mapping[str, str]) -> None:
+    def add_lazily(self, definitions: Mapping[str, str]) -> None:
         """Add types whose texts are valid. Each text is parsed when it is first needed.
 
         The vendor's 300 services take half a second to parse, and few are ever called.
         """
-        self._add_unparsed(definitions)
+        self._add_lazily(definitions)
         self.definitions |= definitions
 
     def has_service(self, name: str) -> bool:
@@ -174,7 +174,7 @@ class Messages:
         """
         made = self._records.get(name)
         if made is None:
-            self._parse_if_needed(name)
+            self._parse_once(name)
             definition = self._store.fielddefs.get(name)
             if definition is None:
                 raise InputError(f"there is no type {shown(name)} here")
@@ -199,12 +199,12 @@ class Messages:
             return Octets(size, bound)
         return ListField(self._field(item, None), size, bound, default)
 
-    def _add_unparsed(self, definitions: Mapping[str, str]) -> None:
+    def _add_lazily(self, definitions: Mapping[str, str]) -> None:
         for name, text in definitions.items():
             self._texts[name] = text
             self._promised |= dict.fromkeys(message_names(name), name)
 
-    def _parse_if_needed(self, message: str) -> None:
+    def _parse_once(self, message: str) -> None:
         """Parse the definition of a message if that has not been done yet."""
         if (name := self._promised.get(message)) is not None:
             for each in message_names(name):
@@ -214,7 +214,7 @@ class Messages:
     def _register(self, definitions: Mapping[str, str]) -> None:
         messages = [message for name, text in definitions.items() for message in parsed(name, text)]
         for message in messages:
-            self._parse_if_needed(message.name)
+            self._parse_once(message.name)
         new = {message.name: message for message in messages}
         for message in messages:
             for _, description in message.fields:

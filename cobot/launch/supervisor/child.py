@@ -123,7 +123,7 @@ class Child:
         if self.reader is not None:
             self.reader.join(1.0)
 
-    def restart_if_ended(self) -> None:
+    def ensure_running(self) -> None:
         """Restart the process if it has ended, after a pause. The pause grows with each failure until the
         process has lived for `STEADY_S`."""
         assert self.process is not None

@@ -141,7 +141,7 @@ class Supervisor:
                 self._reload(children)
             _repair_headers(memories)
             for child in children:
-                child.restart_if_ended()
+                child.ensure_running()
                 for watch in watches.get(child.name, ()):
                     watch.look(child.process)
             states = {child.name: child.state for child in children}

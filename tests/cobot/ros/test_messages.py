@@ -486,7 +486,7 @@ def test_a_urdf_made_of_our_urdf_is_the_same_robot(
 def test_a_promised_type_is_there_and_its_text_read_when_it_is_needed() -> None:
     messages, name = Messages(), "demo_msgs/srv/Ask"
     wrong, action = "demo_msgs/srv/Wrong", "demo_msgs/action/Go"
-    messages.add_unparsed(
+    messages.add_lazily(
         {
             name: "Part asked\n---\nint32 answered 3\n",
             wrong: "integer a\n---\n",
@@ -511,7 +511,7 @@ def test_a_promised_type_is_there_and_its_text_read_when_it_is_needed() -> None:
 
 def test_a_promised_type_cannot_be_given_another_text() -> None:
     messages, name = Messages(), "demo_msgs/msg/Part"
-    messages.add_unparsed({name: "int32 number\n"})
+    messages.add_lazily({name: "int32 number\n"})
     messages.add({name: "int32 number  # the same\n"})
     with pytest.raises(InputError, match="already present with different definition"):
         messages.add({name: "int64 number\n"})
@@ -521,7 +521,7 @@ def test_a_promised_type_cannot_be_given_another_text() -> None:
 
 def test_a_promise_changes_nothing_of_what_there_is() -> None:
     promised, added = Messages(), Messages(DEFINITIONS)
-    promised.add_unparsed(DEFINITIONS)
+    promised.add_lazily(DEFINITIONS)
     assert sorted(promised) == sorted(added)
     assert promised.definitions == added.definitions
     for name in added:

@@ -152,7 +152,7 @@ class QueueSignals:
             return Placement(offset_s)
         times_s = _times_s(before, run, offset_s, signalling)
         from_s = min(times_s[move.number][0] for move in signalling)
-        way = (await self._motion.way(run.stretch.trajectory)).appended_to(before.way, offset_s, from_s)
+        way = (await self._motion.way(run.stretch.trajectory)).append_to(before.way, offset_s, from_s)
         placed = {}
         for move in signalling:
             begin_s, ends_s = times_s[move.number][0], [times_s[move.number][count] for count in move.parts]

@@ -39,7 +39,7 @@ def test_a_start_that_fails_is_tried_again_with_growing_pauses(
     child.__dict__.update(name="rtloop", process=Dead(), started_s=990.0, failures=0, restart_at_s=0.0)
     with caplog.at_level(logging.ERROR, "cobot"):
         for _ in range(400):
-            child.restart_if_ended()
+            child.ensure_running()
             now_s += 0.1
     pauses_s = [round(after - before, 3) for before, after in pairwise(starts_s)]
     assert len(pauses_s) >= 8
