@@ -216,7 +216,7 @@ class TokenFile:
         try:
             path = Path(os.path.realpath(self.path))  # the file that a link leads to, and not the link
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with _lock(path) as folder:
+            with _hold_lock(path) as folder:
                 for left in path.parent.glob(f"{_LEFT}*"):  # of a program that was killed here
                     left.unlink()
                 content = _TOKENS.dump_json(list(change(self.read())), indent=1)
@@ -239,7 +239,7 @@ class TokenFile:
 
 
 @contextlib.contextmanager
-def _lock(path: Path) -> Iterator[int]:
+def _hold_lock(path: Path) -> Iterator[int]:
     """Lock a file against changes by other processes. Yields the descriptor of its folder."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
