@@ -31,6 +31,7 @@ WITHOUT_CONTROL = {
     "DELETE /robot/freedrive",
     "POST /robot/approve",
     "POST /robot/plans/{plan}/approve",
+    "POST /robot/plans/{plan}/improve",
     "POST /robot/plans/{plan}/rehearse",
     "POST /recordings",
     "DELETE /recordings/{name}",

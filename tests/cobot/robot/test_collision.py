@@ -12,6 +12,7 @@ from independent_models import MJCF, Contacts, changed_world, robot_in
 from cobot.errors import CollisionError, InputError
 from cobot.robot.collision import RESOLUTION_M, CollisionChecker
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array
 
@@ -190,3 +191,17 @@ def test_a_position_in_collision_is_refused_under_the_name_it_was_given(robot: R
     with pytest.raises(CollisionError, match=r"^the goal is in collision: floor and link\d at -\d+ mm, at "):
         robot.collision.check_position(ON_THE_BASE, "the goal")
     robot.collision.check_position(np.array(robot.positions["home"].joints), "home")
+
+
+def test_a_twin_has_the_same_distances_in_a_memory_of_its_own(robot: RobotDescription) -> None:
+    ball = SceneObject("sphere", (0.1,), (0.5, 0.2, 0.5, 1.0, 0.0, 0.0, 0.0))
+    checker = robot.collision.among(Scene(version=1, objects={"ball": ball}))
+    twin, rows = checker.twin(), np.random.default_rng(4).uniform(-1.5, 1.5, (50, robot.limits.dof))
+    before = checker.clearance.distances(rows, 1.0)
+    twin.clearance.distances(rows[::-1], 1.0)
+    with twin.keeping(0.2):
+        np.testing.assert_array_equal(checker.clearance.distances(rows, 1.0), before)
+        assert [checker.is_free(row) for row in rows] == list((before >= checker.margin_m).all(axis=1))
+    np.testing.assert_array_equal(twin.clearance.distances(rows, 1.0), before)
+    assert (twin.pairs, twin.scene, twin.tool) == (checker.pairs, checker.scene, checker.tool)
+    assert twin.clearance is not checker.clearance

@@ -458,7 +458,7 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.PUBLIC
     if path == "/audit" or path.startswith(("/admin/", "/access/")):
         return Role.ADMIN
-    if "/plan/" in path or path.endswith("/rehearse"):
+    if "/plan/" in path or path.endswith(("/rehearse", "/improve")):
         return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER

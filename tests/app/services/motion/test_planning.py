@@ -418,6 +418,25 @@ def test_a_process_plans_in_the_scene_that_counts_when_it_answers(
     real.scene = Scene()
 
 
+def test_a_free_process_takes_over_the_scene_before_it_has_a_task(
+    runner: asyncio.Runner, real: PlanningService
+) -> None:
+    """Oracle: a task that is sent without a scene finds the scene there."""
+    ball = SceneObject("sphere", (0.1,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
+
+    async def check() -> None:
+        real.scene = Scene(7, {"ball": ball})
+        real.prepare()
+        assert real._preparing is not None
+        await real._preparing
+        assert await real._pool.run(_objects, WAIT_S) == ["ball"]
+        real.scene = Scene(8)
+        assert await real.compute(_objects, WAIT_S) == []
+
+    runner.run(check())
+    real.scene = Scene()
+
+
 def test_workers_that_cannot_be_started_are_an_error_that_says_so(tmp_path: Path) -> None:
     """And not one for ever: a start that succeeds ends it."""
     config = tmp_path / "settings.yaml"
