@@ -18,6 +18,7 @@ from benchmarks.backends import fanuc, franka, fri, rsi, ur
 from benchmarks.handling import cell, contact, gripper, peg, signals
 from benchmarks.loop import crowd, cycle, hot, idle, modes, recording, torn, virtual_clock
 from benchmarks.planning import (
+    around,
     budgets,
     clutter,
     corners,
@@ -69,6 +70,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "lines": lambda quick: lines.lines(40 if quick else 500),
     "explanations": lambda quick: explanations.explanations(40 if quick else 200),
     "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 6, 0.5)),
+    "around": lambda quick: around.around(10 if quick else 100),
     "budgets": lambda quick: budgets.budgets(100 if quick else 20),
     "problem_sets": lambda quick: problem_sets.problem_sets(50 if quick else 10),
     "durations": lambda quick: time_law.durations(20 if quick else 100),

@@ -103,6 +103,14 @@ class CollisionChecker:
         other.surround(scene, tool)
         return other
 
+    def twin(self) -> CollisionChecker:
+        """A checker of the same arm, scene and tool with a memory of its own, for another thread."""
+        other = copy.copy(self)
+        other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M)
+        other.clearance.require(self.margin_m)
+        other._nearest = None
+        return other
+
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
         """Yield the clearance, which requires `least_m` instead of the margin until the context ends.

@@ -11,14 +11,16 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import in_scene
-from cobot.errors import PlanningError, PlanningTimeout
+from app.services.motion.planning_tasks import do_nothing, in_scene
+from cobot.errors import CobotError, PlanningError, PlanningTimeout
 from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE
 
 POLL_S = 0.02
+PREPARE_S = 5.0
+"""Timeout for taking over the scene and the tool, s."""
 ATTEMPTS = 2
 """Maximum number of workers that begin the same task. The task itself may have crashed the first one."""
 
@@ -65,6 +67,7 @@ class PlanningService:
 
     scene = Scene()
     tool = BARE
+    _preparing: asyncio.Task[None] | None = None
 
     def __init__(
         self, config: Path | None, workers: int, robot: str | None = None, blanks: list[Forked] | None = None
@@ -138,6 +141,18 @@ class PlanningService:
             if scene is self.scene and tool is self.tool:
                 return cast(Result, found)
             log.info("the scene or the tool has changed during planning: planning again")
+
+    def prepare(self) -> None:
+        """Let all free processes take over the scene and the tool now, so that the next task does not wait
+        for this.
+        """
+        self._preparing = asyncio.create_task(self._prepare(self.status.usable - self.status.busy))
+
+    async def _prepare(self, processes: int) -> None:
+        tasks = (self.compute(do_nothing, PREPARE_S) for _ in range(processes))
+        for found in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(found, CobotError):
+                log.info("a planning process has not taken over the scene yet: %s", found)
 
     def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
         """Wrap a function so that it uses the current scene and tool."""

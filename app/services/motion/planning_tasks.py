@@ -68,6 +68,10 @@ def in_scene(
     return work(robot)
 
 
+def do_nothing(robot: RobotDescription) -> None:
+    """The task of a process that only takes over the scene and the tool."""
+
+
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     """See `cobot.planners.rated.plan_rated`."""
     from cobot.planners.rated import plan_rated

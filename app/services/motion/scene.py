@@ -244,7 +244,7 @@ class SceneService:
             return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
-        both = [await asyncio.to_thread(self._robot.collision.among, scene) for _ in range(2)]
+        checker = await asyncio.to_thread(self._robot.collision.among, scene)
         before = self.scene
         await asyncio.to_thread(self._file.write, scene)
         try:
@@ -254,12 +254,14 @@ class SceneService:
             if isinstance(exc, ExecutionError):
                 raise ConflictError(str(exc)) from exc
             raise
-        checker, ours = both  # one is for threads
+        ours = checker.twin()  # the other one is for threads
         if scene.loads != before.loads:
             self._robot.model.carry(self._robot.model.tool, scene)
         self._robot.collision.take_over(ours)
         self._planning.scene = scene
         self._motion.scene_changed_s = self._link.clock.now_s()
+        if self._replan_within_s > 0.0:
+            self._planning.prepare()
         self._link.events.publish("scene", version=scene.version, objects=sorted(scene.objects))
         log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
         stopped = await self._stop_if_invalid(checker)

@@ -1,0 +1,85 @@
+"""How long the service takes to lead a running motion around an object that appears in its path.
+
+From the request that adds the object until the real-time loop has the new path, and the parts of it that the
+planning process computes. `planning.replan_within_s` is 0.5 here, so that slow cases are measured too.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from cobot_run import Run
+
+from benchmarks.table import Row, row
+from cobot.client import Client
+from cobot.config import load_settings
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array
+
+COLUMNS = ("p50", "p95", "max")
+SPEED, BALL_M = 0.2, 0.05
+SHARES = 0.55, 0.85
+"""The object appears at a place of the path between these shares of the way."""
+
+
+def around(motions: int) -> Iterator[Row]:
+    """Motions between random positions, each with a ball that appears in its path."""
+    robot = load_robot(load_settings(None))
+    with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        run = Run(Path(folder), "realtime", planning="replan_within_s: 0.5")
+        try:
+            run.until(run.healthy)
+            with Client(run.url, motion_timeout_s=60.0) as client:
+                found, stopped = measure(client, robot, motions)
+        finally:
+            run.end()
+    yield row(
+        f"a way around an object that appears, {len(found)} motions: from the request to the new path",
+        "ms",
+        tuple(map(float, np.percentile(found, (50.0, 95.0, 100.0)))),
+        f"stopped instead: {stopped}",
+        (0.0, 0.0, 0.0),
+        columns=COLUMNS,
+        aim="30 ms at p95",
+    )
+
+
+def measure(client: Client, robot: RobotDescription, motions: int) -> tuple[list[float], int]:
+    """Times in ms of the motions that were led around, and the number of those that were stopped."""
+    random, home = np.random.default_rng(5), np.array(robot.positions["home"].joints)
+    bounds = 0.95 * robot.limits.min_position, 0.95 * robot.limits.max_position
+    found: list[float] = []
+    stopped = 0
+    while len(found) + stopped < motions:
+        start, goal = home + random.uniform(-0.6, 0.6, (2, len(home)))
+        start[0], goal[0] = sorted((start[0] - 0.7, goal[0] + 0.7))
+        start, goal = (np.clip(each, *bounds) for each in (start, goal))
+        if not (robot.collision.is_free(start) and robot.collision.is_free(goal)):
+            continue
+        client.change_scene(clear=True)
+        client.move_joints(start.tolist(), speed=1.0, planner="auto")
+        plan = client.plan("joints", joints=goal.tolist(), speed=SPEED)
+        rows = np.array([each["joints"] for each in plan["path"]])
+        place = place_of(robot, rows, random.uniform(*SHARES))
+        job = client.move_joints(goal.tolist(), speed=SPEED, wait=False)
+        while job.read()["progress"] < 0.1:
+            time.sleep(0.01)
+        ball = {"shape": "sphere", "radius": BALL_M, "x": place[0], "y": place[1], "z": place[2]}
+        begun_s = time.perf_counter()
+        answer = client.change_scene(objects={"ball": ball})
+        took_ms = 1e3 * (time.perf_counter() - begun_s)
+        if answer["stopped"]:
+            stopped += 1
+        else:
+            found.append(took_ms)
+        client.stop()
+    return found, stopped
+
+
+def place_of(robot: RobotDescription, rows: Array, share: float) -> list[float]:
+    joints = rows[int(share * (len(rows) - 1))]
+    return [float(each) for each in robot.model.forward(joints).position]
