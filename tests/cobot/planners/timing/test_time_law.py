@@ -13,10 +13,7 @@ import numpy as np
 import pinocchio
 import pytest
 import ruckig
-import toppra
 from independent_models import second_robot
-from toppra.algorithm import TOPPRA
-from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 
 from benchmarks.planning.jerk_price import Optimiser
 from cobot.errors import PlanningError
@@ -85,6 +82,11 @@ def least_duration_s(
     path: JointCurve, limits: JointLimits, extra: tuple[Array, Array, Array] | None = None
 ) -> float:
     """By toppra, under velocities and accelerations; `extra` is one more coordinate and its two limits."""
+    # It imports Matplotlib, for which each process of the tests would wait.
+    import toppra
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+
     places = np.linspace(0.0, path.length, 400)
     rows, velocity, acceleration = path.at(places), limits.max_velocity, limits.max_acceleration
     if extra is not None:
