@@ -1,0 +1,73 @@
+"""Requests of `cobot fleet` to the hub."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import os
+from typing import Any
+from urllib.parse import quote
+
+import httpx
+
+from cobot.addresses import CLIENT_NAME, check_url
+from cobot.client.tls import advice, tls_context
+from cobot.codes import ERROR_OF, Code
+from cobot.errors import CobotError, UnavailableError
+
+URL_VARIABLE = "COBOT_FLEET"
+DEFAULT_URL = "http://127.0.0.1:8070"
+TIMEOUT_S = 5.0
+
+
+def ask(
+    chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
+) -> dict[str, Any]:
+    """The hub's answer as JSON. See `get`."""
+    return dict(get(chosen, method, path, body, timeout_s).json())
+
+
+def get(
+    chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
+) -> httpx.Response:
+    """The hub's answer.
+
+    Raises:
+        CobotError: the hub does not answer, or its error.
+    """
+    check_url(chosen.url)
+    try:
+        response = httpx.request(
+            method,
+            chosen.url.rstrip("/") + path,
+            json=None if isinstance(body, bytes) else body,
+            content=body if isinstance(body, bytes) else None,
+            headers=headers(chosen),
+            timeout=timeout_s,
+            verify=tls_context(True),
+        )
+        if response.status_code == 200:
+            return response
+        answer = dict(response.json())
+    except (httpx.HTTPError, ValueError) as exc:
+        reason = str(exc) or type(exc).__name__
+        raise UnavailableError(
+            f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; start it with "
+            f"`cobot fleet serve`, or set its URL with {URL_VARIABLE} or --url"
+        ) from exc
+    code = str(answer.get("code", "error")).upper()
+    kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
+    raise kind(str(answer.get("detail", response.status_code)))
+
+
+def headers(chosen: argparse.Namespace) -> dict[str, str]:
+    """Headers with the name and the token of the person."""
+    token = {"Authorization": f"Bearer {chosen.token}"} if chosen.token else {}
+    return {CLIENT_NAME: quote(_user(), safe="")} | token
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # no name for this number
+        return str(os.getuid())

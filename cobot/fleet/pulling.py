@@ -1,0 +1,87 @@
+"""`cobot fleet pull`: copies recordings from the hub to this computer."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+from pathlib import Path
+from urllib.parse import quote
+
+import httpx
+
+from cobot.client.tls import tls_context
+from cobot.errors import InputError, UnavailableError
+from cobot.fleet.asking import ask, headers
+
+EXIT_OK = 0
+FILE_S = 30.0
+PARTIAL, COMPLETE = 206, 416
+"""HTTP status for the rest of a file, and for a file without a rest."""
+
+
+def pull(chosen: argparse.Namespace) -> int:
+    """Copy recordings that do not exist here yet. An interrupted copy continues where it ended."""
+    found = ask(chosen, "GET", "/recordings")["recordings"]
+    known = {each["cell"] for each in [*found, *ask(chosen, "GET", "/cells")["robots"]]}
+    for cell in chosen.cells:
+        if cell not in known:
+            raise InputError(
+                f"the hub knows no cell {cell!r}; it knows: {', '.join(sorted(known)) or 'none'}"
+            )
+    wanted = [each for each in found if not chosen.cells or each["cell"] in chosen.cells]
+    new = []
+    for each in wanted:
+        names = [_plain(each[name]) for name in ("cell", "robot", "name")]
+        file = chosen.folder.joinpath(*names)
+        if not file.exists():
+            _download(chosen, f"/recordings/{'/'.join(quote(name, safe='') for name in names)}", file)
+            new.append("/".join(names))
+            if not chosen.json:
+                print(new[-1], flush=True)
+    here = len(wanted) - len(new)
+    print(
+        json.dumps({"new": new, "already_here": here})
+        if chosen.json
+        else f"{len(new)} new, {here} already here"
+    )
+    return EXIT_OK
+
+
+def _plain(name: str) -> str:
+    """Check the name of a file or folder.
+
+    Raises:
+        InputError: the name would lead to another folder.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", name):
+        raise InputError(f"the hub's recording has an invalid name: {name!r}")
+    return name
+
+
+def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
+    """
+    Raises:
+        UnavailableError: the hub does not answer. The next call continues.
+        InputError: the file cannot be written.
+    """
+    part = file.with_name(f"{file.name}.part")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(part, flags, 0o600), "ab") as out:
+            asked = headers(chosen) | {"Range": f"bytes={out.tell()}-"}
+            url = chosen.url.rstrip("/") + path
+            with httpx.stream(
+                "GET", url, headers=asked, timeout=FILE_S, verify=tls_context(True)
+            ) as response:
+                if response.status_code not in (PARTIAL, COMPLETE):
+                    raise UnavailableError(f"{path}: the hub answers {response.status_code}")
+                for piece in response.iter_bytes() if response.status_code == PARTIAL else ():
+                    out.write(piece)
+        part.rename(file)
+    except httpx.HTTPError as exc:
+        raise UnavailableError(f"{path}: {str(exc) or type(exc).__name__}; the next call continues") from exc
+    except OSError as exc:
+        raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
