@@ -12,7 +12,7 @@ says why something was not done.
     load     take a motion of `points`; `bytes` doubles follow: times, positions, velocities, accelerations
     start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
     cancel   cancel all goals of the action; the answer's `failed` says why that failed
-    output   send the `value` of an `interface` (GPIO/INTERFACE) to the GPIO controller
+    output   set an `interface`, an output of the driver, to `value`
     forget   forget the last goal, and choose the controller again
 
 With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives there holds doubles,
@@ -39,9 +39,9 @@ from typing import Any
 
 import numpy as np
 
+from cobot.dds.arm_io import ArmIo, GpioIo, UrIo
 from cobot.dds.caller import ENDED, ActionCaller
 from cobot.dds.controllers import ControllerLister, takes_positions, takes_trajectories
-from cobot.dds.gpio_values import GPIO, message_of, values_of
 from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message, NodePublisher
 from cobot.dds.rtps import Participant
@@ -120,10 +120,7 @@ class ArmClient:
         self._own: deque[str] = deque(maxlen=OWN_GOALS)
         self._statuses: list[Message] = []
         self._scaling: float | None = None
-        self._gpio: dict[str, float] = {}
-        self._gpio_s = -math.inf
-        self._outputs: dict[str, float] = {}
-        self._gpio_commands: NodePublisher | None = None
+        self._io: ArmIo | None = None
         self._joint_s: deque[float] = deque(maxlen=2000)
         self._names: list[str] = []
         self._missing: list[str] = []
@@ -133,10 +130,11 @@ class ArmClient:
         node.subscription(settings["joint_states"], JOINT_STATES, self._take_joints, reliable=False)
         node.subscription(settings["speed_scaling"], FLOAT, self._take_scaling, reliable=False)
         gpio = settings["gpio"]
-        self._interfaces = set(gpio["interfaces"])
-        if self._interfaces:
-            node.subscription(f"{gpio['controller']}/gpio_states", GPIO, self._take_gpio, reliable=False)
-            self._gpio_commands = node.publisher(f"{gpio['controller']}/commands", GPIO)
+        if interfaces := set(gpio["interfaces"]):
+            if gpio["driver"] == "ur":
+                self._io = UrIo(node, gpio["controller"], interfaces, settings["answer_timeout_s"])
+            else:
+                self._io = GpioIo(node, gpio["controller"], interfaces)
         if self._fixed:
             self._connect(self._name)
         if self._socket is not None:
@@ -191,7 +189,8 @@ class ArmClient:
         elif ask == "cancel":
             return {"failed": await self._cancel()}
         elif ask == "output":
-            self._set_output(question["interface"], float(question["value"]))
+            assert self._io is not None
+            await self._io.set_output(question["interface"], float(question["value"]))
         elif ask == "forget":
             self._goal = None
             if not self._fixed and not self._is_active(self._controller):
@@ -223,8 +222,8 @@ class ArmClient:
             "goal": None if goal is None else goal.facts_at(now_s),
             "others": self._others() if ready else 0,
             "scaling": self._scaling,
-            "gpio": self._gpio,
-            "gpio_age_s": now_s - self._gpio_s if self._gpio else None,
+            "gpio": self._io.values if self._io is not None else {},
+            "gpio_age_s": now_s - self._io.heard_s if self._io is not None and self._io.values else None,
         }
 
     # Controllers
@@ -440,28 +439,6 @@ class ArmClient:
                 newest = content
         if newest and self._commands is not None:
             self._commands.publish({"data": list(struct.unpack(f"<{len(newest) // 8}d", newest))})
-
-    def _take_gpio(self, message: Message) -> None:
-        """Take the values of the interfaces in the settings."""
-        found = values_of(message)
-        self._gpio = {each: value for each, value in found.items() if each in self._interfaces}
-        self._gpio_s = time.monotonic()
-
-    def _set_output(self, interface: str, value: float) -> None:
-        """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
-        so earlier values must be in it too.
-
-        Raises:
-            CobotError: there is no such controller.
-        """
-        publisher = self._gpio_commands
-        if publisher is None or not publisher.readers:
-            raise CobotError(
-                f"{interface} cannot be set: {self._settings['gpio']['controller']}/commands has no "
-                "subscriber; activate the GPIO controller, or correct robot.backend.gpio_controller"
-            )
-        self._outputs[interface] = value
-        publisher.publish(message_of(self._outputs))
 
     def _take_scaling(self, message: Message) -> None:
         self._scaling = message["data"]

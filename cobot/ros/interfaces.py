@@ -106,6 +106,13 @@ STANDARD = {
         "rcl_interfaces/Parameter[] parameters\n---\nrcl_interfaces/SetParametersResult result\n"
     ),
     "std_srvs/srv/Empty": "---\n",
+    "ur_msgs/msg/Analog": "uint8 VOLTAGE=0\nuint8 CURRENT=1\nuint8 pin\nuint8 domain\nfloat32 state\n",
+    "ur_msgs/msg/Digital": "uint8 pin\nbool state\n",
+    "ur_msgs/msg/IOStates": (
+        "Digital[] digital_in_states\nDigital[] digital_out_states\nDigital[] flag_states\n"
+        "Analog[] analog_in_states\nAnalog[] analog_out_states\n"
+    ),
+    "ur_msgs/srv/SetIO": "int8 fun\nint8 pin\nfloat32 state\n---\nbool success\n",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }

@@ -142,7 +142,12 @@ def controller_packages() -> dict[str, dict[str, str]]:
         if name.startswith("controller_manager_msgs/") and not re.search("Humble|Exporting", name)
     }
     made = interface_package("controller_manager_msgs", manager, "builtin_interfaces")
-    return {"control_msgs": standard_packages()["control_msgs"], "controller_manager_msgs": made}
+    of_ur = {name: text for name, text in STANDARD.items() if name.startswith("ur_msgs/")}
+    return {
+        "control_msgs": standard_packages()["control_msgs"],
+        "controller_manager_msgs": made,
+        "ur_msgs": interface_package("ur_msgs", of_ur),
+    }
 
 
 def interface_package(name: str, definitions: Mapping[str, str], *needs: str) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -20,6 +21,9 @@ IoName = Annotated[str, Field(pattern=r"^[^/\x00-\x1f]{1,60}$")]
 Interface = Annotated[str, Field(pattern=r"^[^\s/]+(/[^\s/]+)+$", max_length=200)]
 """Name of a GPIO and of its interface: GPIO/INTERFACE."""
 MAX_IO = 64
+UR_PLACE = re.compile(r"digital_(in|out)/([0-9]|1[0-7])|analog_in/[0-3]")
+CONTROLLERS = {"gpio": "gpio_command_controller", "ur": "io_and_status_controller"}
+"""Default of `gpio_controller` for each kind of `io`."""
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -48,8 +52,11 @@ class Ros2ControlOptions(BackendOptions):
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
         speed_scaling_full: value of the speed slider at full speed; None: 100 after a value above 1 was seen,
             else 1, because drivers differ.
-        gpio_controller: name of the GPIO controller with the inputs and outputs.
-        inputs, outputs: interfaces of that controller by the names that cobot gives them: GPIO/INTERFACE.
+        io: what has the inputs and outputs: a GPIO controller of ros2_controllers, or the driver of Universal
+            Robots with its own topic and service.
+        gpio_controller: name of that controller; None: the usual one.
+        inputs, outputs: interfaces of that controller by the names that cobot gives them: GPIO/INTERFACE, or
+            those of `cobot.dds.arm_io`.
         analog: names of inputs and outputs whose values are numbers; the others are true or false.
     """
 
@@ -73,7 +80,8 @@ class Ros2ControlOptions(BackendOptions):
     connect_s: Seconds = 5.0
     speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
     speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    gpio_controller: Relative = "gpio_command_controller"
+    io: Literal["gpio", "ur"] = "gpio"
+    gpio_controller: Relative | None = None
     inputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
     outputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
     analog: list[IoName] = Field(default_factory=list)
@@ -84,6 +92,15 @@ class Ros2ControlOptions(BackendOptions):
             raise ValueError(f"{both[0]!r} is an input and an output, names must differ")
         if unknown := sorted(set(self.analog) - set(self.inputs) - set(self.outputs)):
             raise ValueError(f"analog: {unknown[0]!r} is neither in inputs nor in outputs")
+        places = {**self.inputs, **self.outputs}
+        for name, place in places.items() if self.io == "ur" else ():
+            if UR_PLACE.fullmatch(place) is None or (
+                name in self.outputs and not place.startswith("digital_out")
+            ):
+                raise ValueError(
+                    f"{name!r} is {place}; with io: ur valid are digital_in/0 to 17, digital_out/0 to 17, "
+                    "analog_in/0 to 3, and for outputs digital_out only"
+                )
         return self
 
     def below(self, name: str) -> str:
@@ -136,7 +153,8 @@ def client_settings(options: Ros2ControlOptions, settings: Settings, names: list
         "joint_states": options.below(options.joint_states),
         "speed_scaling": options.below(options.speed_scaling),
         "gpio": {
-            "controller": options.below(options.gpio_controller),
+            "driver": options.io,
+            "controller": options.below(options.gpio_controller or CONTROLLERS[options.io]),
             "interfaces": sorted({*options.inputs.values(), *options.outputs.values()}),
         },
         "answer_timeout_s": options.answer_timeout_s,

@@ -10,6 +10,8 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
     replace         another goal replaces the current one
     speed SHARE     of the speed slider
     forward         the forward command controller is active instead
+    refuse_io       sets no output of the driver of Universal Robots
+    ur_io           tells its outputs, as JSON
     gpio            tells the values of the GPIO controller, as JSON
     seen            tells the number of points, the first and last time and the tolerances of the newest goal,
                     and where the arm is, as JSON
@@ -36,12 +38,14 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
+from ur_msgs.msg import Analog, Digital, IOStates
+from ur_msgs.srv import SetIO
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
 SLOW_S = 0.5
 """Time between two joint states in the mode `slow`."""
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
-GPIO = "gpio_command_controller"
+GPIO, UR_IO = "gpio_command_controller", "io_and_status_controller"
 
 
 def at(point: Any, order: list[int], rows: int) -> list[list[float]]:
@@ -107,6 +111,9 @@ class Controllers(Node):
         self.create_subscription(Float64MultiArray, f"{FORWARD}/commands", self.command, 10)
         self.gpio_states = self.create_publisher(DynamicInterfaceGroupValues, f"{GPIO}/gpio_states", 10)
         self.create_subscription(DynamicInterfaceGroupValues, f"{GPIO}/commands", self.command_gpio, 10)
+        self.ur_outputs: dict[int, bool] = dict.fromkeys(range(18), False)
+        self.ur_states = self.create_publisher(IOStates, f"{UR_IO}/io_states", 10)
+        self.create_service(SetIO, f"{UR_IO}/set_io", self.set_io, callback_group=group)
         self.create_service(
             ListControllers, "controller_manager/list_controllers", self.list, callback_group=group
         )
@@ -254,9 +261,26 @@ class Controllers(Node):
             InterfaceValue(interface_names=list(each), values=list(each.values()))
             for each in self.gpio.values()
         ]
+        self.tell_ur()
         self.gpio_states.publish(
             DynamicInterfaceGroupValues(interface_groups=list(self.gpio), interface_values=values)
         )
+
+    def tell_ur(self) -> None:
+        self.ur_states.publish(
+            IOStates(
+                digital_in_states=[Digital(pin=pin, state=pin == 3) for pin in range(18)],
+                digital_out_states=[Digital(pin=pin, state=on) for pin, on in self.ur_outputs.items()],
+                analog_in_states=[Analog(pin=0, domain=Analog.VOLTAGE, state=2.5)],
+            )
+        )
+
+    def set_io(self, request: Any, response: Any) -> Any:
+        """As the driver's page and the definition of the service say."""
+        response.success = self.mode != "refuse_io" and request.fun == 1
+        if response.success:
+            self.ur_outputs[request.pin] = request.state != 0.0
+        return response
 
     def command_gpio(self, message: Any) -> None:
         for group, each in zip(message.interface_groups, message.interface_values):  # noqa: B905
@@ -292,6 +316,8 @@ class Controllers(Node):
             answer = "done"
             if word == "speed":
                 self.speed = float(rest[0])
+            elif word == "ur_io":
+                answer = json.dumps([pin for pin, on in self.ur_outputs.items() if on])
             elif word == "gpio":
                 answer = json.dumps(self.gpio)
             elif word == "seen":

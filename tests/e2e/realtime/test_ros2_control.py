@@ -303,6 +303,47 @@ def test_inputs_and_outputs_of_a_gpio_controller(double: Double) -> None:
         made.close()
 
 
+def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) -> None:
+    """Oracle: the values that rclpy's node has, which serves ur_msgs/srv/SetIO."""
+    double.be("good")
+    made = double.arm(
+        connect_s=20.0,
+        io="ur",
+        inputs={"door": "digital_in/3", "light": "digital_in/4", "pressure": "analog_in/0"},
+        outputs={"suction": "digital_out/16", "valve": "digital_out/8"},
+        analog=["pressure"],
+    )
+    made.open(np.zeros(7))
+
+    def points() -> dict[str, Any]:
+        measured(made)
+        return {each.name: each.shown for each in made.io()}
+
+    def set_when_there(name: str, value: float) -> bool:
+        """The service may be discovered later than the topic."""
+        try:
+            made.set_output(name, value)
+        except BackendError as exc:
+            return "has no server" not in str(exc)
+        return True
+
+    try:
+        expected = {"door": True, "light": False, "pressure": 2.5, "suction": False, "valve": False}
+        until(lambda: points() == expected)
+        until(lambda: set_when_there("suction", 1.0))
+        made.set_output("valve", 1.0)
+        until(lambda: points() == expected | {"suction": True, "valve": True})
+        assert json.loads(double.be("ur_io")) == [8, 16]
+        double.be("refuse_io")
+        with pytest.raises(BackendError, match="set_io has rejected it"):
+            made.set_output("suction", 0.0)
+        double.be("good")
+        made.set_output("suction", 0.0)
+        until(lambda: points() == expected | {"valve": True})
+    finally:
+        made.close()
+
+
 def test_outputs_of_a_controller_that_is_not_there_are_named(double: Double) -> None:
     double.be("good")
     made = double.arm(connect_s=20.0, gpio_controller="other", outputs={"suction": "tool/vacuum"})

@@ -161,6 +161,9 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
         ({"max_points": 3}, "robot.backend.max_points"),
         ({"outputs": {"a": "tool"}}, "robot.backend.outputs"),
         ({"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}}, "'a' is an input and an output"),
+        ({"io": "ur", "inputs": {"a": "digital_in/18"}}, "'a' is digital_in/18; with io: ur valid are"),
+        ({"io": "ur", "outputs": {"a": "digital_in/1"}}, "'a' is digital_in/1; with io: ur valid are"),
+        ({"io": "ur", "outputs": {"a": "analog_out/0"}}, "and for outputs digital_out only"),
         ({"analog": ["a"]}, "'a' is neither in inputs nor in outputs"),
     ],
 )

@@ -1,0 +1,111 @@
+"""Inputs and outputs of an arm's driver: of a GPIO controller, or of the driver of Universal Robots.
+
+Interfaces of a GPIO controller are called GPIO/INTERFACE; those of Universal Robots digital_in/0,
+digital_out/0 and analog_in/0, with the numbers of the driver. Its analog outputs are left out, because it takes
+other units than it reports.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Collection
+from typing import Protocol
+
+from cobot.dds.caller import ServiceCaller
+from cobot.dds.gpio_values import GPIO, message_of, values_of
+from cobot.dds.node import DdsNode, Message
+from cobot.errors import CobotError
+
+IO_STATES, SET_IO = "ur_msgs/msg/IOStates", "ur_msgs/srv/SetIO"
+SET_DIGITAL_OUT = 1
+"""Value of `fun` in a request of SetIO."""
+UR_KINDS = ("digital_in", "digital_out", "analog_in")
+
+
+class ArmIo(Protocol):
+    """Inputs and outputs of a driver.
+
+    Attributes:
+        values: last values of the used interfaces, by their names.
+        heard_s: when they came, on the monotonic clock.
+    """
+
+    values: dict[str, float]
+    heard_s: float
+
+    async def set_output(self, interface: str, value: float) -> None:
+        """Set an output.
+
+        Raises:
+            CobotError: it cannot be set; the error has the reason.
+        """
+        ...
+
+
+class GpioIo:
+    """An `ArmIo` of a GPIO controller."""
+
+    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str]) -> None:
+        self.values: dict[str, float] = {}
+        self.heard_s = -math.inf
+        self._controller, self._interfaces = controller, interfaces
+        self._outputs: dict[str, float] = {}
+        node.subscription(f"{controller}/gpio_states", GPIO, self._take, reliable=False)
+        self._commands = node.publisher(f"{controller}/commands", GPIO)
+
+    async def set_output(self, interface: str, value: float) -> None:
+        """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
+        so earlier values must be in it too.
+        """
+        if not self._commands.readers:
+            raise CobotError(
+                f"{interface} cannot be set: {self._controller}/commands has no subscriber; activate the "
+                "GPIO controller, or correct robot.backend.gpio_controller"
+            )
+        self._outputs[interface] = value
+        self._commands.publish(message_of(self._outputs))
+
+    def _take(self, message: Message) -> None:
+        found = values_of(message)
+        self.values = {each: value for each, value in found.items() if each in self._interfaces}
+        self.heard_s = time.monotonic()
+
+
+class UrIo:
+    """An `ArmIo` of the driver of Universal Robots."""
+
+    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
+        """timeout_s: timeout for the answer of the driver, s."""
+        self.values: dict[str, float] = {}
+        self.heard_s = -math.inf
+        self._name, self._interfaces, self._timeout_s = f"{controller}/set_io", interfaces, timeout_s
+        node.subscription(f"{controller}/io_states", IO_STATES, self._take, reliable=False)
+        self._service = ServiceCaller(node, self._name, SET_IO)
+
+    async def set_output(self, interface: str, value: float) -> None:
+        """Call the driver's service and wait for its answer."""
+        pin = int(interface.rpartition("/")[2])
+        begin = f"{interface} cannot be set: the service {self._name}"
+        if not self._service.is_ready:
+            raise CobotError(
+                f"{begin} has no server; start the driver's io_and_status_controller, or correct "
+                "robot.backend.gpio_controller"
+            )
+        request: Message = {"fun": SET_DIGITAL_OUT, "pin": pin, "state": value}
+        try:
+            answer = await asyncio.wait_for(self._service.call(request), self._timeout_s)
+        except TimeoutError as exc:
+            raise CobotError(f"{begin} has not answered within {self._timeout_s:g} s") from exc
+        if not answer["success"]:
+            raise CobotError(f"{begin} has rejected it; see the driver's log")
+
+    def _take(self, message: Message) -> None:
+        self.values = {
+            name: float(each["state"])
+            for kind in UR_KINDS
+            for each in message[f"{kind}_states"]
+            if (name := f"{kind}/{each['pin']}") in self._interfaces
+        }
+        self.heard_s = time.monotonic()
