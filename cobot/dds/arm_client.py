@@ -41,6 +41,7 @@ import numpy as np
 
 from cobot.dds.arm_io import ArmIo, GpioIo, UrIo
 from cobot.dds.caller import ENDED, ActionCaller
+from cobot.dds.controller_state import ControllerState
 from cobot.dds.controllers import ControllerLister, takes_positions, takes_trajectories
 from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message, NodePublisher
@@ -105,6 +106,7 @@ class ArmClient:
         self._joints: list[str] = settings["joints"]
         self._action: ActionCaller | None = None
         self._commands: NodePublisher | None = None
+        self._state: ControllerState | None = None
         stream = settings.get("stream")
         self._socket = None if stream is None else socket.socket(fileno=stream)
         self._name, self._controller = settings["action"] or "", settings["controller"] or ""
@@ -222,9 +224,17 @@ class ArmClient:
             "goal": None if goal is None else goal.facts_at(now_s),
             "others": self._others() if ready else 0,
             "scaling": self._scaling,
+            **self._held(now_s),
             "gpio": self._io.values if self._io is not None else {},
             "gpio_age_s": now_s - self._io.heard_s if self._io is not None and self._io.values else None,
         }
+
+    def _held(self, now_s: float) -> dict[str, Any]:
+        """Where the controller has the arm's joints, if it publishes its state."""
+        state = self._state
+        if state is None or not set(self._joints) <= set(state.positions):
+            return {"held": None, "held_age_s": 1e9}
+        return {"held": [state.positions[name] for name in self._joints], "held_age_s": now_s - state.heard_s}
 
     # Controllers
 
@@ -301,6 +311,9 @@ class ArmClient:
             self._commands = self._node.publisher(name, COMMANDS, depth=1)
             return
         self._action = ActionCaller(self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses)
+        if self._state is not None:
+            self._state.close()
+        self._state = ControllerState(self._node, name.rpartition("/")[0])
 
     # Goals
 

@@ -1,8 +1,8 @@
 """Inputs and outputs of an arm's driver: of a GPIO controller, or of the driver of Universal Robots.
 
 Interfaces of a GPIO controller are called GPIO/INTERFACE; those of Universal Robots digital_in/0,
-digital_out/0 and analog_in/0, with the numbers of the driver. Its analog outputs are left out, because it takes
-other units than it reports.
+digital_out/0 and analog_in/0, with the numbers of the driver. Its analog outputs are left out, because it
+takes other units than it reports.
 """
 
 from __future__ import annotations

@@ -69,6 +69,19 @@ PYTHON_GENERATORS = "".join(
     )
 )
 """What rclpy needs, and nothing for C++."""
+CONTROLLER_STATE = (
+    "std_msgs/Header header\nstring[] joint_names\n"
+    + "".join(
+        f"trajectory_msgs/JointTrajectoryPoint {row}\n"
+        for row in ("reference", "feedback", "error", "output")
+    )
+    + "string[] multi_dof_joint_names\n"
+    + "".join(
+        f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{row}\n"
+        for row in ("reference", "feedback", "error", "output")
+    )
+)
+"""The fields of control_msgs/msg/JointTrajectoryControllerState in Jazzy."""
 ALL_GENERATORS = "find_package(rosidl_default_generators REQUIRED)\n"
 Packages = Mapping[str, Mapping[str, str]]
 """The files of packages: by the package's name, then by the path in its folder."""
@@ -143,8 +156,11 @@ def controller_packages() -> dict[str, dict[str, str]]:
     }
     made = interface_package("controller_manager_msgs", manager, "builtin_interfaces")
     of_ur = {name: text for name, text in STANDARD.items() if name.startswith("ur_msgs/")}
+    control = {name: text for name, text in STANDARD.items() if name.startswith("control_msgs/")}
+    control["control_msgs/msg/JointTrajectoryControllerState"] = CONTROLLER_STATE
+    needed = ("sensor_msgs", "std_msgs", "trajectory_msgs")
     return {
-        "control_msgs": standard_packages()["control_msgs"],
+        "control_msgs": interface_package("control_msgs", control, *needed),
         "controller_manager_msgs": made,
         "ur_msgs": interface_package("ur_msgs", of_ur),
     }

@@ -142,7 +142,7 @@ class Ros2ControlArm(ControllerClient):
         if problem or goal is None:
             return problem or self._of_others(facts)
         if goal.accepted and goal.status is None and not goal.stopping:
-            return self._overdue(facts) or words.disagreement(facts, goal, self._names, self._expected.topic)
+            return self._overdue(facts)
         return self._of_others(facts)
 
     def _of_others(self, facts: Facts) -> str:

@@ -90,6 +90,7 @@ class ControllerClient:
             words.of_connection(facts, self._options.namespace, self.way)
             or words.of_joints_of_controller(facts, self._names)
             or words.of_joint_states(facts, self._expected)
+            or words.disagreement(facts, self._names, self._expected.topic)
         )
 
 

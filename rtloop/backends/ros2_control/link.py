@@ -76,6 +76,8 @@ class Facts:
         goal: the newest goal; None before the first one and after `forget`.
         others: number of goals of other clients that are being executed.
         scaling: value of the speed slider; None without one.
+        held: positions in the state that the controller publishes; None without it.
+        held_age_s: age of this state, s.
         gpio: values of the inputs and outputs by GPIO/INTERFACE.
         gpio_age_s: age of these values, s; None before the first ones.
     """
@@ -96,6 +98,8 @@ class Facts:
     goal: GoalFacts | None = None
     others: int = 0
     scaling: float | None = None
+    held: list[float] | None = None
+    held_age_s: float = 1e9
     gpio: dict[str, float] = field(default_factory=dict)
     gpio_age_s: float | None = None
 

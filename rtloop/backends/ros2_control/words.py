@@ -181,19 +181,24 @@ def of_goal(goal: GoalFacts, action: str) -> str:
     return f"{action} does not know the goal (status {goal.status}): the driver was restarted"
 
 
-def disagreement(facts: Facts, goal: GoalFacts, names: list[str], topic: str) -> str:
-    """A sentence on a difference between the joint states and the controller's feedback; "" if they agree."""
-    if goal.actual is None or facts.position is None or goal.feedback_age_s > FRESH_S:
+def disagreement(facts: Facts, names: list[str], topic: str) -> str:
+    """A sentence on a difference between the joint states and the positions that the controller has, by the
+    feedback of its goal or by its state; "" if they agree, or the controller has sent neither lately.
+    """
+    goal, actual = facts.goal, facts.held if facts.held_age_s <= FRESH_S else None
+    if goal is not None and goal.actual is not None and goal.feedback_age_s <= FRESH_S:
+        actual = goal.actual
+    if actual is None or facts.position is None:
         return ""
     velocity = np.abs(facts.velocity) if facts.velocity is not None else np.zeros(len(names))
     allowed = DISAGREE_RAD + np.nan_to_num(velocity) * 2.0 * FRESH_S
-    off = np.abs(np.array(goal.actual) - np.array(facts.position))
+    off = np.abs(np.array(actual) - np.array(facts.position))
     joint = int(np.argmax(off - allowed))
     if not off[joint] > allowed[joint]:
         return ""
     return (
         f"{topic} has {names[joint]} at {facts.position[joint]:.3f} rad, its controller at "
-        f"{goal.actual[joint]:.3f} rad: {AS_IF}"
+        f"{actual[joint]:.3f} rad: {AS_IF}"
     )
 
 

@@ -28,7 +28,7 @@ from typing import Any
 
 import rclpy
 from control_msgs.action import FollowJointTrajectory
-from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
+from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue, JointTrajectoryControllerState
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -42,8 +42,8 @@ from ur_msgs.msg import Analog, Digital, IOStates
 from ur_msgs.srv import SetIO
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
-SLOW_S = 0.5
-"""Time between two joint states in the mode `slow`."""
+SLOW_S, STATE_S = 0.5, 0.02
+"""Time between two joint states in the mode `slow`, and between two states of the controller."""
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
 GPIO, UR_IO = "gpio_command_controller", "io_and_status_controller"
 
@@ -111,6 +111,10 @@ class Controllers(Node):
         self.create_subscription(Float64MultiArray, f"{FORWARD}/commands", self.command, 10)
         self.gpio_states = self.create_publisher(DynamicInterfaceGroupValues, f"{GPIO}/gpio_states", 10)
         self.create_subscription(DynamicInterfaceGroupValues, f"{GPIO}/commands", self.command_gpio, 10)
+        self.controller_states = self.create_publisher(
+            JointTrajectoryControllerState, f"{JTC}/controller_state", 1
+        )
+        self.create_timer(STATE_S, self.tell_state, callback_group=group)
         self.ur_outputs: dict[int, bool] = dict.fromkeys(range(18), False)
         self.ur_states = self.create_publisher(IOStates, f"{UR_IO}/io_states", 10)
         self.create_service(SetIO, f"{UR_IO}/set_io", self.set_io, callback_group=group)
@@ -265,6 +269,15 @@ class Controllers(Node):
         self.gpio_states.publish(
             DynamicInterfaceGroupValues(interface_groups=list(self.gpio), interface_values=values)
         )
+
+    def tell_state(self) -> None:
+        """Where the controller itself has the joints, whatever the joint states say."""
+        if self.active != JTC:
+            return
+        message = JointTrajectoryControllerState(joint_names=self.joints)
+        for each in (message.reference, message.feedback):
+            each.positions, each.velocities = list(self.position), list(self.velocity)
+        self.controller_states.publish(message)
 
     def tell_ur(self) -> None:
         self.ur_states.publish(

@@ -259,16 +259,30 @@ def test_a_fault_at_rest_is_named_and_nothing_can_be_enabled(
     recover(arm, double)
 
 
-def test_swapped_joints_are_found_when_the_arm_begins_to_move(arm: Ros2ControlArm, double: Double) -> None:
-    """Joint 4 stands at -1.57 rad and joint 2 at about 0: the controller's own positions differ at once."""
+def refused(arm: Ros2ControlArm) -> str:
+    """The reason for which it cannot be opened, or soon after that not be driven."""
+    try:
+        arm.open(np.zeros(7))
+    except BackendError as exc:
+        return str(exc)
+    return fails(arm)
+
+
+def test_swapped_joints_are_found_at_rest(arm: Ros2ControlArm, double: Double) -> None:
+    """Joint 4 stands at -1.57 rad and joint 2 at about 0: the state of the controller has them right.
+
+    Nothing moves then, and nothing can be enabled.
+    """
+    place = double.seen()["position"]
     double.be("swapped")
-    time.sleep(0.2)
-    _, times_s, rows = motion(measured(arm), 0.05, 2.0)
-    arm.load(times_s, rows)
-    arm.start()
     with pytest.raises(BackendError, match=r"ur_joint[24] at .* its controller at .*another order"):
         raise BackendError(fails(arm))
-    arm.stop()
+    new = double.arm(connect_s=20.0)
+    try:
+        assert "its controller at" in refused(new)
+    finally:
+        new.close()
+    assert double.seen()["position"] == place
     recover(arm, double)
 
 

@@ -1,0 +1,123 @@
+"""The state that a joint trajectory controller publishes, also at rest: where it has its joints.
+
+Releases of control_msgs differ in what follows the second point of the message, so only its beginning is
+read: header, names of the joints, the reference, and what the controller measures.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+
+from cobot.dds.inbox import SampleInbox
+from cobot.dds.names import topic_name, type_name
+from cobot.dds.node import DdsNode
+from cobot.dds.rtps import Qos, Sample
+from cobot.errors import InputError
+
+TYPE = "control_msgs/msg/JointTrajectoryControllerState"
+MAX_ITEMS = 1000
+ROWS = 4
+"""Rows of numbers in a point: positions, velocities, accelerations, efforts."""
+
+
+class ControllerState:
+    """Reads the state of one controller.
+
+    Attributes:
+        positions: measured positions by the names of the joints.
+        heard_s: when they came, on the monotonic clock.
+    """
+
+    def __init__(self, node: DdsNode, controller: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self.positions: dict[str, float] = {}
+        self.heard_s = float("-inf")
+        self._clock, self._node = clock, node
+        topic = f"{controller}/controller_state"
+        self._inbox = SampleInbox(topic, node.loop, self._take)
+        qos = Qos(reliable=False, depth=None)
+        self._reader = node.participant.create_reader(
+            topic_name(topic), type_name(TYPE), qos, self._inbox.put
+        )
+        node.graph.add(self._reader.guid)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._node.graph.remove(self._reader.guid)
+        self._reader.close()
+
+    def _take(self, sample: Sample) -> None:
+        try:
+            self.positions = measured_positions(sample.payload)
+        except InputError:
+            return
+        self.heard_s = self._clock()
+
+
+def measured_positions(content: bytes) -> dict[str, float]:
+    """The measured positions in a message, in CDR of either byte order.
+
+    Raises:
+        InputError: the content is not such a message.
+    """
+    try:
+        return _measured(_Cdr(content))
+    except (struct.error, IndexError, UnicodeDecodeError) as exc:
+        raise InputError(f"{TYPE}: is not readable as CDR: {exc}") from exc
+
+
+def _measured(cdr: _Cdr) -> dict[str, float]:
+    cdr.number("i")
+    cdr.number("I")
+    cdr.text()
+    names = [cdr.text() for _ in range(cdr.count())]
+    positions: list[float] = []
+    for _ in range(2):
+        positions, *_ = [cdr.doubles() for _ in range(ROWS)]
+        cdr.number("i")
+        cdr.number("I")
+    if len(positions) != len(names):
+        raise InputError(f"{TYPE}: has {len(names)} joints and {len(positions)} positions")
+    return dict(zip(names, positions, strict=True))
+
+
+class _Cdr:
+    """Reads plain CDR from its beginning on."""
+
+    def __init__(self, content: bytes) -> None:
+        self._order = "<" if content[1] & 1 else ">"
+        self._data, self._at = content[4:], 0
+
+    def number(self, code: str) -> int:
+        """An integer of a code of struct."""
+        self._at += -self._at % struct.calcsize(code)
+        (value,) = struct.unpack_from(self._order + code, self._data, self._at)
+        self._at += struct.calcsize(code)
+        return int(value)
+
+    def count(self) -> int:
+        """The number of items that follow."""
+        count = self.number("I")
+        if count > MAX_ITEMS:
+            raise InputError(f"{TYPE}: has a list of {count} items, allowed are {MAX_ITEMS}")
+        return count
+
+    def text(self) -> str:
+        """A text with its length."""
+        length = self.count()
+        found = self._data[self._at : self._at + length]
+        if len(found) < length:
+            raise IndexError("it ends within a text")
+        self._at += length
+        return found.rstrip(b"\0").decode()
+
+    def doubles(self) -> list[float]:
+        """A list of numbers."""
+        count = self.count()
+        if not count:
+            return []
+        self._at += -self._at % 8
+        found = struct.unpack_from(f"{self._order}{count}d", self._data, self._at)
+        self._at += 8 * count
+        return list(found)
