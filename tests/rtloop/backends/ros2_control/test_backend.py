@@ -18,7 +18,7 @@ from cobot.robot.description import load_robot
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Measured
-from rtloop.backends.ros2_control import Ros2ControlArm
+from rtloop.backends.ros2_control import Ros2ControlArm, words
 from rtloop.backends.ros2_control.link import Facts, GoalFacts, facts_of
 from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import RigLink, Ros2ControlRig
@@ -224,3 +224,23 @@ def test_fewer_points_stay_near_the_path() -> None:
     assert np.abs(again - made.sample(every_s)).max() <= 1e-3
     with pytest.raises(BackendError, match=r"202 points, the controller takes 10 .*would leave its path by"):
         resampled(times_s, rows, 10, 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("held", "age_s", "velocity", "found"),
+    [
+        ([0.0, 0.5, -1.0], 0.0, [0.0] * 3, ""),
+        ([0.0, -1.0, 0.5], 0.0, [0.0] * 3, "states has two at 0.500 rad, its controller at -1.000 rad"),
+        ([0.0, -1.0, 0.5], 0.2, [0.0] * 3, ""),
+        ([0.0, 0.7, -1.0], 0.0, [0.0, 1.0, 0.0], ""),
+        (None, 0.0, [0.0] * 3, ""),
+    ],
+    ids=["equal", "exchanged", "old", "moving", "no state"],
+)
+def test_the_joint_states_are_compared_with_the_state_of_the_controller(
+    held: list[float] | None, age_s: float, velocity: list[float], found: str
+) -> None:
+    facts = Facts(position=[0.0, 0.5, -1.0], velocity=velocity, held=held, held_age_s=age_s)
+    said = words.of_agreement(facts, ["one", "two", "three"], "states")
+    assert said.startswith(found)
+    assert bool(said) == bool(found)
