@@ -235,7 +235,7 @@ def test_a_fault_in_a_motion_is_named_and_a_reset_ends_it(
     ("mode", "words"),
     [
         ("degrees", "is at -?[0-9]+.* rad, its limits are .*are they in degrees"),
-        ("slow", "the rate of /left/joint_states is .* Hz, the minimum is 10 Hz"),
+        ("slow", "the rate of /left/joint_states is .* Hz, the minimum is 4 Hz"),
         ("inactive", "the controller joint_trajectory_controller is inactive: activate it with"),
         ("forward", "the controller joint_trajectory_controller is inactive"),
         ("missing", "has no joint ur_joint7"),
@@ -384,8 +384,10 @@ def test_a_late_result_belongs_to_its_own_goal(arm: Ros2ControlArm, double: Doub
     arm.enable()
     double.be("good")
     measured(arm)
-    progress = follow(arm, begin(arm, -0.05, 3.0))
-    assert max(np.diff(progress)) < 1.0
+    path = begin(arm, -0.05, 3.0)
+    begun_s = time.monotonic()
+    follow(arm, path)
+    assert time.monotonic() - begun_s > 2.5, "the result of the first goal would end it after 2 s"
 
 
 def test_a_driver_that_is_killed_and_started_again(arm: Ros2ControlArm, double: Double) -> None:
@@ -423,7 +425,8 @@ def test_a_killed_rtloop_leaves_no_motion(double: Double) -> None:
         "import sys, time, numpy as np; sys.path.insert(0, sys.argv[1]); import test_ros2_control as t\n"
         "arm = t.Double.arm(type('D', (), {'settings': t.Double.settings, 'domain': int(sys.argv[2])})(), "
         "connect_s=20.0)\n"
-        "arm.open(np.zeros(7)); arm.enable(); t.begin(arm, 0.2, 10.0); print('moves', flush=True)\n"
+        "arm.open(np.zeros(7)); arm.enable(); start = t.measured(arm).tolist(); t.begin(arm, 0.2, 10.0)\n"
+        "print(start, flush=True)\n"
         "time.sleep(60)"
     )
     process = subprocess.Popen(
@@ -434,7 +437,7 @@ def test_a_killed_rtloop_leaves_no_motion(double: Double) -> None:
     )
     with process:
         assert process.stdout is not None
-        assert process.stdout.readline().strip() == "moves"
+        start = json.loads(process.stdout.readline())
         os.kill(process.pid, signal.SIGKILL)
 
     def rests() -> bool:
@@ -442,9 +445,8 @@ def test_a_killed_rtloop_leaves_no_motion(double: Double) -> None:
         time.sleep(0.1)
         return bool(before == double.seen()["position"])
 
-    begun_s = time.monotonic()
     until(rests)
-    assert time.monotonic() - begun_s < 5.0
+    assert np.abs(np.subtract(double.seen()["position"], start) - 0.2).min() > 0.02, "not at the goal"
 
 
 @pytest.fixture(scope="module")
@@ -495,7 +497,7 @@ def test_a_fault_of_the_joint_states_stops_the_arm(service: Run, double: Double,
     until(lambda: robot_health(service).get("mode") == "HOLD")
     begun = np.array(double.seen()["position"])
     way = np.where(begun > 0.0, -0.4, 0.4)
-    far = {"joints": (begun + way).tolist(), "speed": 0.1}
+    far = {"joints": (begun + way).tolist(), "speed": 0.05}
     httpx.post(f"{service.url}/robot/move/joints?wait=false", json=far, timeout=WAIT_S).raise_for_status()
     until(lambda: np.abs(np.array(double.seen()["position"]) - begun).max() > 0.01)
     double.be(mode)
@@ -550,13 +552,18 @@ def test_rclpy_s_client_at_our_simulated_controllers(simulator: Double) -> None:
         {"joints": JOINTS, "points": []},
         {"joints": JOINTS[:6], "points": [[1.0, there[:6]]]},
     ]
-    first, cancelled, *rejected = rclpy_follows(simulator, ACTION, goals)
-    assert (first["status"], first["error_code"]) == (4, 0)
-    assert 2.5 <= first["took_s"] < 3.5
-    assert first["feedback"] > 20
-    assert cancelled["status"] == 5
-    assert cancelled["took_s"] < 2.0
-    assert [each["accepted"] for each in rejected] == [False] * 4
+
+    def late_s() -> float:
+        """By how much the client was later than 3.5 s, or 2 s for the cancelled goal."""
+        first, cancelled, *rejected = rclpy_follows(simulator, ACTION, goals)
+        assert (first["status"], first["error_code"]) == (4, 0)
+        assert first["took_s"] >= 2.5
+        assert first["feedback"] > 5
+        assert cancelled["status"] == 5
+        assert [each["accepted"] for each in rejected] == [False] * 4
+        return float(max(first["took_s"] - 3.5, cancelled["took_s"] - 2.0))
+
+    require_quick(late_s, 0.0)
 
 
 def test_outputs_of_our_simulated_gpio_controller(simulator: Double) -> None:
