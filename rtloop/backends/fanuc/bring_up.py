@@ -45,6 +45,7 @@ class BringUp:
         sleep: Callable[[float], None],
     ) -> None:
         self._rmi, self._options, self._clock, self._sleep = rmi, options, clock, sleep
+        self._lost = ""  # the reason why the last report failed
 
     def begin(self) -> None:
         """Clear the alarms, and start the program of Stream Motion.
@@ -82,10 +83,15 @@ class BringUp:
         """The current state. It also reports a lost connection."""
         try:
             if not self._rmi.is_connected:
-                return RmiReport(text="the Remote Motion Interface is not connected; a reset connects it")
+                why = f" ({self._lost})" if self._lost else ""
+                return RmiReport(
+                    text=f"the Remote Motion Interface is not connected{why}; a reset connects it"
+                )
+            self._lost = ""
             status = self._rmi.status()
             alarms = self._rmi.alarms()
         except BackendError as exc:
+            self._lost = str(exc)
             return RmiReport(text=str(exc))
         reduced = status.override is not None and status.override < 100
         override = f"its speed override is {status.override} %, Stream Motion needs 100 %" if reduced else ""

@@ -7,6 +7,7 @@ because its computer was late is begun again, as its user would do.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -239,6 +240,8 @@ def test_an_interface_that_is_deaf_is_said_and_a_reset_connects_again(
     """Half open: it takes requests, and says nothing."""
     controller.ask(deaf=True)
     run.until(lambda: "does not answer a request to" in device(run)["status"]["text"])
+    lost = re.compile("is not connected .*does not answer a request to .*a reset connects it")
+    run.until(lambda: lost.search(device(run)["status"]["text"]))  # the reason stays
     move(run, "joints", joints=THERE)  # the stream is as good as before
     controller.ask(e_stop=True)
     faulted(run)
