@@ -241,6 +241,6 @@ def test_the_joint_states_are_compared_with_the_state_of_the_controller(
     held: list[float] | None, age_s: float, velocity: list[float], found: str
 ) -> None:
     facts = Facts(position=[0.0, 0.5, -1.0], velocity=velocity, held=held, held_age_s=age_s)
-    said = words.of_agreement(facts, ["one", "two", "three"], "states")
+    said = words.disagreement(facts, ["one", "two", "three"], "states")
     assert said.startswith(found)
     assert bool(said) == bool(found)
