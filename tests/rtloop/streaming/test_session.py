@@ -310,7 +310,12 @@ def test_a_dead_rtloops_session_does_not_go_on_in_the_next_one(stream: Rig) -> N
     assert successor.loop.controller.streaming.session == 0
 
 
-@pytest.mark.parametrize("stream_kind", Stream)
+def test_hand_guiding_by_the_device_is_rejected_if_the_device_cannot(rig: Rig) -> None:
+    assert "cannot release the arm for hand guiding by itself" in rig.stream(Stream.GUIDED)
+    assert rig.mode is LoopMode.HOLD
+
+
+@pytest.mark.parametrize("stream_kind", [each for each in Stream if each is not Stream.GUIDED])
 def test_each_stream_has_its_mode(rig: Rig, stream_kind: Stream) -> None:
     assert rig.stream(stream_kind) == ""
     assert rig.mode.name == stream_kind.name
