@@ -1,5 +1,5 @@
-"""Clients that use actions of ROS 1, which consist of five topics: error messages that name the operations to
-use here.
+"""Error messages for clients that use actions of ROS 1, which consist of five topics. They name the
+operations to use here.
 
 rosbridge for ROS 2 has operations for actions, so these topics have no effect.
 """

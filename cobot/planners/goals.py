@@ -40,8 +40,8 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
 def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
     """Further free configurations of a pose, shape (n, dof), possibly none; a higher `number` gives more.
 
-    An arm with more joints than the pose needs has infinitely many configurations, and a free way may lead to
-    none of the known ones.
+    An arm with more joints than the pose needs has infinitely many configurations, and possibly no free path
+    leads to the known ones.
     """
     assert isinstance(request.goal, Pose)
     seed = request.seed + 1009 * number

@@ -171,7 +171,7 @@ class ForceService:
             frame: pose of the force frame, x, y, z, w, x, y, z.
 
         Raises:
-            InputError: a list has not six numbers, or a value is invalid.
+            InputError: a list does not have six numbers, or a value is invalid.
             ConflictError: force control is enabled, and more than the wrench would change.
         """
         if len(axes) != 6:

@@ -54,7 +54,7 @@ class Ros2ControlArm(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> Ros2ControlRig:
-        """A controller in the same process."""
+        """The backend with a simulated controller in the same process."""
         return Ros2ControlRig(Ros2ControlArm, settings, limits)
 
     def open(self, initial_position: Array) -> None:
