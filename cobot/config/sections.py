@@ -46,7 +46,7 @@ class RtSection(Section):
     priority: Annotated[int, Field(ge=1, le=98)]
     cpu: Annotated[int, Field(ge=0)] | None
     cpu_latency_us: Annotated[int, Field(ge=0, le=1000)] | None
-    service_timeout_s: Annotated[float, Field(ge=0.2, le=10.0)]  # a sign of life comes every 0.05 s
+    service_timeout_s: Annotated[float, Field(ge=0.2, le=10.0)]  # a heartbeat comes every 0.05 s
     tracking_error_rad: Annotated[float, Field(ge=0.005, le=1.0)]
     settle_position_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
     settle_velocity_rad_s: Annotated[float, Field(ge=1e-4, le=0.5)]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import zenoh
 
 LEASE_MS = 2000
-"""Time without a sign of life after which a hung peer counts as gone. The end of a peer is noticed at
+"""Time without a heartbeat after which a hung peer counts as gone. The end of a peer is noticed at
 once."""
 CONNECT_MS = 3000
 """Timeout for a cell's first connection: TLS takes several round trips. After it the cell tries again."""

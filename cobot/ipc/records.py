@@ -70,7 +70,7 @@ NOTE = np.dtype(
 RECORDER = np.dtype(
     [
         ("pid", "u8"),
-        ("monotonic_ns", "i8"),  # last sign of life
+        ("monotonic_ns", "i8"),  # last heartbeat
         ("handled", "u8"),  # last cycle that was searched for faults and e-stops
         ("lost", "u8"),  # cycles overwritten before the recorder read them, since rtloop started
         ("recording", "u8"),  # 1 while a continuous recording runs

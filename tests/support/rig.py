@@ -145,7 +145,7 @@ class Rig:
         return self.loop.controller.safety.interventions.tolist()
 
     def beat(self, ahead_s: float = 1e6) -> None:
-        """A sign of life of the service, by default one that lasts for the whole test."""
+        """A heartbeat of the service, by default one that lasts for the whole test."""
         self.memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + int(ahead_s * 1e9)
         self.memory.heartbeat.publish()
 
