@@ -180,6 +180,7 @@ def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_pat
         assert status() == "200"
 
 
+@pytest.mark.thorough
 def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Path) -> None:
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")

@@ -121,7 +121,7 @@ def printed_by(line: str, environment: dict[str, str]) -> str:
 
 @pytest.mark.parametrize(
     ("run", "page"),
-    few([pytest.param(cell_of(page), page, id=page.stem) for page in RUN], 2),
+    few([pytest.param(cell_of(page), page, id=page.stem) for page in RUN]),
     indirect=["run"],
 )
 def test_each_block_of_a_how_to_does_what_it_says(

@@ -492,6 +492,7 @@ def test_the_limits_in_the_schema_are_those_of_joint_limits_yaml(http: httpx.Cli
     assert limits == [(-m, m) for m in (2.97, 2.10, 2.97, 2.10, 2.97, 2.10, 3.05)]
 
 
+@pytest.mark.thorough
 def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
     """What Swagger's "Try it out" sends, in the order of the page, from home. Only the id of a plan has to be
     that of the plan that was made last."""

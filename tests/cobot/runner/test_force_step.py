@@ -118,6 +118,7 @@ def test_a_sequence_presses_and_says_how_it_ended(service: Touched, tmp_path: Pa
     assert "contact at 0.02" in ended
 
 
+@pytest.mark.thorough
 def test_lua_presses_as_the_sequence_does(service: Touched, tmp_path: Path) -> None:
     said = run_lua(
         service,

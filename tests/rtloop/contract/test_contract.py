@@ -123,6 +123,7 @@ def test_ur_keeps_it_beside_a_simulated_controller(ur: CheckedBackend, check: st
     assert result.verdict is (CheckVerdict.NOT_TESTED if untold else CheckVerdict.PASSED), result.found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("check", CHECKS)
 def test_franka_keeps_it_beside_a_stand_in(franka: CheckedBackend, check: str) -> None:
     if check == "options":
