@@ -1,7 +1,7 @@
 // How fast all motions go, and the motion that runs: how far it is, its pause and how it has ended.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
-import { reasonOf } from "./reasons.js";
+import { reasonOf, whyOfEnd } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
@@ -129,8 +129,7 @@ export class Job {
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
-    const why = error ? reasonOf(error) : "";
-    write("job-error", state === "cancelled" && why === word("error_stopped") ? "" : why);
+    write("job-error", whyOfEnd(state, error));
     write("job-next", word(nextAfter(state, kind), {}, ""));
     element("job-error").title = error?.detail ?? "";
     write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");

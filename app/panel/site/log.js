@@ -1,5 +1,5 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
-import { causeOf, reasonOf, whyOf } from "./reasons.js";
+import { causeOf, reasonOf, whyOf, whyOfEnd } from "./reasons.js";
 import { isSamePress } from "./stop.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -27,7 +27,7 @@ function said(type, data, labelOf) {
   if (type === "stop") values.reason = causeOf(data);
   else if (type === "refused") values.reason = reasonOf({ ...data, detail: data.reason });
   else if (data.reason_code) values.reason = whyOf(data);
-  if (type === "job" && data.error) values.error = reasonOf({ ...data, detail: data.error });
+  if (type === "job" && data.error) values.error = whyOfEnd(data.state, { ...data, detail: data.error });
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
   if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("object_none");
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");

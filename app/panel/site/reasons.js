@@ -78,3 +78,9 @@ export function reasonOf(error) {
   }
   return general || sentence;
 }
+
+// Why a job has ended; "" if it was stopped on request, which its state says already.
+export function whyOfEnd(state, error) {
+  const why = error ? reasonOf(error) : "";
+  return state === "cancelled" && why === word("error_stopped") ? "" : why;
+}

@@ -2,7 +2,7 @@
 // if this page is closed.
 import { allow } from "./able.js";
 import { nextAfter } from "./job.js";
-import { reasonOf } from "./reasons.js";
+import { reasonOf, whyOfEnd } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
@@ -88,7 +88,7 @@ export class Run {
     this.job = null;
     if (state === "finished") return void this.say(() => word("points_done"));
     this.say(() => {
-      const why = error ? reasonOf(error).replace(/[^.!?。]$/, "$&.") : "";
+      const why = whyOfEnd(state, error).replace(/[^.!?。]$/, "$&.");
       return word("run_ended", { state: word(`job_${state}`), why, next: word(nextAfter(state, "sequence"), {}, "") });
     }, "warn");
   }
