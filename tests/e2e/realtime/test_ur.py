@@ -280,7 +280,7 @@ def test_freedrive_that_is_not_renewed_ends(run: RunOverUr, controller: Controll
         return "freedrive was not renewed for 0.5 s" in said, said
 
     rest_tour.again(ended)
-    assert controller.ask()["events"][-1] == "freedrive ends"
+    run.until(lambda: controller.ask()["events"][-1] == "freedrive ends")
 
 
 def test_freedrive_is_refused_with_the_reason(run: RunOverUr, controller: ControllerProcess) -> None:
@@ -290,7 +290,8 @@ def test_freedrive_is_refused_with_the_reason(run: RunOverUr, controller: Contro
         return httpx.post(f"{run.url}/robot/freedrive", json={}, timeout=WAIT_S).text
 
     controller.ask(push=[0.0, 0.0, -2.0 * PUSH_N, 0.0, 0.0, 0.0])
-    run.until(lambda: "already feels" in begin())
+    run.until(lambda: abs(httpx.get(f"{run.url}/robot/state", timeout=WAIT_S).json()["wrench"][2]) > PUSH_N)
+    assert "already feels" in begin()
     controller.ask(push=NO_PUSH, remote=False, program="stop")
     run.until(lambda: robot_health(run).get("mode") == "FAULT")
     assert "program on the controller has ended" in begin()
