@@ -57,9 +57,15 @@ cdef extern from "lanes.h":
         unsigned hit, open, unsure
         int hit_pair, failing_count
         int* failing
+        unsigned* lanes
         float* places
 
     ctypedef void (*LaneCheck)(const LaneModel*, const LaneQuery*, LaneAnswer*) noexcept nogil
+
+
+cdef struct Stretch:       # of a piece of a motion
+    int piece
+    int number           # in units of its own length
 
 
 cdef struct Link:
@@ -117,12 +123,24 @@ cdef class Clearance:
     cdef float* _lane_least
     cdef float* _bend
     cdef int* _lane_order          # pairs; the one of the last hit comes first
-    cdef int* _failing             # three lists of pairs
+    cdef int* _failing             # four lists of pairs
+    cdef unsigned* _failing_lanes  # two for each pair of the first list
     cdef long* _listed             # of the pairs in a list: its number
     cdef long _lists
     cdef double _hit_at
     cdef double _hit_m
 
+    cdef Py_ssize_t _look_along(
+        self, const double* control, int degree, Py_ssize_t count, bint first, char* unproven
+    ) noexcept nogil
+    cdef int _parts_to_start_with(self, const double* control, int degree, int count) noexcept nogil
+    cdef bint _touches(
+        self, const double* control, int degree, const Stretch* stretch, int parts
+    ) noexcept nogil
+    cdef void _look_at_stretches(
+        self, const double* control, int degree, const Stretch* stretches, int count, int parts,
+        LaneQuery* query, LaneAnswer* answer
+    ) noexcept nogil
     cdef void _move_to(self, const double* joints) noexcept nogil
     cdef void _move_part(self, Part* part) noexcept nogil
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil
@@ -131,7 +149,7 @@ cdef class Clearance:
         self, const double* control, int degree, double begin, double end, int* order, int count, bint ordered
     ) noexcept nogil
     cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil
-    cdef void _bound_bends(self, const float* rates) noexcept nogil
+    cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil
     cdef void _look(
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
         LaneAnswer* answer

@@ -41,12 +41,17 @@ cdef enum:
     INTERVALS = 256      # of an edge that may wait
     GENERATIONS = 12
     WEIGHT = 4           # evaluations that a look of the spheres counts for
+    BATCH = 64           # pieces of a motion
+    MAX_STRETCHES = 1024
+    MAX_PARTS = 256      # of a piece
 
 ROUNDING = 2e-6
 """Bound of the rounding of float32 in `lanes.h`: this times the distances that are computed with, times the
 number of joints that are between."""
 INSTRUCTIONS = "COBOT_INSTRUCTIONS"
 """Environment variable: "plain", "avx2" or "avx512" for these instructions alone; "exact": no spheres."""
+cdef double SHORT = 0.2
+"""Largest sum of the turns of all joints, rad, in a stretch that spheres look at first."""
 MAX_SLIDE_M = 1e3
 """Largest position of a slide without a range, m."""
 
@@ -108,6 +113,7 @@ cdef class Clearance:
         free(self._lane_order)
         free(self._bend)
         free(self._failing)
+        free(self._failing_lanes)
         free(self._listed)
         if self._data != NULL:
             mj_deleteData(self._data)
@@ -208,11 +214,12 @@ cdef class Clearance:
         self._lane_order = <int*>calloc(count, sizeof(int))
         self._bend = <float*>calloc(max(1, self._parts) * MAX_DOF, sizeof(float))
         self._failing = <int*>calloc(4 * count, sizeof(int))
+        self._failing_lanes = <unsigned*>calloc(2 * count, sizeof(unsigned))
         self._listed = <long*>calloc(2 * count, sizeof(long))
         if (
             self._lane_links == NULL or self._lane_parts == NULL or self._lane_pairs == NULL
             or self._lane_nodes == NULL or self._lane_order == NULL or self._bend == NULL
-            or self._failing == NULL or self._listed == NULL
+            or self._failing == NULL or self._failing_lanes == NULL or self._listed == NULL
         ):
             raise MemoryError("no memory for the spheres around the arm")
         for joint in range(self.dof):
@@ -475,7 +482,8 @@ cdef class Clearance:
         cdef double later[INTERVALS]
         cdef double later_half[INTERVALS]
         cdef double rates[MAX_DOF]
-        cdef float rounded[MAX_DOF]
+        cdef double still[MAX_DOF]
+        cdef float rounded[MAX_DOF * MAX_LANES]
         cdef float half[MAX_LANES]
         cdef double control[2 * MAX_DOF]
         cdef LaneQuery query
@@ -492,11 +500,13 @@ cdef class Clearance:
             return self._is_edge_exactly_free(start, goal)
         for i in range(self.dof):
             rates[i] = goal[i] - start[i]
-            rounded[i] = rates[i]
-        self._bound_bends(rounded)
+            for lane in range(MAX_LANES):
+                rounded[i * MAX_LANES + lane] = rates[i]
+        memset(still, 0, sizeof(still))
+        self._bound_bends(rates, still)
         query.rates, query.half, query.bend, query.all = rounded, half, self._bend, False
         query.pairs, query.pair_count = self._lane_order, self.count
-        answer.failing, answer.places = self._failing, NULL
+        answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
         pairs[0], pairs[1] = self._failing + self.count, self._failing + 2 * self.count
         self._lists += 1
         late_number = self._lists
@@ -577,10 +587,14 @@ cdef class Clearance:
         query.joints, query.active = joints, (1 << count) - 1
         self._check(&self._lanes, query, answer)
 
-    cdef void _bound_bends(self, const float* rates) noexcept nogil:
+    cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil:
         """For each part and joint, how large the second derivative of a point of it can be along the edge if
         the joints before this one stand still: the sum of |a| |b| times the reach from the outer joint of
-        each two."""
+        each two.
+
+        If half an interval is 0.5, the bound includes eight times the distance that a point moves if each
+        joint leaves the straight motion by `stray`.
+        """
         cdef int index, joint
         cdef double total, outer, rate
         for index in range(self._parts):
@@ -589,6 +603,7 @@ cdef class Clearance:
             while joint >= 0:
                 rate = fabs(rates[joint])
                 total += rate * (rate * self._part[index].reach[joint] + 2.0 * outer)
+                total += 8.0 * stray[joint] * self._part[index].reach[joint]
                 outer += rate * self._part[index].reach[joint]
                 self._bend[index * MAX_DOF + joint] = 1.0001 * total
                 joint = self._link[joint].before
@@ -633,7 +648,8 @@ cdef class Clearance:
     def are_free(self, rows):
         """`is_free` for each row of joints, shape (n, dof). Returns shape (n,)."""
         cdef double joints[MAX_DOF * MAX_LANES]
-        cdef float still[MAX_DOF]
+        cdef double still[MAX_DOF]
+        cdef float rates[MAX_DOF * MAX_LANES]
         cdef float half[MAX_LANES]
         cdef double distance
         cdef LaneQuery query
@@ -646,13 +662,14 @@ cdef class Clearance:
         cdef const double* row = doubles(given, given.size) if given.size else NULL
         self.enclose()
         memset(still, 0, sizeof(still))
+        memset(rates, 0, sizeof(rates))
         memset(half, 0, sizeof(half))
         answer.hit, answer.open, answer.failing_count = 0, (1 << MAX_LANES) - 1, self.count
-        answer.failing, answer.places = self._failing, NULL
-        query.rates, query.half, query.bend, query.all = still, half, self._bend, True
+        answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
+        query.rates, query.half, query.bend, query.all = rates, half, self._bend, True
         query.pairs, query.pair_count, query.joints = self._lane_order, self.count, joints
         if self._check != NULL:
-            self._bound_bends(still)
+            self._bound_bends(still, still)
         for begin in range(0, len(given), <Py_ssize_t>MAX_LANES):
             lanes = min(<Py_ssize_t>MAX_LANES, len(given) - begin)
             if self._check != NULL:
@@ -690,7 +707,9 @@ cdef class Clearance:
         cdef LaneQuery query
         cdef LaneAnswer answer
         cdef double joints[MAX_DOF * MAX_LANES]
-        cdef float rounded[MAX_DOF]
+        cdef double exact_rates[MAX_DOF]
+        cdef double still[MAX_DOF]
+        cdef float rounded[MAX_DOF * MAX_LANES]
         cdef float halves[MAX_LANES]
         cdef Py_ssize_t begin, lanes, lane
         cdef int joint
@@ -700,15 +719,18 @@ cdef class Clearance:
             return None
         given = _rows(rows, self.dof)
         moves = np.zeros(self.dof) if rates is None else np.array(rates, dtype=np.float64)
+        memset(still, 0, sizeof(still))
         for joint in range(self.dof):
-            rounded[joint] = moves[joint]
-        self._bound_bends(rounded)
+            exact_rates[joint] = moves[joint]
+            for lane in range(MAX_LANES):
+                rounded[joint * MAX_LANES + lane] = moves[joint]
+        self._bound_bends(exact_rates, still)
         out = np.zeros((3, len(given)), dtype=bool)
         places = np.zeros((self._parts, 4, MAX_LANES), dtype=np.float32)
         found = np.zeros((len(given), self._parts, 4), dtype=np.float32)
         query.rates, query.half, query.bend, query.all = rounded, halves, self._bend, True
         query.pairs, query.pair_count, query.joints = self._lane_order, self.count, joints
-        answer.failing = self._failing
+        answer.failing, answer.lanes = self._failing, self._failing_lanes
         answer.places = <float*>bytes_of(places, places.nbytes) if places.size else NULL
         for lane in range(MAX_LANES):
             halves[lane] = half
@@ -755,19 +777,189 @@ cdef class Clearance:
             raise ValueError("a joint is not finite")
         if given.size == 0:
             return None
+        self.enclose()
         cdef const double* control = doubles(given, given.size)
         cdef int degree = given.shape[1] - 1
+        cdef int size = (degree + 1) * self.dof
         cdef Py_ssize_t piece, pieces_count = len(given)
-        cdef bint proven = True
+        cdef bint by_spheres = self._check != NULL
+        unproven = np.zeros(pieces_count * self.count + 1, dtype=np.uint8)
+        cdef char* row = bytes_of(unproven, len(unproven))
+        cdef int* order = self._failing if by_spheres else self._order
+        cdef int index, count = self.count
         with nogil:
-            for piece in range(pieces_count):
-                proven = self._is_proven(
-                    control + piece * (degree + 1) * self.dof, degree, 0.0, 1.0, self._order, self.count,
-                    first,
-                )
-                if not proven:
-                    break
-        return None if proven else (piece, self._hit_at, self._hit_pair, self._hit_m)
+            piece = self._look_along(control, degree, pieces_count, first, row) if by_spheres else -1
+            if piece < 0:
+                for piece in range(pieces_count):
+                    if by_spheres:
+                        count = 0
+                        for index in range(self.count):
+                            if row[piece * self.count + index]:
+                                order[count] = index
+                                count += 1
+                    if not self._is_proven(control + piece * size, degree, 0.0, 1.0, order, count, first):
+                        break
+                else:
+                    piece = -1
+        return None if piece < 0 else (piece, self._hit_at, self._hit_pair, self._hit_m)
+
+    cdef Py_ssize_t _look_along(
+        self, const double* control, int degree, Py_ssize_t count, bint first, char* unproven
+    ) noexcept nogil:
+        """Mark the pairs of each piece of a motion that the spheres do not prove free, (count, pairs).
+
+        A stretch of a piece is a straight motion, and a bound of its distance from that. A stretch that is
+        open because of its motion is divided by four.
+
+        Returns:
+            Unless `first`, a piece in which exact distances have found a contact, with the place stored. -1
+            if there is none.
+        """
+        cdef Stretch waiting[2][MAX_STRETCHES]
+        cdef float half[MAX_LANES]
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        cdef int* pairs[2]
+        cdef Py_ssize_t batch, begin, piece
+        cdef int left, parts, side, opened, failing, look, chunk, lanes, lane, index, pair, k
+        cdef unsigned moving, bit
+        cdef bint is_last
+        cdef Py_ssize_t size = (degree + 1) * self.dof
+        for lane in range(MAX_LANES):
+            half[lane] = 0.5
+        query.half, query.bend, query.all = half, self._bend, True
+        answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
+        pairs[0], pairs[1] = self._failing + self.count, self._failing + 2 * self.count
+        for batch in range((count + BATCH - 1) // BATCH):
+            begin = batch * BATCH
+            left = min(count - begin, <Py_ssize_t>BATCH)
+            parts = self._parts_to_start_with(control + begin * size, degree, left)
+            for index in range(left * parts):
+                waiting[0][index].piece, waiting[0][index].number = begin + index // parts, index % parts
+            query.pairs, query.pair_count, left, side = self._lane_order, self.count, left * parts, 0
+            while left:
+                self._lists += 1
+                opened, failing = 0, 0
+                for look in range((left + MAX_LANES - 1) // MAX_LANES):
+                    chunk = look * MAX_LANES
+                    lanes = min(left - chunk, MAX_LANES)
+                    is_last = parts >= MAX_PARTS or opened > MAX_STRETCHES - 4 * MAX_LANES
+                    self._look_at_stretches(
+                        control, degree, &waiting[side][chunk], lanes, parts, &query, &answer
+                    )
+                    moving = 0
+                    for index in range(answer.failing_count):
+                        pair = answer.failing[index]
+                        bit = answer.lanes[2 * index] & ~answer.lanes[2 * index + 1]
+                        if bit and not is_last:
+                            moving |= bit
+                            if failing < self.count and self._listed[pair] != self._lists:
+                                self._listed[pair] = self._lists
+                                pairs[side][failing] = pair
+                                failing += 1
+                        for lane in range(lanes):
+                            if answer.lanes[2 * index + (0 if is_last else 1)] >> lane & 1:
+                                unproven[waiting[side][chunk + lane].piece * self.count + pair] = 1
+                    for lane in range(lanes):
+                        piece = waiting[side][chunk + lane].piece
+                        if answer.hit >> lane & 1:
+                            if not first and self._touches(
+                                control, degree, &waiting[side][chunk + lane], parts
+                            ):
+                                return piece
+                            if is_last:
+                                memset(unproven + piece * self.count, 1, self.count)
+                                continue
+                            failing = self.count
+                        elif not moving >> lane & 1:
+                            continue
+                        for k in range(4):
+                            waiting[1 - side][opened].piece = piece
+                            waiting[1 - side][opened].number = 4 * waiting[side][chunk + lane].number + k
+                            opened += 1
+                left, parts = opened, 4 * parts
+                if failing < self.count:
+                    query.pairs, query.pair_count = pairs[side], failing
+                else:
+                    query.pairs, query.pair_count = self._lane_order, self.count
+                side = 1 - side
+        return -1
+
+    cdef int _parts_to_start_with(self, const double* control, int degree, int count) noexcept nogil:
+        """How many parts of these pieces are short enough for spheres, but no more than there is room for."""
+        cdef double longest = 0.0
+        cdef double travel
+        cdef int piece, i
+        cdef int parts = 1
+        for piece in range(count):
+            travel = 0.0
+            for i in range(degree * self.dof):
+                travel += fabs(control[self.dof + i] - control[i])
+            longest = fmax(longest, travel)
+            control += (degree + 1) * self.dof
+        while longest > SHORT * parts and parts < MAX_PARTS and 4 * parts * count <= MAX_STRETCHES:
+            parts *= 4
+        return parts
+
+    cdef bint _touches(
+        self, const double* control, int degree, const Stretch* stretch, int parts
+    ) noexcept nogil:
+        """Whether exact distances find a contact in the middle of a stretch. Its place is stored."""
+        cdef double joints[MAX_DOF]
+        cdef double weights[MAX_DEGREE + 1]
+        cdef const double* points = control + <Py_ssize_t>stretch.piece * (degree + 1) * self.dof
+        cdef int joint, i
+        self._hit_at = (stretch.number + 0.5) / parts
+        _bernstein(degree, self._hit_at, weights)
+        for joint in range(self.dof):
+            joints[joint] = 0.0
+            for i in range(degree + 1):
+                joints[joint] += weights[i] * points[i * self.dof + joint]
+        self._move_to(joints)
+        self._hit_pair = self._first_touching(self._order, self.count, &self._hit_m)
+        return self._hit_pair >= 0
+
+    cdef void _look_at_stretches(
+        self, const double* control, int degree, const Stretch* stretches, int count, int parts,
+        LaneQuery* query, LaneAnswer* answer
+    ) noexcept nogil:
+        """The spheres' answer about stretches, each one of so many parts of its piece. Lanes without a
+        stretch repeat the last one."""
+        cdef double joints[MAX_DOF * MAX_LANES]
+        cdef float rates[MAX_DOF * MAX_LANES]
+        cdef double fastest[MAX_DOF]
+        cdef double stray[MAX_DOF]
+        cdef double weights[2][MAX_DEGREE + 1]
+        cdef double begin, end, bend
+        cdef const double* points
+        cdef int lane, joint, i
+        cdef double length = 1.0 / parts
+        memset(fastest, 0, sizeof(fastest))
+        memset(stray, 0, sizeof(stray))
+        for lane in range(MAX_LANES):
+            points = control + <Py_ssize_t>stretches[min(lane, count - 1)].piece * (degree + 1) * self.dof
+            i = stretches[min(lane, count - 1)].number
+            _bernstein(degree, i * length, weights[0])
+            _bernstein(degree, (i + 1) * length, weights[1])
+            for joint in range(self.dof):
+                begin, end, bend = 0.0, 0.0, 0.0
+                for i in range(degree + 1):
+                    begin += weights[0][i] * points[i * self.dof + joint]
+                    end += weights[1][i] * points[i * self.dof + joint]
+                for i in range(degree - 1):
+                    bend = fmax(bend, fabs(
+                        points[i * self.dof + joint] - 2.0 * points[(i + 1) * self.dof + joint]
+                        + points[(i + 2) * self.dof + joint]
+                    ))
+                joints[joint * MAX_LANES + lane] = 0.5 * (begin + end)
+                rates[joint * MAX_LANES + lane] = end - begin
+                fastest[joint] = fmax(fastest[joint], fabs(end - begin))
+                # A curve leaves its chord by an eighth of its largest second derivative.
+                stray[joint] = fmax(stray[joint], 0.125 * length * length * degree * (degree - 1) * bend)
+        self._bound_bends(fastest, stray)
+        self.evaluations += WEIGHT
+        query.joints, query.rates, query.active = joints, rates, (1 << count) - 1
+        self._check(&self._lanes, query, answer)
 
     def distances(self, rows, double farthest_m):
         """The distances, shape (n, count), m, at joints (n, dof). Larger distances are given as
@@ -858,6 +1050,17 @@ cdef class Clearance:
                     for i in range(self.dof):
                         gradient[row * self.dof + i] -= speed * (1.0 - beyond / width_m) * slope_of[i]
         return out, cost, nearest
+
+
+cdef void _bernstein(int degree, double at, double* out) noexcept nogil:
+    """The weights of the control points of a Bezier curve at a place."""
+    cdef int order, i
+    out[0] = 1.0
+    for order in range(1, degree + 1):
+        out[order] = at * out[order - 1]
+        for i in range(order - 1, 0, -1):
+            out[i] = (1.0 - at) * out[i] + at * out[i - 1]
+        out[0] *= 1.0 - at
 
 
 cdef void _halve(const double* control, int degree, int dof, double* left, double* right) noexcept nogil:

@@ -47,7 +47,7 @@ typedef struct {
 
 typedef struct {
     const double *joints;           /* joint by joint, LANES values each */
-    const float *rates;             /* of each joint along the edge */
+    const float *rates;             /* along the edge; joint by joint, LANES values each */
     const float *half;              /* half the interval of each lane, as a share of the edge */
     const float *bend;              /* part by part, for each joint: bound of its points' second derivatives */
     const int *pairs;
@@ -61,6 +61,7 @@ typedef struct {
     int hit_pair;
     int failing_count;
     int *failing;                   /* pairs that are open in any lane */
+    unsigned *lanes;                /* of each of them: the lanes that are open, and those that are unsure */
     float *places;                  /* unless NULL: centres and motions of the parts, 4 x LANES each */
 } LaneAnswer;
 

@@ -160,7 +160,8 @@ static void LANES_NAME(move)(const LaneModel *model, const LaneQuery *query, Sta
         const LaneLink *link = &model->links[joint];
         vf *turn = state->turn[joint], *place = state->place[joint];
         vf *spin = state->spin[joint], *speed = state->speed[joint];
-        float rate = query->rates[joint];
+        vf rate;
+        memcpy(&rate, query->rates + LANES * joint, sizeof rate);
         if (link->before < 0) {
             for (int i = 0; i < 9; i++) turn[i] = none + link->turn[i];
             for (int i = 0; i < 3; i++) place[i] = none + link->offset[i], spin[i] = none, speed[i] = none;
@@ -382,7 +383,7 @@ static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, La
             LANES_NAME(motion)(&state, second, pair->common, query->bend[LANES_JOINTS * pair->second + pair->second_joint], &more);
             walk.need += more;
         }
-        walk.still = least + slack;
+        walk.still = (least > 0.0f ? least : 0.0f) + slack; /* pieces apart do not limit how deep their bodies overlap */
         walk.touch = least - slack;
         walk.need += walk.still;
         walk.open = walk.unsure = 0;
@@ -399,6 +400,8 @@ static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, La
         if (walk.open) {
             answer->open |= walk.open;
             answer->unsure |= walk.unsure;
+            answer->lanes[2 * answer->failing_count] = walk.open;
+            answer->lanes[2 * answer->failing_count + 1] = walk.unsure;
             answer->failing[answer->failing_count++] = query->pairs[index];
         }
     }

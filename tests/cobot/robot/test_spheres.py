@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
+from math import comb
 
 import mujoco
 import numpy as np
@@ -263,3 +264,56 @@ def test_mujocos_contacts_are_where_the_spheres_see_them(name: str) -> None:
     assert (nearest[~unsure] >= LEAST_M - 1e-6).all()
     assert (nearest[hit] < LEAST_M + 1e-6).all()
     assert min(hit.sum(), (~unsure).sum()) > 100 or not ENOUGH
+
+
+def curves(problem: scenes.Problem, random: np.random.Generator, degree: int, count: int) -> list[Array]:
+    """Motions of three Bezier curves each, bent by different amounts, around places near a free one."""
+    found = []
+    for _ in range(samples(count)):
+        spread = random.choice([0.02, 0.15, 0.6])
+        way = np.cumsum(random.normal(size=(3 * degree + 1, 7)) * spread / degree, axis=0)
+        places = problem.start + random.normal(size=7) * random.choice([0.0, 0.4]) + way
+        found.append(np.stack([places[degree * k : degree * (k + 1) + 1] for k in range(3)]))
+    return found
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_a_motion_is_proven_exactly_as_without_spheres(
+    robot: RobotDescription, degree: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The oracles are the exact proof, and exact distances at many places of the motion."""
+    random = np.random.default_rng(SEED + 8)
+    verdicts = {True: 0, False: 0}
+    weights = np.array([comb(degree, k) for k in range(degree + 1)])
+    shares = np.linspace(0.0, 1.0, 400)[:, None]
+    bernstein = weights * shares ** np.arange(degree + 1) * (1.0 - shares) ** (degree - np.arange(degree + 1))
+    for kind in scenes.KINDS:
+        problem = next(scenes.problems(robot, kind, 1, SEED))
+        mj = problem.robot.model.mj
+        spheres = Clearance(mj, geom_pairs(mj), RESOLUTION_M)
+        spheres.enclose()
+        monkeypatch.setenv(INSTRUCTIONS, "exact")
+        exact = Clearance(mj, geom_pairs(mj), RESOLUTION_M)
+        exact.enclose()
+        monkeypatch.delenv(INSTRUCTIONS)
+        for least_m in (LEAST_M, -0.02):
+            spheres.require(least_m)
+            exact.require(least_m)
+            for pieces in curves(problem, random, degree, 60):
+                found, expected = spheres.contact(pieces), exact.contact(pieces)
+                verdicts[found is None] += 1
+                nearest_m = min(exact.distances(bernstein @ piece, 1.0).min() for piece in pieces)
+                if found is None:
+                    assert expected is None
+                    assert nearest_m >= least_m - RESOLUTION_M
+                else:
+                    piece, share, pair, distance_m = found
+                    at = share ** np.arange(degree + 1) * (1.0 - share) ** (degree - np.arange(degree + 1))
+                    there = exact.distances((weights * at @ pieces[piece])[None], 1.0)[0, pair]
+                    assert distance_m < least_m
+                    assert there == pytest.approx(distance_m, abs=1e-6)
+                first, expected = spheres.contact(pieces, first=True), exact.contact(pieces, first=True)
+                assert (first is None) == (expected is None)
+                if first is not None and expected is not None:
+                    assert first[:2] == expected[:2]
+    assert min(verdicts.values()) > 5 or not ENOUGH, verdicts
