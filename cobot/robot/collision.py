@@ -87,6 +87,7 @@ class CollisionChecker:
         self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)
         self._nearest: NearestParts | None = None
+        self._proven: Trajectory | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
         """Copy the scene, the tool and the distances from another checker of the same arm, without computing
@@ -94,6 +95,7 @@ class CollisionChecker:
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
         self._nearest = None
+        self._proven = None
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
         """A checker of the same arm in another scene or with another tool; raises the same errors as
@@ -117,10 +119,12 @@ class CollisionChecker:
         `least_m` is one value for all pairs, or one per pair, m.
         """
         self.clearance.require(least_m)
+        self._proven = None
         try:
             yield self.clearance
         finally:
             self.clearance.require(self.margin_m)
+            self._proven = None
 
     def is_free(self, joints: Array) -> bool:
         """Whether everything keeps the margin. Takes about 2 µs."""
@@ -173,13 +177,18 @@ class CollisionChecker:
         """Reject a motion that comes closer to anything than the margin.
 
         The check is a proof, not a sample: a motion that passes keeps at least the margin minus
-            `RESOLUTION_M` at all times.
+            `RESOLUTION_M` at all times. The motion that passed last is not proven again.
 
         Raises:
             CollisionError: names the bodies, the time, the share of the motion, the joint angles, and the
                 deepest contact.
             InputError: the motion is too long to be checked.
         """
+        last = self._proven
+        if last is not None and (
+            trajectory.coefficients is last.coefficients and trajectory.breakpoints_s is last.breakpoints_s
+        ):
+            return
         pieces = motion_pieces(trajectory)
         travel = float(np.abs(np.diff(pieces, axis=1)).sum(axis=1).max(axis=1).sum())
         if not travel <= MAX_TRAVEL_RAD:
@@ -188,6 +197,7 @@ class CollisionChecker:
                 f"at most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
             )
         if self.clearance.contact(pieces) is None:
+            self._proven = trajectory
             return
         found = self.clearance.contact(pieces, first=True) or self.clearance.contact(pieces)
         if found is None:

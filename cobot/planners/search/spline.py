@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import factorial
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +12,8 @@ from cobot.errors import CollisionError
 from cobot.planners.held import Held
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
-from cobot.polynomials import control_points
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory
+from cobot.trajectory import Integers, Trajectory
 from cobot.types import Array, JointLimits
 
 if TYPE_CHECKING:
@@ -40,15 +40,15 @@ def smooth_motion(
     """
     points = FIRST_POINTS
     while True:
-        spline = control_spline(resampled(corners, points))
+        curve, pieces = smooth_curve(resampled(corners, points))
         is_last = points >= LAST_POINTS
         points *= 2
         if not is_last and (
-            robot.collision.clearance.contact(pieces_of(spline)) is not None
-            or (held is not None and held.excess(spline(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
+            robot.collision.clearance.contact(pieces) is not None
+            or (held is not None and held.excess(curve.at(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
         ):
             continue
-        trajectory = time_optimal(robot, JointCurve.of_spline(spline), limits).trajectory
+        trajectory = time_optimal(robot, curve, limits).trajectory
         try:
             robot.collision.check_trajectory(trajectory)
         except CollisionError:
@@ -63,10 +63,10 @@ def resampled(corners: Array, count: int) -> Array:
 
     They are at the Greville abscissae, so that the spline of a straight line has constant speed.
     """
-    knots = _knots(count)
-    greville = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(count)])
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    return np.stack([np.interp(greville * reached[-1], reached, column) for column in corners.T], axis=1)
+    return np.stack(
+        [np.interp(_unit(count).greville * reached[-1], reached, column) for column in corners.T], axis=1
+    )
 
 
 def control_spline(points: Array) -> BSpline:
@@ -76,13 +76,42 @@ def control_spline(points: Array) -> BSpline:
     return BSpline(_knots(len(points)), points, DEGREE)
 
 
-def pieces_of(spline: BSpline) -> Array:
-    """A spline as Bezier curves, for `Clearance.contact`: control points, shape (n, degree + 1, dof)."""
-    borders = np.unique(spline.t)
-    orders = np.arange(spline.k + 1)
-    factorials = np.array([factorial(int(order)) for order in orders])
-    derivatives = np.array([spline(borders[:-1], nu=int(order)) for order in orders])
-    return control_points((derivatives / factorials[:, None, None]).transpose(1, 2, 0), np.diff(borders))
+def smooth_curve(points: Array) -> tuple[JointCurve, Array]:
+    """The curve of `control_spline`, and its pieces as Bezier curves, shape (n, degree + 1, dof)."""
+    unit = _unit(len(points))
+    windows = points[unit.windows]
+    powers = np.ascontiguousarray((unit.powers @ windows).transpose(0, 2, 1))
+    return JointCurve(unit.breakpoints, powers), unit.bezier @ windows
+
+
+@dataclass(frozen=True, slots=True)
+class _Unit:
+    """What all curves with a number of control points share.
+
+    Attributes:
+        greville: the Greville abscissae, shape (count,).
+        breakpoints: shape (n + 1,).
+        windows: indices of the control points of each piece, shape (n, degree + 1).
+        powers, bezier: a piece's coefficients and its Bezier control points by these, (n, degree + 1,
+            degree + 1).
+    """
+
+    greville: Array
+    breakpoints: Array
+    windows: Integers
+    powers: Array
+    bezier: Array
+
+
+@lru_cache(maxsize=16)
+def _unit(count: int) -> _Unit:
+    knots = _knots(count)
+    greville = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(count)])
+    each = JointCurve.of_spline(control_spline(np.eye(count)))
+    windows = np.arange(count - DEGREE)[:, None] + np.arange(DEGREE + 1)
+    places = np.arange(len(windows))[:, None, None], np.arange(DEGREE + 1)[:, None], windows[:, None]
+    powers, bezier = each.coefficients.transpose(0, 2, 1)[places], each.bezier()[places]
+    return _Unit(greville, each.breakpoints, windows, powers, bezier)
 
 
 def _knots(points: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -205,3 +206,30 @@ def test_a_twin_has_the_same_distances_in_a_memory_of_its_own(robot: RobotDescri
     np.testing.assert_array_equal(twin.clearance.distances(rows, 1.0), before)
     assert (twin.pairs, twin.scene, twin.tool) == (checker.pairs, checker.scene, checker.tool)
     assert twin.clearance is not checker.clearance
+
+
+def test_a_motion_that_passed_is_proven_again_only_after_a_change_around_the_arm(
+    robot: RobotDescription,
+) -> None:
+    """The oracle is the number of configurations that the proof looks at, and a box in the way."""
+    collision = robot.collision.among(Scene())
+    ends = np.zeros((2, 7))
+    ends[1, 0] = 1.0
+    motion = rest_to_rest(*ends)
+    collision.check_trajectory(motion)
+    looks = collision.clearance.evaluations
+    collision.check_trajectory(replace(motion, note="the same motion"))
+    assert collision.clearance.evaluations == looks
+    collision.check_trajectory(rest_to_rest(*ends))
+    assert collision.clearance.evaluations > looks, "another motion, though an equal one"
+    collision.check_trajectory(motion)
+    with collision.keeping(0.02):
+        looks = collision.clearance.evaluations
+        collision.check_trajectory(motion)
+        assert collision.clearance.evaluations > looks, "another required distance"
+    tip = robot.model.poses(motion.sample([1.0]))[0, :3]
+    collision.surround(
+        Scene(version=1, objects={"box": SceneObject("box", (0.1, 0.1, 0.1), (*tip, 1.0, 0.0, 0.0, 0.0))})
+    )
+    with pytest.raises(CollisionError, match="box"):
+        collision.check_trajectory(motion)

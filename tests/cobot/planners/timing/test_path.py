@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.search.spline import control_spline
+from cobot.planners.search.spline import control_spline, smooth_curve
 from cobot.planners.timing.path import JointCurve
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
@@ -31,11 +31,17 @@ def test_a_path_through_points_is_scipys_spline_with_its_derivatives(points: int
         np.testing.assert_allclose(found, expected, atol=1e-9 * (1.0 + np.abs(expected).max()))
 
 
-def test_a_clamped_spline_keeps_its_ends() -> None:
-    points = np.random.default_rng(1).normal(size=(14, 7))
-    path = JointCurve.of_spline(control_spline(points))
+@pytest.mark.parametrize("count", [12, 24, 48])
+def test_a_smooth_curve_is_scipys_clamped_spline(count: int) -> None:
+    points = np.random.default_rng(1).normal(size=(count, 7))
+    path, pieces = smooth_curve(points)
     np.testing.assert_allclose(path.at(np.array([0.0, path.length])), points[[0, -1]], atol=1e-12)
-    np.testing.assert_allclose(path.at(PLACES), control_spline(points)(PLACES), atol=1e-12)
+    spline = control_spline(points)
+    for order, found in enumerate(path.derivatives(PLACES)):
+        expected = spline(PLACES, order)
+        np.testing.assert_allclose(found, expected, atol=1e-9 * (1.0 + np.abs(expected).max()))
+    np.testing.assert_allclose(pieces[:, 0], spline(path.breakpoints[:-1]), atol=1e-12)
+    np.testing.assert_allclose(pieces, path.bezier(), atol=1e-9)
 
 
 def test_the_path_of_a_motion_is_where_the_motion_was(robot: RobotDescription) -> None:
