@@ -58,6 +58,7 @@ def main() -> int:
         settings = load_settings(arguments.config).of(arguments.robot)
         start_logging("planning", settings.logging)
         robot = load_robot(settings)
+        robot.collision.clearance.enclose()
         if settings.planning.replan_within_s > 0.0:  # importing takes longer than a search
             retarget.load_search()
     except CobotError as exc:
