@@ -120,6 +120,7 @@ class RedundancyGraph:
             self._end = arm.of(end)
             self._lead_to(end)
         self._free: dict[int, npt.NDArray[np.bool_]] = {}
+        self._cost: dict[int, Array] = {}
         self.reached = 0.0
 
     def profiles(self, free: bool) -> Iterator[Profile]:
@@ -155,7 +156,7 @@ class RedundancyGraph:
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
         """The lowest and highest arm angles, shape (2, n), with only valid nodes from the given angle to
         them."""
-        good = np.isfinite(self._costs(self._rows[:, :, branch]))
+        good = np.isfinite(self._costs(branch))
         if free:
             good &= self._are_free(branch)
         count, step = len(self._angles), self._angles[1] - self._angles[0]
@@ -180,7 +181,7 @@ class RedundancyGraph:
         free: use only nodes that are free of collisions.
         """
         rows = self._rows[:, :, branch]
-        costs = self._costs(rows)
+        costs = self._costs(branch)
         if free:
             costs = np.where(self._are_free(branch), costs, np.inf)
         weights, mesh = 1.0 / self._robot.limits.max_velocity, self._mesh
@@ -191,13 +192,16 @@ class RedundancyGraph:
         angle, _ = self._arm.of(self._start)
         return np.unwrap(np.concatenate([[angle], self._angles[indices]]))
 
-    def _costs(self, rows: Array) -> Array:
-        """The cost of nodes, shape (n, m); infinite where there are no joints."""
-        limits = self._robot.limits
-        margin = np.minimum(rows - limits.min_position, limits.max_position - rows)
-        near = np.clip(1.0 - margin / NEAR_LIMIT_RAD, 0.0, None)
-        cost = AT_LIMIT / len(rows) * (near**2).sum(axis=2)
-        return np.where(np.isnan(cost) | (margin.min(axis=2) < MARGIN_RAD), np.inf, cost)
+    def _costs(self, branch: int) -> Array:
+        """The cost of the nodes of a branch, shape (n, m); infinite where there are no joints."""
+        if branch not in self._cost:
+            limits, rows = self._robot.limits, self._rows[:, :, branch]
+            margin = np.minimum(rows - limits.min_position, limits.max_position - rows)
+            near = np.clip(1.0 - margin / NEAR_LIMIT_RAD, 0.0, None)
+            cost = AT_LIMIT / len(rows) * (near**2).sum(axis=2)
+            good = margin.min(axis=2) >= MARGIN_RAD  # not where the joints are NaN
+            self._cost[branch] = np.where(good, cost, np.inf)
+        return self._cost[branch]
 
     def _are_free(self, branch: int) -> npt.NDArray[np.bool_]:
         if branch not in self._free:
