@@ -130,6 +130,8 @@ cdef class Clearance:
     cdef double _hit_at
     cdef double _hit_m
 
+    cdef int _common(self, int joint, int other) noexcept
+    cdef int _after(self, int common, int joint) noexcept
     cdef Py_ssize_t _look_along(
         self, const double* control, int degree, Py_ssize_t count, bint first, char* unproven
     ) noexcept nogil
