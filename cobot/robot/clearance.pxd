@@ -7,6 +7,7 @@ from cobot.robot.shapes cimport Solid
 
 cdef extern from "lanes.h":
     enum:
+        LANES_NEAR
         LANES_TREE
         LANES_BOX
         LANES_CYLINDER
@@ -132,6 +133,9 @@ cdef class Clearance:
 
     cdef int _common(self, int joint, int other) noexcept
     cdef int _after(self, int common, int joint) noexcept
+    cdef void _find_near(
+        self, const double* joints, Py_ssize_t count, const float* within, char* near
+    ) noexcept nogil
     cdef Py_ssize_t _look_along(
         self, const double* control, int degree, Py_ssize_t count, bint first, char* unproven
     ) noexcept nogil

@@ -900,6 +900,41 @@ cdef class Clearance:
                 side = 1 - side
         return -1
 
+    cdef void _find_near(
+        self, const double* joints, Py_ssize_t count, const float* within, char* near
+    ) noexcept nogil:
+        """Whether each pair may be nearer than these distances, (count, pairs). Spheres alone decide."""
+        cdef double places[MAX_DOF * MAX_LANES]
+        cdef double still[MAX_DOF]
+        cdef float rates[MAX_DOF * MAX_LANES]
+        cdef float half[MAX_LANES]
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        cdef Py_ssize_t begin = 0
+        cdef int lanes, lane, joint, index
+        memset(still, 0, sizeof(still))
+        memset(rates, 0, sizeof(rates))
+        memset(half, 0, sizeof(half))
+        memset(near, 0, count * self.count)
+        self._bound_bends(still, still)
+        query.joints, query.rates, query.half, query.bend, query.all = places, rates, half, self._bend, LANES_NEAR
+        query.pairs, query.pair_count = self._lane_order, self.count
+        answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
+        self._lanes.least = within
+        while begin < count:
+            lanes = min(count - begin, <Py_ssize_t>MAX_LANES)
+            for lane in range(MAX_LANES):
+                for joint in range(self.dof):
+                    places[joint * MAX_LANES + lane] = joints[(begin + min(lane, lanes - 1)) * self.dof + joint]
+            query.active = (1 << lanes) - 1
+            self._check(&self._lanes, &query, &answer)
+            for index in range(answer.failing_count):
+                for lane in range(lanes):
+                    if answer.lanes[2 * index] >> lane & 1:
+                        near[(begin + lane) * self.count + answer.failing[index]] = 1
+            begin += lanes
+        self._lanes.least = self._lane_least
+
     cdef int _parts_to_start_with(self, const double* control, int degree, int count) noexcept nogil:
         """How many parts of these pieces are short enough for spheres, but no more than there is room for."""
         cdef double longest = 0.0
@@ -1042,7 +1077,14 @@ cdef class Clearance:
         cdef double distance, beyond, speed
         cdef Py_ssize_t row, count = len(given)
         cdef int index, i
+        self.enclose()
+        within = np.full(max(1, self.count), least_m + width_m, dtype=np.float32)
+        are_near = np.ones(count * self.count + 1, dtype=np.uint8)
+        cdef char* near = bytes_of(are_near, len(are_near))
+        cdef const float* reach = <const float*>bytes_of(within, within.nbytes)
         with nogil:
+            if self._check != NULL:
+                self._find_near(joints, count, reach, near)
             for row in range(count):
                 self._move_to(joints + row * self.dof)
                 speed = 0.0
@@ -1050,6 +1092,8 @@ cdef class Clearance:
                     speed += velocity[row * self.dof + i] * velocity[row * self.dof + i]
                 speed = sqrt(speed)
                 for index in range(self.count):
+                    if not near[row * self.count + index]:
+                        continue
                     distance = self._gap(index, least_m + width_m, line)
                     beyond = distance - least_m
                     if beyond >= width_m:

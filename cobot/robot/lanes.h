@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+enum { LANES_NEAR = 2 };
 enum { LANES = 16, LANES_JOINTS = 16, LANES_DEPTH = 32 };
 enum { LANES_TREE, LANES_BOX, LANES_CYLINDER, LANES_SEGMENT, LANES_PLANE };
 
@@ -53,7 +54,7 @@ typedef struct {
     const int *pairs;
     int pair_count;
     unsigned active;                /* the lanes that count, a bit each */
-    int all;                        /* go on after a hit */
+    int all;                        /* go on after a hit; LANES_NEAR: look for none */
 } LaneQuery;
 
 typedef struct {

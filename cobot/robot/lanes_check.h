@@ -384,7 +384,7 @@ static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, La
             walk.need += more;
         }
         walk.still = (least > 0.0f ? least : 0.0f) + slack; /* pieces apart do not limit how deep their bodies overlap */
-        walk.touch = least - slack;
+        walk.touch = query->all == LANES_NEAR ? -1e9f : least - slack;
         walk.need += walk.still;
         walk.open = walk.unsure = 0;
         hit = second->kind == LANES_TREE

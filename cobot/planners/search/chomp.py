@@ -14,7 +14,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor
+from scipy.linalg.lapack import dpotrs
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
@@ -135,7 +136,7 @@ def _descend(
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
             raise PlanningTimeout.after(timeout_s, f"chomp: not finished within {timeout_s:.1f} s")
-        velocities = np.gradient(points, axis=0) * (count - 1)
+        velocities = _slopes(points) * (count - 1)
         push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
         if iteration % LOOK == 0 and nearest.min() >= least_m:
             if clearance.contact(np.stack([points[:-1], points[1:]], axis=1)) is None:
@@ -143,7 +144,7 @@ def _descend(
             if free is not None and iteration >= least_iterations:
                 break
         inner = points[1:-1]
-        step = cho_solve(factor, weight * (stiffness @ inner + pull) + push[1:-1])
+        step = _solve(factor, weight * (stiffness @ inner + pull) + push[1:-1])
         largest = float(np.abs(step).max())
         if largest < 1e-9:
             break
@@ -190,6 +191,19 @@ def _smoothness(count: int) -> tuple[Array, Factor]:
     return stiffness, cho_factor(stiffness)
 
 
+def _solve(factor: Factor, right: Array) -> Array:
+    """`scipy.linalg.cho_solve` without its checks, which take longer than the solution."""
+    return np.asarray(dpotrs(factor[0], right, lower=factor[1])[0])
+
+
+def _slopes(points: Array) -> Array:
+    """`numpy.gradient` along the rows."""
+    out = np.empty_like(points)
+    out[1:-1] = (points[2:] - points[:-2]) / 2.0
+    out[0], out[-1] = points[1] - points[0], points[-1] - points[-2]
+    return out
+
+
 def _pull(start: Array, goal: Array, count: int) -> Array:
     """b of the gradient: the contribution of the ends, which are at rest."""
     difference = _differences(count)
@@ -211,10 +225,10 @@ def _differences(count: int) -> Array:
 def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
     """Apply joint limits in place as in the paper's section 4.3: subtract the violation, smoothed by A⁻¹."""
     for _ in range(20):
-        violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))
-        if not violation.any():
+        if (inner <= high).all() and (inner >= low).all():
             return
-        correction = cho_solve(factor, violation)
+        violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))
+        correction = _solve(factor, violation)
         for joint in np.flatnonzero(violation.any(axis=0)):
             row = int(np.abs(violation[:, joint]).argmax())
             inner[:, joint] -= correction[:, joint] * violation[row, joint] / correction[row, joint]
