@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cobot.errors import PlanningError
 from cobot.findings import Finding
 from cobot.motions.constraints import Box, Cone, Constraints
+from cobot.planners.projection import Projection
 from cobot.robot.description import RobotDescription
-from cobot.robot.quaternion import cross
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
@@ -23,7 +21,6 @@ ALLOWANCE = 1e-4
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
 """How far inside the constraints a projected configuration stays, rad or m, or as a share of a narrower
 range."""
-TURNS, MAX_STEP_RAD, DAMPING = 25, 0.3, 1e-6
 
 
 class Held:
@@ -45,11 +42,20 @@ class Held:
         if cone is not None:
             turn = self._model.chain.solve(start)[1]
             self._direction = turn @ cone.axis if cone.direction is None else cone.direction
+        box = constraints.box
+        self._projection = Projection(
+            robot.model.chain,
+            self.low,
+            self.high,
+            None if cone is None else (cone.axis, self._direction, cone.within_rad),
+            None if box is None else (box.low, box.high),
+            INSIDE,
+            INSIDE_SHARE,
+        )
 
     def keeps(self, joints: Array) -> bool:
         """Whether a configuration keeps all constraints."""
-        inside = (joints >= self.low).all() and (joints <= self.high).all()
-        return bool(inside) and not self._broken(joints, 0.0)[1]
+        return self._projection.keeps(joints)
 
     def excess(self, rows: Array) -> Array:
         """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
@@ -106,50 +112,8 @@ class Held:
         )
 
     def project(self, joints: Array) -> Array | None:
-        """A configuration near a given one that keeps all constraints with a margin; None if no such
-        configuration is found.
-
-        Newton's method on the violated constraints, with the smallest joint motion.
-        """
-        here = np.clip(joints, self.low, self.high)
-        for _ in range(TURNS):
-            rows, missing = self._broken(here, INSIDE)
-            if not missing:
-                return here
-            matrix = np.array(rows)
-            square = matrix @ matrix.T
-            square.flat[:: len(square) + 1] += DAMPING
-            step = matrix.T @ np.linalg.solve(square, np.array(missing))
-            longest = np.abs(step).max()
-            here = np.clip(here + step * min(1.0, MAX_STEP_RAD / longest), self.low, self.high)
-        return None
-
-    def _broken(self, joints: Array, inside: float) -> tuple[list[Array], list[float]]:
-        """For each constraint that is not kept with this margin (rad, m): its gradient by the joints, shape
-        (dof,), and the required change.
-        """
-        rows: list[Array] = []
-        missing: list[float] = []
-        position, turn, jacobian = self._model.chain.solve(joints)
-        cone, box = self._constraints.cone, self._constraints.box
-        if cone is not None:
-            room = min(inside, INSIDE_SHARE * cone.within_rad)
-            axis = turn @ cone.axis
-            tilt = np.array(cross(axis.tolist(), self._direction.tolist()))
-            sine = math.sqrt(tilt @ tilt)
-            angle = math.atan2(sine, axis @ self._direction)
-            if angle > cone.within_rad - room:
-                tilt = tilt / sine if sine > 1e-9 else _across(axis)
-                rows.append(tilt @ jacobian[3:])
-                missing.append(angle - cone.within_rad + 2.0 * room)
-        if box is not None:
-            for place, low, high, row in zip(position, box.low, box.high, jacobian[:3], strict=True):
-                room = min(inside, INSIDE_SHARE * (high - low))
-                below, above = low + room - place, place - high + room
-                if max(below, above) > 0.0:
-                    rows.append(row.copy())
-                    missing.append(below + room if below > above else -above - room)
-        return rows, missing
+        """As `Projection.project`."""
+        return self._projection.project(joints)
 
     def _angles(self, cone: Cone, poses: Array) -> Array:
         """The angle between the tool's axis and its direction, shape (n,), rad."""
@@ -200,9 +164,3 @@ def _outside_box(box: Box, axis: int, value: float) -> str:
         f"constraints.box: the TCP's {'xyz'[axis]} is {value:.4g} m, allowed are {box.low[axis]:g} to "
         f"{box.high[axis]:g} m"
     )
-
-
-def _across(axis: Array) -> Array:
-    """A direction at a right angle to an axis."""
-    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    return np.asarray(across / np.linalg.norm(across))

@@ -212,3 +212,16 @@ def test_a_projected_configuration_keeps_all_or_there_is_none(robot: RobotDescri
             assert held.excess(joints[None]).max() <= 0.0
             assert held.keeps(joints)
     assert found > 100
+
+
+def test_a_tool_that_points_the_opposite_way_is_turned_into_its_cone(robot: RobotDescription) -> None:
+    """Newton's method has no direction of its own there. The oracle is the angle from the poses."""
+    start = np.array([0.3, 0.7, 0.1, -1.2, 0.2, 0.9, 0.0])
+    axis = robot.model.chain.solve(start)[1] @ Z
+    held = Held(robot, Constraints(Cone(Z, 0.3, -axis)), start)
+    assert not held.keeps(start)
+    joints = held.project(start)
+    assert joints is not None
+    assert held.keeps(joints)
+    assert held.excess(joints[None]).max() <= 0.0
+    assert not held.keeps(robot.limits.max_position + 0.1)
