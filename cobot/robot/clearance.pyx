@@ -50,10 +50,11 @@ ROUNDING = 2e-6
 number of joints that are between."""
 INSTRUCTIONS = "COBOT_INSTRUCTIONS"
 """Environment variable: "plain", "avx2" or "avx512" for these instructions alone; "exact": no spheres."""
-cdef double SHORT = 0.2
-"""Largest sum of the turns of all joints, rad, in a stretch that spheres look at first."""
 MAX_SLIDE_M = 1e3
 """Largest position of a slide without a range, m."""
+
+# The largest sum of the turns of all joints, rad, in a stretch that spheres look at first.
+cdef double SHORT = 0.2
 
 
 cdef class Clearance:
@@ -939,9 +940,9 @@ cdef class Clearance:
         """How many parts of these pieces are short enough for spheres, but no more than there is room for."""
         cdef double longest = 0.0
         cdef double travel
-        cdef int piece, i
+        cdef int _piece, i
         cdef int parts = 1
-        for piece in range(count):
+        for _piece in range(count):
             travel = 0.0
             for i in range(degree * self.dof):
                 travel += fabs(control[self.dof + i] - control[i])
