@@ -918,7 +918,8 @@ cdef class Clearance:
         memset(half, 0, sizeof(half))
         memset(near, 0, count * self.count)
         self._bound_bends(still, still)
-        query.joints, query.rates, query.half, query.bend, query.all = places, rates, half, self._bend, LANES_NEAR
+        query.joints, query.rates, query.half = places, rates, half
+        query.bend, query.all = self._bend, LANES_NEAR
         query.pairs, query.pair_count = self._lane_order, self.count
         answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
         self._lanes.least = within
@@ -926,7 +927,8 @@ cdef class Clearance:
             lanes = min(count - begin, <Py_ssize_t>MAX_LANES)
             for lane in range(MAX_LANES):
                 for joint in range(self.dof):
-                    places[joint * MAX_LANES + lane] = joints[(begin + min(lane, lanes - 1)) * self.dof + joint]
+                    index = (begin + min(lane, lanes - 1)) * self.dof + joint
+                    places[joint * MAX_LANES + lane] = joints[index]
             query.active = (1 << lanes) - 1
             self._check(&self._lanes, &query, &answer)
             for index in range(answer.failing_count):

@@ -27,9 +27,8 @@ from cobot.planners.ptp import fastest_s, plan_ptp
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length
 from cobot.planners.search.sampling import ATTEMPTS, RANGE_RAD, room
-from cobot.planners.search.spline import control_spline, pieces_of, resampled, smooth_motion
+from cobot.planners.search.spline import resampled, smooth_curve, smooth_motion
 from cobot.planners.shortcut import shorten
-from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Notice, Trajectory
@@ -193,12 +192,12 @@ def _changed(
     points = resampled(_sampled(state.best), state.points)
     if change is not None:
         points[1:-1] = np.clip(points + change, limits.min_position, limits.max_position)[1:-1]
-    spline, clearance = control_spline(points), robot.collision.clearance
-    if not clearance.are_free(spline(np.linspace(0.0, 1.0, LOOKS))).all():
+    (curve, pieces), clearance = smooth_curve(points), robot.collision.clearance
+    if not clearance.are_free(curve.at(np.linspace(0.0, 1.0, LOOKS))).all():
         return None
-    if clearance.contact(pieces_of(spline)) is not None:
+    if clearance.contact(pieces) is not None:
         return None
-    return time_optimal(robot, JointCurve.of_spline(spline), request.scaled_limits(robot)).trajectory
+    return time_optimal(robot, curve, request.scaled_limits(robot)).trajectory
 
 
 def _sampled(motion: Trajectory) -> Array:
