@@ -60,7 +60,7 @@ cdef class Projection:
             given[i] = joints[i]
             if not self._low[i] <= given[i] <= self._high[i]:
                 return False
-        return self._broken(given, 0.0, rows, missing) == 0
+        return self._violations(given, 0.0, rows, missing) == 0
 
     def project(self, joints):
         cdef double here[MAX_DOF]
@@ -89,7 +89,7 @@ cdef class Projection:
         for joint in range(dof):
             here[joint] = fmax(self._low[joint], fmin(self._high[joint], here[joint]))
         for _turn in range(TURNS):
-            count = self._broken(here, 1.0, rows, missing)
+            count = self._violations(here, 1.0, rows, missing)
             if count == 0:
                 return True
             for i in range(count):
@@ -113,7 +113,9 @@ cdef class Projection:
                 ))
         return False
 
-    cdef int _broken(self, const double* joints, double inside, double* rows, double* missing) noexcept nogil:
+    cdef int _violations(
+        self, const double* joints, double inside, double* rows, double* missing
+    ) noexcept nogil:
         """The number of constraints that are not kept, with (1) or without (0) their margin; of each the
         gradient by the joints and the required change."""
         cdef double pose[7]
