@@ -59,7 +59,7 @@ cdef int checked_dof(Py_ssize_t dof) except -1:
         InputError: the number is above the maximum of compiled code.
     """
     if dof > MAX_DOF:
-        raise InputError(f"{dof} joints, allowed are up to {MAX_DOF}")
+        raise InputError(f"{dof} joints, allowed: up to {MAX_DOF}")
     return <int>dof
 
 

@@ -31,7 +31,7 @@ def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
     advice = ""
     if abs(value) <= DEGREES_TO_RAD:
         advice = f"; this looks like degrees, {value:g} degrees are {math.radians(value):.6g} rad"
-    raise ValueError(f"is {value:g} rad, allowed is -{most_rad:g} to {most_rad:g} rad{advice}")
+    raise ValueError(f"is {value:g} rad, allowed: -{most_rad:g} to {most_rad:g} rad{advice}")
 
 
 def require_way(value: float, most_m: float) -> float:
@@ -46,4 +46,4 @@ def require_way(value: float, most_m: float) -> float:
     advice = ""
     if abs(value) <= MILLIMETRES_TO_M:
         advice = f"; this looks like millimetres, {value:g} mm are {1e-3 * value:g} m"
-    raise ValueError(f"is {value:g} m, allowed is -{most_m:g} to {most_m:g} m{advice}")
+    raise ValueError(f"is {value:g} m, allowed: -{most_m:g} to {most_m:g} m{advice}")

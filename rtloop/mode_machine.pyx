@@ -52,7 +52,7 @@ cdef class ModeMachine:
         rt, limits = settings.rt, model.limits
         self._dof = limits.dof
         if self._dof > MAX_DOF:
-            raise InputError(f"the robot has {self._dof} joints, allowed are up to {MAX_DOF}")
+            raise InputError(f"the robot has {self._dof} joints, allowed: up to {MAX_DOF}")
         self._desired_rows = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
         self._desired = doubles(self._desired_rows, 3 * self._dof)
         self.commands = CommandInbox(memory)

@@ -58,7 +58,7 @@ cdef class CycleRecorder:
         """The offsets of the recorded bytes in the state and in the record."""
         state = state_dtype(dof)
         if len(RECORDED) > MAX_COPIES:
-            raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, allowed are {MAX_COPIES}")
+            raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, allowed: {MAX_COPIES}")
         for number, field in enumerate(RECORDED):
             kind = _COPIES.get((field.kind, field.recorded))
             if kind is None:

@@ -53,7 +53,7 @@ cdef class SettlingMonitor:
             words = (
                 f"{name} is {off:.3f} {unit} from its commanded position "
                 f"({position[joint]:.3f} instead of {self._safety.position[joint]:.3f} {unit}), "
-                f"allowed are {allowed} {unit}"
+                f"allowed: {allowed} {unit}"
             )
             return Rejected(Reason(words, ReasonCode.TRACKING, (name,), off, allowed, unit))
         if self._jump:

@@ -212,7 +212,7 @@ class FollowJointTrajectory:
             name, unit = self._limits.names[joint], self._limits.unit(joint)
             raise GoalError(
                 f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} {unit} away from it, "
-                f"allowed are {self._start_tolerance_rad:g} {unit}; with a time_from_start above 0 the arm "
+                f"allowed: {self._start_tolerance_rad:g} {unit}; with a time_from_start above 0 the arm "
                 f"moves there"
             )
 

@@ -132,7 +132,7 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
     if multi["points"] or multi["joint_names"]:
         raise GoalError("multi_dof_trajectory: this robot has no joints of several degrees of freedom")
     points = _points(trajectory["points"], order)
-    start_s = _start(trajectory["header"]["stamp"], points[-1].time_from_start_s, now_s)
+    start_s = _start_time(trajectory["header"]["stamp"], points[-1].time_from_start_s, now_s)
     late_s = _seconds(goal["goal_time_tolerance"])
     return FjtGoal(
         points,
@@ -243,20 +243,20 @@ def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -
     return accelerations
 
 
-def _start(stamp: Message, duration_s: float, now_s: float) -> float | None:
+def _start_time(stamp: Message, duration_s: float, now_s: float) -> float | None:
     start_s = _seconds(stamp)
     if start_s == 0.0:
         return None
     if start_s < now_s - LATE_START_S:
         end = "ended" if start_s + duration_s < now_s else "begun"
         raise OldGoalError(
-            f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, allowed are "
+            f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, the limit is "
             f"{LATE_START_S:g} s; a stamp of 0 begins at once"
         )
     if start_s > now_s + EARLIEST_START_S:
         raise GoalError(
-            f"header.stamp is {start_s - now_s:.0f} s ahead, allowed are {EARLIEST_START_S:g} s: "
-            "do both clocks agree?"
+            f"header.stamp is {start_s - now_s:.0f} s in the future, the maximum is {EARLIEST_START_S:g} s: "
+            "check that both clocks agree"
         )
     return start_s
 

@@ -81,7 +81,7 @@ def is_strict(request: Request) -> bool:
     asked = parse_qs(request.url.query, keep_blank_values=True).get("strict")
     if asked is not None:
         if asked[-1].lower() not in FLAGS:
-            raise InputError(f"strict is {shown(asked[-1])}, allowed are true and false")
+            raise InputError(f"strict is {shown(asked[-1])}, allowed: true and false")
         return FLAGS[asked[-1].lower()]
     name, _, value = STRICT_STATUS.partition("=")
     found = preference(request.headers.getlist(PREFER), name)

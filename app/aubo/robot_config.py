@@ -386,7 +386,7 @@ def _require(
     for joint, value, bound in zip(robot.robot.limits.names, values, bounds, strict=True):
         if value < bound if least else value > bound:
             words = "at least" if least else "at most"
-            raise LimitError(f"{name}: {joint} is {value:g} {unit}, allowed is {words} {bound:g} {unit}")
+            raise LimitError(f"{name}: {joint} is {value:g} {unit}, allowed: {words} {bound:g} {unit}")
 
 
 def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[float, float]:
@@ -394,5 +394,5 @@ def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[fl
         raise InputError(f"{name} must be [linear, angular], got {len(values)} numbers")
     for value, bound in zip(values, most, strict=True):
         if not MIN_VALUE <= value <= bound:
-            raise LimitError(f"{name}: allowed is {MIN_VALUE} to {bound:g}, got {value:g}")
+            raise LimitError(f"{name}: allowed: {MIN_VALUE} to {bound:g}, got {value:g}")
     return values[0], values[1]

@@ -98,9 +98,9 @@ class RobotChannels:
         """A bit for each kind of intervention that has been counted since the last message."""
         counts = np.array(state.record["interventions"])
         before, self._caught = self._caught, counts
-        return 0 if before is None else bits(np.flatnonzero(counts != before))
+        return 0 if before is None else bit_mask(np.flatnonzero(counts != before))
 
 
-def bits(places: Iterable[int]) -> int:
+def bit_mask(places: Iterable[int]) -> int:
     """The number in which exactly these bits are set."""
     return sum(1 << int(place) for place in places)

@@ -52,7 +52,7 @@ REHEARSE = "POST /robot/plans/{plan}/rehearse"
 
 
 class _Rest:
-    """The REST API for a tool. A rejected request becomes an error of the tool, with the reason in words."""
+    """Gives a tool access to the REST API. A rejected request raises a tool error with the reason."""
 
     def __init__(self, ctx: Ctx, robot: str) -> None:
         request = ctx.request_context.request

@@ -148,7 +148,7 @@ class TokenFile:
             raise InputError(f"name: {shown(name)} cannot be part of a URL; choose another name")
         if lifetime is not None and lifetime < MIN_LIFETIME:
             raise InputError(
-                f"the lifetime is {lifetime.total_seconds():g} s, allowed is "
+                f"the lifetime is {lifetime.total_seconds():g} s, allowed: "
                 f"{MIN_LIFETIME.total_seconds():g} s or more; without a lifetime, the token never expires"
             )
         try:
@@ -169,7 +169,7 @@ class TokenFile:
                 raise ConflictError(f"there is a token {name!r} already; revoke it first")
             if len(tokens) >= MAX_TOKENS:
                 raise ConflictError(
-                    f"there are {len(tokens)} tokens, allowed are {MAX_TOKENS}; revoke one that is not used"
+                    f"there are {len(tokens)} tokens, allowed: {MAX_TOKENS}; revoke one that is not used"
                 )
             return (*tokens, made)
 

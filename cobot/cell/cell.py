@@ -198,7 +198,7 @@ class CellSolid(CellEntry):
         for length in self.size_m:
             if not (math.isfinite(length) and 0.002 <= length <= self.MAX_LENGTH_M):
                 raise ValueError(
-                    f"size_m: {shown(length)} is out of range, allowed is 0.002 to {self.MAX_LENGTH_M:g} m"
+                    f"size_m: {shown(length)} is out of range, allowed: 0.002 to {self.MAX_LENGTH_M:g} m"
                 )
         return self
 
@@ -342,9 +342,7 @@ class Cell(CellEntry):
             try:
                 content = file_beside(folder, name).read_bytes()
                 if len(content) > MAX_EXAMPLE_BYTES:
-                    raise ConfigError(
-                        f"file: {name} has {len(content)} bytes, allowed are {MAX_EXAMPLE_BYTES}"
-                    )
+                    raise ConfigError(f"file: {name} has {len(content)} bytes, allowed: {MAX_EXAMPLE_BYTES}")
                 found.append(ExampleProgram(label, Path(name), content.decode()))
             except ConfigError as exc:
                 raise ConfigError(f"examples: {label}: {exc}") from exc

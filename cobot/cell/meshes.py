@@ -57,7 +57,7 @@ def mesh_shape(
         status = file.stat()
         if status.st_size > MAX_FILE_BYTES:
             raise ConfigError(
-                f"file: {plain_text(name)} has {status.st_size / 1e6:.1f} MB, allowed are "
+                f"file: {plain_text(name)} has {status.st_size / 1e6:.1f} MB, allowed: "
                 f"{MAX_FILE_BYTES / 1e6:g} MB: simplify the mesh"
             )
         return _read(file, status.st_mtime_ns, status.st_size, scale, tolerance_m, hull, max_m)
@@ -102,7 +102,7 @@ def _read(
         if not (size.min() >= MIN_EDGE_M and size.max() <= max_m):
             edges = " x ".join(f"{edge:.4g}" for edge in size)
             raise InputError(
-                f"its bounding box is {edges} m, allowed are edges of {MIN_EDGE_M:g} to {max_m:g} m: set "
+                f"its bounding box is {edges} m, allowed: edges of {MIN_EDGE_M:g} to {max_m:g} m: set "
                 "scale, 0.001 for a file in mm"
             )
         vertices = scale * (vertices - 0.5 * (low + high))

@@ -190,7 +190,7 @@ def check_start(plant: Plant, joints: Array) -> None:
         names = [_name_of_geom(mj, geom, new) for geom in (contact.geom1, contact.geom2)]
         if contact.dist < -OVERLAP_M and not new.isdisjoint(names):
             raise CollisionError(
-                f"{names[0]} and {names[1]} overlap by {-1e3 * contact.dist:.1f} mm at the start, allowed is "
+                f"{names[0]} and {names[1]} overlap by {-1e3 * contact.dist:.1f} mm at the start, allowed: "
                 f"{1e3 * OVERLAP_M:g} mm: move one of them"
             )
 

@@ -97,17 +97,17 @@ def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) ->
         InputError: there are too few or too many, or counts and offsets do not agree.
     """
     if not 1 <= len(counts) <= MAX_DIRECTIONS:
-        raise InputError(f"counts has {len(counts)} directions, allowed are 1 to {MAX_DIRECTIONS}")
+        raise InputError(f"counts has {len(counts)} directions, allowed: 1 to {MAX_DIRECTIONS}")
     if len(counts) != len(offsets):
         raise InputError(
             f"counts has {len(counts)} directions and offsets has {len(offsets)}; give one offset per count"
         )
     for index, count in enumerate(counts):
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_PLACES:
-            raise InputError(f"counts[{index}] is {_shown(count)}, allowed are 1 to {MAX_PLACES}")
+            raise InputError(f"counts[{index}] is {_shown(count)}, allowed: 1 to {MAX_PLACES}")
     if math.prod(counts) > MAX_PLACES:
         shown = " x ".join(map(str, counts))
-        raise InputError(f"counts: {shown} are {math.prod(counts)} places, allowed are 1 to {MAX_PLACES}")
+        raise InputError(f"counts: {shown} are {math.prod(counts)} places, allowed: 1 to {MAX_PLACES}")
     return math.prod(counts)
 
 

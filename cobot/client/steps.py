@@ -49,7 +49,7 @@ def require_time(value: object, name: str) -> float:
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= MAX_TIME_S:
         return float(value)
-    raise InputError(f"{name} is {json.dumps(value, default=repr)[:40]}, allowed is 0 to {MAX_TIME_S:g} s")
+    raise InputError(f"{name} is {json.dumps(value, default=repr)[:40]}, allowed: 0 to {MAX_TIME_S:g} s")
 
 
 def wait_until(
@@ -117,7 +117,7 @@ def on_error(
         CobotError: an error that a retry cannot cure, see `RECOVERABLE`, or the error of the last attempt.
     """
     if isinstance(retry, bool) or not isinstance(retry, int) or not 0 <= retry <= MAX_RETRIES:
-        raise InputError(f"retry is {retry!r}, allowed is 0 to {MAX_RETRIES}")
+        raise InputError(f"retry is {retry!r}, allowed: 0 to {MAX_RETRIES}")
     for attempt in range(retry + 1):
         try:
             return work()

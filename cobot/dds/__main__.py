@@ -1,4 +1,4 @@
-"""`python -m cobot.dds`: the robots on ROS 2, as `cobot run` starts it."""
+"""`python -m cobot.dds`: the ROS 2 process, which `cobot run` starts."""
 
 from __future__ import annotations
 

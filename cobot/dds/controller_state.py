@@ -100,7 +100,7 @@ class _Cdr:
         """The number of items that follow."""
         count = self.number("I")
         if count > MAX_ITEMS:
-            raise InputError(f"{TYPE}: has a list of {count} items, allowed are {MAX_ITEMS}")
+            raise InputError(f"{TYPE}: has a list of {count} items, allowed: {MAX_ITEMS}")
         return count
 
     def text(self) -> str:

@@ -219,7 +219,7 @@ class DdsNode:
             InputError: it is not a message of this type.
         """
         if len(payload) > MAX_BYTES:
-            raise PayloadError(f"the message has {len(payload)} bytes, allowed are {MAX_BYTES}")
+            raise PayloadError(f"the message has {len(payload)} bytes, allowed: {MAX_BYTES}")
         self.messages.record(type_)  # only this thread may add types
         return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
 

@@ -59,7 +59,7 @@ def read_bundle(content: bytes) -> Bundle:
         InputError: the content is not a bundle.
     """
     if len(content) > MAX_BUNDLE_BYTES:
-        raise InputError(f"the bundle has {len(content)} bytes, allowed are {MAX_BUNDLE_BYTES}")
+        raise InputError(f"the bundle has {len(content)} bytes, allowed: {MAX_BUNDLE_BYTES}")
     try:
         bundle = Bundle.model_validate_json(content)
     except ValidationError as exc:

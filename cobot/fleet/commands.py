@@ -115,7 +115,7 @@ class Deadlines:
         lifetime_s = message.expires_s - message.issued_s
         if not 0.0 < lifetime_s <= MAX_LIFETIME_S:
             raise InputError(
-                f"expires_s: is {lifetime_s:g} s after issued_s, allowed is more than 0 and up to "
+                f"expires_s: is {lifetime_s:g} s after issued_s, allowed: more than 0 and up to "
                 f"{MAX_LIFETIME_S:g} s"
             )
         if message.epoch != known.hub.epoch:
@@ -131,7 +131,7 @@ class Deadlines:
             )
         if message.issued_s > latest_s + AHEAD_S:
             raise ConflictError(
-                f"issued_s: is {message.issued_s - latest_s:.1f} s ahead of the hub's time, allowed is "
+                f"issued_s: is {message.issued_s - latest_s:.1f} s ahead of the hub's time, allowed: "
                 f"{AHEAD_S:g} s; ask the hub for its time"
             )
         started = self._started
@@ -247,7 +247,7 @@ class CommandBook:
             self._forget(known)
             if len(self._answers) >= MAX_COMMANDS:
                 raise BusyError(
-                    f"{len(self._answers)} commands wait for their deadlines, allowed are {MAX_COMMANDS}; "
+                    f"{len(self._answers)} commands wait for their deadlines, allowed: {MAX_COMMANDS}; "
                     "try again in a minute"
                 )
             self._answers[command.id] = Future(), command

@@ -249,7 +249,7 @@ def read(kind: type[Model], content: bytes) -> Model:
         InputError: the content is not a message of this kind.
     """
     if len(content) > MAX_BYTES:
-        raise InputError(f"{kind.__name__}: has {len(content)} bytes, allowed are {MAX_BYTES}")
+        raise InputError(f"{kind.__name__}: has {len(content)} bytes, allowed: {MAX_BYTES}")
     try:
         return kind.model_validate_json(content)
     except ValidationError as exc:

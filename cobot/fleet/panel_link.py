@@ -194,7 +194,7 @@ class PanelLink:
             raise _error_of(head)
         if len(content) > MAX_PIECE_BYTES + 65536:
             raise InputError(
-                f"the cell {panel.cell} has sent a piece of {len(content)} bytes, allowed are "
+                f"the cell {panel.cell} has sent a piece of {len(content)} bytes, allowed: "
                 f"{MAX_PIECE_BYTES + 65536}"
             )
         return head, content
@@ -212,4 +212,4 @@ def require_room(now: int, most: int, what: str) -> None:
         BusyError: the maximum number of requests is in progress.
     """
     if now >= most:
-        raise BusyError(f"{now} {what} are in progress, allowed are {most}; try again in a moment")
+        raise BusyError(f"{now} {what} are in progress, allowed: {most}; try again in a moment")

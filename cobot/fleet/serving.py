@@ -114,7 +114,7 @@ def _certificate(chosen: argparse.Namespace) -> int:
 
     folder: Path = chosen.folder.absolute()
     if not 1 <= chosen.days <= MAX_DAYS:
-        raise InputError(f"--days: is {chosen.days}, allowed is 1 to {MAX_DAYS}")
+        raise InputError(f"--days: is {chosen.days}, allowed: 1 to {MAX_DAYS}")
     allowed = r"[A-Za-z0-9][A-Za-z0-9.:-]{0,252}" if chosen.of == "hub" else r"[A-Za-z0-9_-]{1,48}"
     for name in chosen.names:
         if not re.fullmatch(allowed, name):
@@ -157,7 +157,7 @@ def _serve(chosen: argparse.Namespace) -> int:
     store = None
     if chosen.recordings is not None:
         if not 0.001 <= chosen.recordings_gb <= 1e6:
-            raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed is 0.001 to 1000000")
+            raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed: 0.001 to 1000000")
         store = FleetRecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
     listeners = [_listener(chosen.host, chosen.port, "--port")]
     try:
@@ -233,7 +233,7 @@ def _host_of(endpoint: str, scheme: str) -> str:
 
 def _listener(host: str, port: int, option: str) -> socket.socket:
     if not 0 <= port <= 65535:
-        raise InputError(f"{option}: is {port}, allowed is 0 to 65535; choose another port")
+        raise InputError(f"{option}: is {port}, allowed: 0 to 65535; choose another port")
     try:
         return socket.create_server(
             (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, backlog=100

@@ -75,7 +75,7 @@ class ModbusPoints:
             self._master.write_coil(address, value != 0.0)
             return
         if not 0.0 <= value <= MAX_WORD:
-            raise GripperError(f"{name} is {value:g}, allowed is 0 to {MAX_WORD}")
+            raise GripperError(f"{name} is {value:g}, allowed: 0 to {MAX_WORD}")
         self._master.write(address, [round(value)])
 
 

@@ -151,7 +151,7 @@ def _measured(name: str, value: Any) -> float:
         raise TypeError(f"{name} is {shown(value)}, must be a number; report None for an unknown value")
     if not -MAX_VALUE <= value <= MAX_VALUE:
         raise ValueError(
-            f"{name} is {shown(value)}, allowed is -{MAX_VALUE:g} to {MAX_VALUE:g}; report None for an "
+            f"{name} is {shown(value)}, allowed: -{MAX_VALUE:g} to {MAX_VALUE:g}; report None for an "
             "unknown value"
         )
     return float(value)

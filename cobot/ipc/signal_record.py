@@ -103,7 +103,7 @@ def signal_report(record: np.ndarray) -> SignalReport:
     """
     count = int(record["count"])
     if count > len(record["numbers"]):
-        raise ValueError(f"a motion has {count} actions, allowed are {len(record['numbers'])}")
+        raise ValueError(f"a motion has {count} actions, allowed: {len(record['numbers'])}")
     fired = {}
     for row in range(count):
         firing = Firing(int(record["firings"][row]))

@@ -67,7 +67,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
     ):
         if value is not None and not 0.0 < value <= limit:
             raise InputError(
-                f"{name}: is {value:g} {unit}, allowed is above 0 and up to {limit:g} {unit} "
+                f"{name}: is {value:g} {unit}, allowed: above 0 and up to {limit:g} {unit} "
                 f"(planning.{setting})"
             )
 

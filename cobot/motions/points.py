@@ -152,6 +152,6 @@ def require_start(
     unit = limits.unit(joint)
     raise InputError(
         f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} {unit}, but it is at "
-        f"{start[joint]:.4f} {unit}: {off[joint]:.4f} {unit} apart, allowed are {tolerance_rad:g} {unit}; "
+        f"{start[joint]:.4f} {unit}: {off[joint]:.4f} {unit} apart, allowed: {tolerance_rad:g} {unit}; "
         f"{ways.start}"
     )

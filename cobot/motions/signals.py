@@ -140,9 +140,9 @@ class Until:
         fast: whether each joint stops as fast as its limits permit, which leaves the path; else the arm stops
             on its path.
         retract_m: distance by which the TCP then moves back, m.
-        is_required: whether a motion that arrives without meeting it has failed.
+        is_required: whether the motion fails if it reaches its goal before the condition is met.
         from_zero: whether forces are relative to the zero of `POST /robot/force/zero`.
-        scaling: scaling of the motion back.
+        scaling: scaling of the motion back by `retract_m`.
     """
 
     condition: Condition

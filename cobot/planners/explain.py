@@ -83,7 +83,7 @@ def explain(
             duration_s = 0.0 if motion is None else motion.duration_s
             if duration_s > MAX_DURATION_S:
                 raise PlanningError(
-                    f"the motion would take {duration_s:.4g} s, allowed is up to {MAX_DURATION_S:g} s"
+                    f"the motion would take {duration_s:.4g} s, allowed: up to {MAX_DURATION_S:g} s"
                 )
         except CobotError as exc:
             first = tried.get(idea.kind) or Failure(idea.kind, 0, idea.says, str(exc))

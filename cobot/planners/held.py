@@ -146,7 +146,7 @@ class Held:
                 angle = float(self._angles(cone, pose)[0])
                 return (
                     f"constraints.orientation: the tool's axis is {angle:.4g} rad from its direction, "
-                    f"allowed are {cone.within_rad:g} rad"
+                    f"allowed: {cone.within_rad:g} rad"
                 )
             index -= 1
         if box is not None:
@@ -156,11 +156,11 @@ class Held:
         joint, low, high = self._constraints.joints[index]
         unit = self._limits.unit(joint)
         value = f"{self._limits.names[joint]} is at {joints[joint]:.4g} {unit}"
-        return f"constraints.joints: {value}, allowed are {low:g} to {high:g} {unit}"
+        return f"constraints.joints: {value}, allowed: {low:g} to {high:g} {unit}"
 
 
 def _outside_box(box: Box, axis: int, value: float) -> str:
     return (
-        f"constraints.box: the TCP's {'xyz'[axis]} is {value:.4g} m, allowed are {box.low[axis]:g} to "
+        f"constraints.box: the TCP's {'xyz'[axis]} is {value:.4g} m, allowed: {box.low[axis]:g} to "
         f"{box.high[axis]:g} m"
     )

@@ -37,7 +37,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     request, joint_space = move.request, not move.request.traits.follows_path
     timed = move.duration_s > 0.0
     if move.duration_s > MAX_DURATION_S:
-        raise LimitError(f"duration is {move.duration_s:g} s, allowed is up to {MAX_DURATION_S:g} s")
+        raise LimitError(f"duration is {move.duration_s:g} s, allowed: up to {MAX_DURATION_S:g} s")
     if not timed:
         for name, value in (("v", move.velocity), ("a", move.acceleration)):
             if value <= 0.0:

@@ -200,7 +200,7 @@ cdef class Clearance:
         check = lanes_with(chosen.encode())
         if check == NULL and chosen != "exact":
             raise ConfigError(
-                f"{INSTRUCTIONS} is '{chosen}', allowed are plain, exact, and if the processor has them "
+                f"{INSTRUCTIONS} is '{chosen}', allowed: plain, exact, and if the processor has them "
                 "avx2 and avx512; without it the fastest ones are used"
             )
         if chosen != "exact":

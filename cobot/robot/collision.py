@@ -218,7 +218,7 @@ class CollisionChecker:
         raise CollisionError(
             f"collision of {contact} after {percent * time_s:.0f} % of the motion "
             f"({time_s:.2f} s), at joints {_shown(joints)} {self.limits.units}; the deepest is {deepest} "
-            f"after {percent * times[row]:.0f} %; allowed are {1e3 * self.margin_m:.0f} mm",
+            f"after {percent * times[row]:.0f} %; allowed: {1e3 * self.margin_m:.0f} mm",
             findings=[
                 self.finding(contact, time_s / trajectory.duration_s),
                 self.finding(deepest, float(times[row]) / trajectory.duration_s),

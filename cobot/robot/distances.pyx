@@ -69,7 +69,7 @@ cdef class GeomDistances:
         """
         cdef int index
         if len(pairs) > self._capacity:
-            raise ValueError(f"{len(pairs)} pairs of geoms, allowed are up to {self._capacity}")
+            raise ValueError(f"{len(pairs)} pairs of geoms, allowed: up to {self._capacity}")
         self.count = 0
         for index, (first, second) in enumerate(pairs):
             if not (0 <= first < self._mj.ngeom and 0 <= second < self._mj.ngeom):

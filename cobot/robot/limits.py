@@ -74,7 +74,7 @@ def check_positions(
     if beyond:
         nouns = {"rad": what, "m": what.replace("angle", "position")}
         said = [
-            f"{nouns[unit]} of {name} is {value:.6g} {unit}, allowed is {low:g} to {high:g} {unit}"
+            f"{nouns[unit]} of {name} is {value:.6g} {unit}, allowed: {low:g} to {high:g} {unit}"
             for name, value, low, high, unit in beyond
         ]
         raise LimitError(

@@ -22,8 +22,8 @@ def check_message(text: str) -> None:
         PayloadError: a limit is exceeded; the message has the number and the limit.
     """
     if len(text) > MAX_MESSAGE:
-        raise PayloadError(f"the message has {len(text)} characters, allowed are {MAX_MESSAGE}")
+        raise PayloadError(f"the message has {len(text)} characters, allowed: {MAX_MESSAGE}")
     if (objects := text.count("{")) > MAX_OBJECTS:
-        raise PayloadError(f"the message has {objects} objects, allowed are {MAX_OBJECTS}")
+        raise PayloadError(f"the message has {objects} objects, allowed: {MAX_OBJECTS}")
     if (commas := text.count(",")) > MAX_VALUES:
-        raise PayloadError(f"the message has {commas} commas, allowed are {MAX_VALUES}")
+        raise PayloadError(f"the message has {commas} commas, allowed: {MAX_VALUES}")

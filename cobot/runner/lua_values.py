@@ -38,7 +38,7 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name} must be a number, got {kind(value)}")
     if not math.isfinite(value) or not low <= value <= high:
-        raise InputError(f"{name} is {value:g}, allowed are finite numbers from {low:g} to {high:g}")
+        raise InputError(f"{name} is {value:g}, allowed: finite numbers from {low:g} to {high:g}")
     return float(value)
 
 

@@ -127,7 +127,7 @@ def _require_flat(content: Any) -> None:
         level = [item for each in level for item in _items(each)]
         if not level:
             return
-    raise InputError(f"steps are nested too deeply, allowed are {MAX_DEPTH} levels of lists; flatten them")
+    raise InputError(f"steps are nested too deeply, allowed: {MAX_DEPTH} levels of lists; flatten them")
 
 
 def _items(value: Any) -> Iterator[Any]:

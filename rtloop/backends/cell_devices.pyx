@@ -164,7 +164,7 @@ cdef class CellDevices:
         if not point.is_output:
             raise BackendError(f"{name} is an input")
         if not point.low <= value <= point.high:
-            raise BackendError(f"{name} is {value:g}, allowed is {point.low:g} to {point.high:g}")
+            raise BackendError(f"{name} is {value:g}, allowed: {point.low:g} to {point.high:g}")
         self._values[index] = value
         if self._has_hand and index == WIDTH and fabs(value - self._values[MEASURED_WIDTH]) > REACHED_M:
             self._still_cycles = 0

@@ -70,7 +70,7 @@ def values(cell: CheckedBackend) -> str:
     if not off[joint] <= FOLLOWED_RAD:
         raise ContractError(
             f"at rest {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad from its command, "
-            f"allowed are {FOLLOWED_RAD} rad: check units, signs and the order of the joints"
+            f"allowed: {FOLLOWED_RAD} rad: check units, signs and the order of the joints"
         )
     return ", ".join(name for name in MEASURED_NAMES if name in rows)
 
@@ -216,7 +216,7 @@ def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
     if not off[joint] <= HELD_RAD:
         raise ContractError(
             f"the first command for {cell.robot.limits.names[joint]} is {off[joint]:.4f} rad from the "
-            f"measured position, allowed are {HELD_RAD} rad"
+            f"measured position, allowed: {HELD_RAD} rad"
         )
 
 

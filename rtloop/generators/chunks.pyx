@@ -299,7 +299,7 @@ cdef void spline_rates(const double* times_s, int count, int n, double* ends) no
 def spline(times_s, points):
     cdef int k = len(times_s), n = np.shape(points)[1]
     if k > MAX_WAYPOINTS:
-        raise InputError(f"{k} waypoints, allowed are up to {MAX_WAYPOINTS}")
+        raise InputError(f"{k} waypoints, allowed: up to {MAX_WAYPOINTS}")
     times, ends = plain(times_s, (k,)), np.zeros((k, 3, n))
     ends[:, 0] = points
     spline_rates(doubles(times, k), k, n, doubles(ends, 3 * n * k))

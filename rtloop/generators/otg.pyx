@@ -966,7 +966,7 @@ def vector(rows, in_phase=True):
     cdef AxisProfile motion
     cdef int i, n = len(rows)
     if not 0 < n <= 16:
-        raise ValueError(f"{n} axes; allowed are 1 to 16")
+        raise ValueError(f"{n} axes; allowed: 1 to 16")
     for i in range(n):
         problems[i] = _problem(rows[i])
     if in_phase:

@@ -81,9 +81,7 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
     if found != motion_id:
         raise RefusedError(f"the slot holds motion {found}, not {motion_id}")
     if not 1 <= segments <= len(path.coefficients):
-        raise RefusedError(
-            f"the trajectory has {segments} segments, allowed are 1 to {len(path.coefficients)}"
-        )
+        raise RefusedError(f"the trajectory has {segments} segments, allowed: 1 to {len(path.coefficients)}")
     return segments
 
 
@@ -98,7 +96,7 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
     unit = limits.unit(int(joint))
     raise RefusedError(
         f"{time_s:.3f} s into the motion {limits.names[joint]} would be at {position:.4f} {unit}, "
-        f"allowed is {limits.min_position[joint]:g} to {limits.max_position[joint]:g} {unit}"
+        f"allowed: {limits.min_position[joint]:g} to {limits.max_position[joint]:g} {unit}"
     )
 
 
@@ -117,6 +115,6 @@ def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
     joint = int(off.argmax())
     if not off[joint] <= tolerance_rad:
         raise RefusedError(
-            f"the trajectory starts {off[joint]:.4f} rad from the position of joint {joint + 1}, allowed "
-            f"are {tolerance_rad} rad"
+            f"the trajectory starts {off[joint]:.4f} rad from the position of joint {joint + 1}, allowed: "
+            f"{tolerance_rad} rad"
         )

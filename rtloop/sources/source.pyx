@@ -58,7 +58,7 @@ cdef class Source:
 
     def __init__(self, int dof):
         if dof > MAX_DOF:
-            raise InputError(f"{dof} joints are too many for a stream, allowed are up to {MAX_DOF}")
+            raise InputError(f"{dof} joints are too many for a stream, allowed: up to {MAX_DOF}")
         self.dof = dof
         self.reference = np.zeros((3, dof))
         self.ref = doubles(self.reference, 3 * dof)

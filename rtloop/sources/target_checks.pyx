@@ -123,7 +123,7 @@ def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=N
     name = names[joint] if names else f"joint{joint + 1}"
     most = joint_threshold(c_clamped_interval(interval_s), INFINITY if rates is None else fastest[joint])
     step = abs(target[joint] - last[joint])
-    return Rejected(f"{name} would jump by {step:.4f} rad, allowed are {most:.4f} rad")
+    return Rejected(f"{name} would jump by {step:.4f} rad, allowed: {most:.4f} rad")
 
 
 def check_pose_step(
@@ -142,8 +142,8 @@ def check_pose_step(
     if jump == POSE_JUMPS:
         distance = distance_between(there, here)
         most = max_linear * within_s
-        return Rejected(f"the TCP would jump by {distance:.4f} m, allowed are {most:.4f} m")
+        return Rejected(f"the TCP would jump by {distance:.4f} m, allowed: {most:.4f} m")
     if jump == POSE_TURNS:
         angle, most = angle_between(there + 3, here + 3), max_angular * within_s
-        return Rejected(f"the TCP would turn by {angle:.4f} rad at once, allowed are {most:.4f} rad")
+        return Rejected(f"the TCP would turn by {angle:.4f} rad at once, allowed: {most:.4f} rad")
     return ACCEPTED

@@ -37,7 +37,7 @@ cdef class ContactMonitor:
         else:
             where = f"about {name[1:]} at the TCP"
         limit = self.largest[self.worst]
-        words = f"contact: {self.found:.1f} {unit} {where}, allowed are {limit:g}"
+        words = f"contact: {self.found:.1f} {unit} {where}, allowed: {limit:g}"
         return Reason(words, ReasonCode.CONTACT, of=(name,), value=self.found, limit=limit, unit=unit)
 
     def check(self, external):

@@ -21,7 +21,7 @@ def test_degrees_are_recognised_and_converted(value: float, radians: str) -> Non
 
 
 def test_what_is_no_angle_in_any_unit_is_not_called_degrees() -> None:
-    with pytest.raises(ValueError, match=r"is 1e\+06 rad, allowed is -9.5 to 9.5 rad$"):
+    with pytest.raises(ValueError, match=r"is 1e\+06 rad, allowed: -9.5 to 9.5 rad$"):
         require_angle(1e6)
 
 
@@ -29,8 +29,8 @@ def test_millimetres_are_recognised_and_converted() -> None:
     assert require_way(-100.0, 100.0) == -100.0
     with pytest.raises(
         ValueError,
-        match=r"is 450 m, allowed is -100 to 100 m; this looks like millimetres, 450 mm are 0.45 m$",
+        match=r"is 450 m, allowed: -100 to 100 m; this looks like millimetres, 450 mm are 0.45 m$",
     ):
         require_way(450.0, 100.0)
-    with pytest.raises(ValueError, match=r"allowed is -100 to 100 m$"):
+    with pytest.raises(ValueError, match=r"allowed: -100 to 100 m$"):
         require_way(1e9, 100.0)

@@ -191,7 +191,7 @@ def test_a_stop_of_a_foreign_client_is_executed_once(cell: Run, foreign: Any) ->
     [
         ({"issued_s": 1.0, "expires_s": 2.0}, "conflict", "late and was not executed"),
         ({"epoch": "0123456789abcdef"}, "conflict", "is not the epoch of the current hub"),
-        ({"expires_s": 1e12}, "input", "allowed is more than 0 and up to 60 s"),
+        ({"expires_s": 1e12}, "input", "allowed: more than 0 and up to 60 s"),
         ({"action": {"kind": "dance"}}, "input", "action"),
         ({"action": {"kind": "start", "program": "pick"}}, "forbidden", "accepts only stops"),
         ({"who": ""}, "input", "who: "),

@@ -129,7 +129,7 @@ def test_what_has_changed_counts_everywhere_at_once(run: Edited) -> None:
     assert run.post("/robot/move/named", name="bench", speed=1.0).json()["success"]
     beyond = run.post("/robot/move/joints", joints=[0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 1.2])
     assert (beyond.status_code, beyond.json()["code"]) == (422, "limit")
-    assert "allowed is -3.05 to 1 rad" in beyond.json()["detail"]
+    assert "allowed: -3.05 to 1 rad" in beyond.json()["detail"]
     large = httpx.post(f"{run.url}/trajectory/send", json={"points": ["x" * 5000]}, timeout=WAIT_S)
     assert large.status_code == 413
     schema = httpx.get(f"{run.url}/openapi.json", timeout=WAIT_S).json()

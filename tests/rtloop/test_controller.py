@@ -327,7 +327,7 @@ def test_a_trajectory_that_starts_elsewhere_is_refused(rig: Rig) -> None:
     coefficients[:, 0, 0] += 0.01
     shifted = Trajectory(off.breakpoints_s, coefficients)
     assert rig.start(shifted) == (
-        "the trajectory starts 0.0100 rad from the position of joint 1, allowed are 0.001 rad"
+        "the trajectory starts 0.0100 rad from the position of joint 1, allowed: 0.001 rad"
     )
     assert rig.mode is LoopMode.HOLD
 
@@ -337,7 +337,7 @@ def test_a_trajectory_beyond_a_joint_stop_is_refused(rig: Rig) -> None:
     by = np.zeros(7)
     by[1] = 2.2
     answer = rig.start(motion(rig, by))
-    assert answer.endswith("allowed is -2.1 to 2.1 rad")
+    assert answer.endswith("allowed: -2.1 to 2.1 rad")
     assert "s into the motion joint2 would be at 2." in answer
 
 
@@ -386,7 +386,7 @@ def test_a_slot_with_an_impossible_number_of_segments_is_refused(rig: Rig, segme
     slot.head.data["segments"] = segments
     slot.head.publish()
     answer = rig.answer(rig.send(Command.START, slot=0, motion_id=1))
-    assert answer == f"the trajectory has {segments} segments, allowed are 1 to 2000"
+    assert answer == f"the trajectory has {segments} segments, allowed: 1 to 2000"
 
 
 def test_random_bytes_in_every_block_that_the_service_writes_move_nothing(rig: Rig) -> None:

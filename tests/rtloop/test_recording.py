@@ -96,7 +96,7 @@ POSITION = next(field for field in RECORDED if field.name == "position")
     ("fields", "said"),
     [
         ((replace(POSITION, recorded="f2"),), "position of the state is f8, not recorded as f2"),
-        ((POSITION,) * 65, "65 fields of the state are recorded, allowed are 64"),
+        ((POSITION,) * 65, "65 fields of the state are recorded, allowed: 64"),
     ],
 )
 def test_a_recorder_does_not_start_with_fields_that_it_cannot_copy(

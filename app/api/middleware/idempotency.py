@@ -56,12 +56,12 @@ def key_of(request: Request) -> str | None:
     if len(key) > 1 and key[0] == key[-1] == '"':
         key = key[1:-1]
     if len(values) > 1:
-        raise InputError(f"{IDEMPOTENCY_KEY} occurs {len(values)} times, allowed is one")
+        raise InputError(f"{IDEMPOTENCY_KEY} occurs {len(values)} times, allowed: one")
     if len(key) > MAX_KEY:
-        raise InputError(f"{IDEMPOTENCY_KEY} has {len(key)} characters, allowed are 1 to {MAX_KEY}")
+        raise InputError(f"{IDEMPOTENCY_KEY} has {len(key)} characters, allowed: 1 to {MAX_KEY}")
     if not _KEY.fullmatch(key):
         raise InputError(
-            f"{IDEMPOTENCY_KEY} is {shown(key)}, allowed are 1 to {MAX_KEY} printable ASCII characters "
+            f"{IDEMPOTENCY_KEY} is {shown(key)}, allowed: 1 to {MAX_KEY} printable ASCII characters "
             "without spaces, such as a UUID"
         )
     return key

@@ -86,7 +86,7 @@ class Origins:
                 return
             if not self._same_known(origin, host, scope["scheme"] in ("https", "wss")):
                 raise PermissionDenied(
-                    f"a page of {origin.decode('latin-1')[:200]} may not move the robot; allowed are pages "
+                    f"a page of {origin.decode('latin-1')[:200]} may not move the robot; allowed: pages "
                     f"of this service and of the origins in web.allowed_origins"
                 )
         site = headers.get(b"sec-fetch-site")

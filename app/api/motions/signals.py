@@ -147,7 +147,7 @@ class _Reader:
         named = self._services.link.device()
         if named is not None and named[1].capabilities.trajectories:
             raise NotSupportedError(
-                f"{field}: the backend {named[0]} executes whole motions by itself; allowed are only "
+                f"{field}: the backend {named[0]} executes whole motions by itself; allowed: only "
                 f"actions, and until with stop path"
             )
 

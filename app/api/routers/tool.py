@@ -77,7 +77,7 @@ def _edit(body: ChangeTool) -> Edit:
         changes["centre"] = tuple(body.centre or (0.0, 0.0, 0.0))
         changes["inertia"] = None if body.inertia is None else tuple(body.inertia)
     if "tcp" in given:
-        changes["tcp"] = None if body.tcp is None else _tip(body.tcp)
+        changes["tcp"] = None if body.tcp is None else _tip_pose(body.tcp)
     if body.shapes is not None:
         changes["shapes"] = {
             name: solid_of(f"shapes.{name}", each, each.touch) for name, each in body.shapes.items()
@@ -87,7 +87,7 @@ def _edit(body: ChangeTool) -> Edit:
     return lambda tool: replace(replace(BARE, version=tool.version) if body.clear else tool, **changes)
 
 
-def _tip(tip: ToolTip) -> Numbers7:
+def _tip_pose(tip: ToolTip) -> Numbers7:
     if tip.quaternion is None:
         return pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c).numbers
     x, y, z, w = tip.quaternion

@@ -122,7 +122,7 @@ class Variables:
         characters = self._characters + _length(value) - _length(self._values.get(name, ("", 0))[1])
         if isinstance(value, str) and characters > MAX_CHARACTERS:
             raise LimitError(
-                f"all variables together hold up to {MAX_CHARACTERS} characters, with this one {characters}"
+                f"all variables together would have {characters} characters, the maximum is {MAX_CHARACTERS}"
             )
         self._characters = characters
         self._values[name] = kind, value

@@ -123,6 +123,6 @@ class Plan:
             raise ConflictError(
                 f"plan {self.plan_id}: {self.limits.names[worst]} {where} at {joints[worst]:.6f} {unit}, "
                 f"{abs(off[worst]):.3g} {unit} from {self.start[worst]:.6f} {unit} where the plan begins; "
-                f"allowed are {most_rad:g} {unit}; go there, or plan again",
+                f"allowed: {most_rad:g} {unit}; go there, or plan again",
                 details={"cause": "not_at_start"},
             )

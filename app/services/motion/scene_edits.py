@@ -63,7 +63,7 @@ def require_room(objects: dict[str, SceneObject]) -> None:
         largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
         held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
         raise LimitError(
-            f"objects: they consist of {count} solids ({held}), allowed are {MAX_SOLIDS}: remove an object, "
+            f"objects: they consist of {count} solids ({held}), allowed: {MAX_SOLIDS}: remove an object, "
             f"or make one coarser"
         )
 

@@ -132,7 +132,7 @@ class ToolService:
             raise LimitError(f"shapes: no more than {MAX_SHAPES} are allowed, got {len(tool.shapes)}")
         solids = sum(each.solids for each in tool.shapes.values())
         if solids > MAX_SOLIDS:
-            raise LimitError(f"shapes: they consist of {solids} solids, allowed are {MAX_SOLIDS}")
+            raise LimitError(f"shapes: they consist of {solids} solids, allowed: {MAX_SOLIDS}")
         taken = self._robot.model.frame_names | set(self._scene.scene.objects) | {"tool"}
         for name in tool.shapes:
             if name in taken:

@@ -344,9 +344,9 @@ class SequenceService:
                     self._tell("waypoint", **{name: event.get(name) for name in PROGRESS})
                     self._count(event)
                 if event["asking"] and self._steps is not None:
-                    await self._answer(self._steps, event)
+                    await self._answer_runner(self._steps, event)
 
-    async def _answer(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
+    async def _answer_runner(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
         """The answer to a request of the runner, once nothing is paused. Outputs and grippers wait like
         motions.
         """

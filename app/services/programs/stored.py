@@ -280,7 +280,7 @@ class StoredPrograms:
         used = sum(each.stat().st_size for each in self._folder.glob("*/*.json"))
         if used + len(content) > MAX_TOTAL_BYTES:
             raise ConflictError(
-                f"the stored programs have {used} bytes, allowed are {MAX_TOTAL_BYTES}; delete some first"
+                f"the stored programs have {used} bytes, allowed: {MAX_TOTAL_BYTES}; delete some first"
             )
         self._make_folder()
         keep(self._path(program, made.version), content, f"program {shown(program)}")

@@ -99,7 +99,7 @@ class Claim:
             self.job.accepted.set()
 
     def fail(self, error: BaseException) -> None:
-        """Note why the motion does not arrive, if this error is not raised through `Ownership.claim`."""
+        """Record why the motion failed; only for an error that does not pass through `Ownership.claim`."""
         if self.job is not None:
             self.job.fail(error)
 

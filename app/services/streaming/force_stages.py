@@ -182,7 +182,7 @@ def follow(
             raise NotMet(
                 "max_deviation",
                 f"after {path_s:.2f} s of the path, the TCP is {1e3 * off:.1f} mm away from it in the "
-                f"pushing direction, allowed are {1e3 * max_deviation_m:g} mm",
+                f"pushing direction, allowed: {1e3 * max_deviation_m:g} mm",
             )
         if path_s >= duration_s:
             return sample

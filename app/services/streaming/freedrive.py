@@ -262,7 +262,7 @@ class FreedriveService:
         force = float(np.linalg.norm(state.wrench[:3]))
         if by_device and force > PUSHED_N:
             raise ConflictError(
-                f"freedrive: the TCP already feels {force:.1f} N, allowed are {PUSHED_N:g} N: let go of the "
+                f"freedrive: the TCP already feels {force:.1f} N, allowed: {PUSHED_N:g} N: let go of the "
                 "arm, and see that its tool is set (POST /robot/tool)"
             )
         external = state.record["external_effort"]
@@ -270,7 +270,7 @@ class FreedriveService:
         joint = int(shares.argmax())
         if shares[joint] > PUSHED_SHARE:
             raise ConflictError(
-                f"freedrive: {limits.names[joint]} already feels {external[joint]:.1f} N·m, allowed are "
+                f"freedrive: {limits.names[joint]} already feels {external[joint]:.1f} N·m, allowed: "
                 f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m: let go of the arm, and see that its "
                 "tool is set (POST /robot/tool)"
             )

@@ -38,7 +38,7 @@ def pack_fragments(base: int, members: Iterable[int]) -> bytes:
 def _members(cursor: Cursor, base: int) -> list[int]:
     count = cursor.u32()
     if count > MAX_BITS:
-        raise MalformedError(f"a set has {count} bits, allowed are {MAX_BITS}")
+        raise MalformedError(f"a set has {count} bits, allowed: {MAX_BITS}")
     members = []
     for first in range(0, count, 32):
         word = cursor.u32()

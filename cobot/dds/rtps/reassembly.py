@@ -23,7 +23,7 @@ class SampleAssembly:
         self._size = fragment.size
         self.count = -(-fragment.total // fragment.size)
         if self.count > MAX_FRAGMENTS:
-            raise MalformedError(f"a sample has {self.count} fragments, allowed are {MAX_FRAGMENTS}")
+            raise MalformedError(f"a sample has {self.count} fragments, allowed: {MAX_FRAGMENTS}")
         self._data = bytearray(fragment.total)
         self._marks = bytearray(self.count)
         self.inline = inline

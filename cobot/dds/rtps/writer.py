@@ -76,9 +76,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         """
         most = self._wire.limits.payload
         if len(payload) > most:
-            raise SampleTooLargeError(
-                f"a sample on {self.topic!r} has {len(payload)} bytes, allowed are {most}"
-            )
+            raise SampleTooLargeError(f"a sample on {self.topic!r} has {len(payload)} bytes, allowed: {most}")
         inline = related_identity(related) if related is not None else b""
         with self._wire.lock:
             if self._closed:

@@ -163,10 +163,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--object", type=float, metavar="M", help="width of an object between the fingers, m")
     chosen = parser.parse_args(arguments)
     if not 1 <= chosen.unit <= 247:
-        parser.error(f"--unit is {chosen.unit}, allowed is 1 to 247")
+        parser.error(f"--unit is {chosen.unit}, allowed: 1 to 247")
     stroke_m = MODELS[chosen.model].stroke_m
     if chosen.object is not None and not 0.0 <= chosen.object <= stroke_m:
-        parser.error(f"--object is {chosen.object:g} m, allowed is 0 to {stroke_m:g} m for {chosen.model}")
+        parser.error(f"--object is {chosen.object:g} m, allowed: 0 to {stroke_m:g} m for {chosen.model}")
     try:
         simulator = Simulator(
             chosen.model, chosen.unit, chosen.host, chosen.port, chosen.link, chosen.urcap_port

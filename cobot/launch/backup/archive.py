@@ -53,7 +53,7 @@ def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
         InputError: the content is not such an archive, is too large, or is damaged.
     """
     if len(content) > MAX_ARCHIVE_BYTES:
-        raise InputError(f"the archive has {len(content)} bytes, allowed are {MAX_ARCHIVE_BYTES}")
+        raise InputError(f"the archive has {len(content)} bytes, allowed: {MAX_ARCHIVE_BYTES}")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
@@ -66,7 +66,7 @@ def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
     if len(entries) > MAX_FILES:
-        raise InputError(f"the archive has {len(entries)} files, allowed are {MAX_FILES}")
+        raise InputError(f"the archive has {len(entries)} files, allowed: {MAX_FILES}")
     seen: set[str] = set()
     for entry in entries:
         name, kind = shown(entry.filename), stat.S_IFMT(entry.external_attr >> 16)
@@ -77,11 +77,11 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
         if entry.filename in seen:
             raise InputError(f"the archive has {name} twice")
         if entry.file_size > MAX_FILE_BYTES:
-            raise InputError(f"{name} has {entry.file_size} bytes, allowed are {MAX_FILE_BYTES}")
+            raise InputError(f"{name} has {entry.file_size} bytes, allowed: {MAX_FILE_BYTES}")
         seen.add(entry.filename)
     total = sum(entry.file_size for entry in entries)
     if total > MAX_TOTAL_BYTES:
-        raise InputError(f"the files of the archive have {total} bytes, allowed are {MAX_TOTAL_BYTES}")
+        raise InputError(f"the files of the archive have {total} bytes, allowed: {MAX_TOTAL_BYTES}")
 
 
 def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:

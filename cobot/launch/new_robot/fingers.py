@@ -196,7 +196,7 @@ def sliding_pair(
             low, high = (other.reference(False) + np.polyval(other.polynomial[1::-1], ends)).tolist()
         if not TRAVELS_M[0] <= (travel_m := abs(high - low)) <= TRAVELS_M[1]:
             bounds = f"{TRAVELS_M[0]:g} to {TRAVELS_M[1]:g} m"
-            return f"{each.name} slides by {travel_m:g} m, allowed is {bounds}"
+            return f"{each.name} slides by {travel_m:g} m, allowed: {bounds}"
         ranges.append((low, high))
     first, second = (
         _Slide(

@@ -52,14 +52,12 @@ class Wishes:
         """
         low, high = DENSITIES_KG_M3
         if self.density is not None and not low <= self.density <= high:
-            raise ConfigError(f"--density is {self.density:g} kg/m³, allowed is {low:g} to {high:g} kg/m³")
+            raise ConfigError(f"--density is {self.density:g} kg/m³, allowed: {low:g} to {high:g} kg/m³")
         for link, mass in self.masses.items():
             if link not in links:
                 raise ConfigError(f"{file}: --mass: has no link {link!r}; valid are: {', '.join(links)}")
             if not 0.0 < mass <= MAX_MASS_KG:
-                raise ConfigError(
-                    f"--mass of {link} is {mass:g} kg, allowed is above 0 to {MAX_MASS_KG:g} kg"
-                )
+                raise ConfigError(f"--mass of {link} is {mass:g} kg, allowed: above 0 to {MAX_MASS_KG:g} kg")
 
 
 @dataclass(slots=True)

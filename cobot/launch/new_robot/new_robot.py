@@ -76,14 +76,15 @@ class NewRobot:
         actuators: the driven joints; empty means the joints of the arm. All others are fixed at their
             position.
         without: joints that are not part of the arm.
-        wishes: masses that the user gives.
+        wishes: masses that the user sets.
         srdf, group: an SRDF, and its group of driven joints.
-        packages: folders of the packages of package://NAME/..., or folders that contain them.
+        packages: folders in which package://NAME/... is searched: those of the packages, or the folders
+            above them.
         hulls: whether each mesh is replaced by its convex hull for collisions, even if the hull fills free
             space.
         skip_missing_meshes: whether shapes whose mesh does not exist are left out.
         xacro: values of the arguments of a xacro file.
-        guessed: sentences on guessed values, filled in by `write`.
+        guessed: messages about guessed values, filled in by `write`.
     """
 
     file: Path
@@ -279,7 +280,7 @@ class NewRobot:
         joints = [node.name for node in chain]
         if len(joints) > MAX_DOF:
             raise ConfigError(
-                f"{self.file}: the arm has {len(joints)} joints, allowed are up to {MAX_DOF}; use "
+                f"{self.file}: the arm has {len(joints)} joints, allowed: up to {MAX_DOF}; use "
                 f"--actuators to name the driven joints, or --without to leave out joints"
             )
         resting = self._leave_out(

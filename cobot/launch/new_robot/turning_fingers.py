@@ -137,7 +137,7 @@ def turning_fingers(
     low, high = (unit * float(each) for each in leader.joint.range)
     if not TURNS_RAD[0] <= high - low <= TURNS_RAD[1]:
         bounds = f"{TURNS_RAD[0]:g} to {TURNS_RAD[1]:g} rad"
-        return f"{leader.name} turns by {high - low:.4g} rad, allowed is {bounds}"
+        return f"{leader.name} turns by {high - low:.4g} rad, allowed: {bounds}"
     nodes = {each.name: each for each in fingers}
     joints = []
     for each in [leader, *(each for each in fingers if each is not leader)]:

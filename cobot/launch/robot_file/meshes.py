@@ -151,10 +151,10 @@ def safe_stem(path: Path) -> str:
 
 
 def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
-    """Copy the meshes and height fields of MJCF into the folder, so that it can be moved.
+    """Copy the model's meshes and height fields into `folder`, which can then be moved.
 
     Raises:
-        ConfigError: one does not exist or cannot be copied.
+        ConfigError: a file does not exist or cannot be copied.
     """
     source = Path(spec.modelfiledir or file.parent) / (spec.compiler.meshdir or "")
     for index, shape in enumerate((*spec.meshes, *spec.hfields)):

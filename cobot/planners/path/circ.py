@@ -89,7 +89,7 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
         if abs(way @ axis) > EQUAL_RADII_M:
             raise PlanningError(
                 f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm outside the plane of the arc, which is "
-                f"normal to the axis; allowed are {1e3 * EQUAL_RADII_M:g} mm",
+                f"normal to the axis; allowed: {1e3 * EQUAL_RADII_M:g} mm",
                 findings=[_arc_finding("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
             )
     angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))

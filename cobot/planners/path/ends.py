@@ -25,7 +25,7 @@ CLOSED_M, CLOSED_RAD = 2.0 * MAX_DEVIATION_M, 2.0 * MAX_DEVIATION_RAD
 """A path that ends this close to the TCP pose of the joints is changed to end exactly there, because the pose
 may have been rounded to four digits.
 """
-ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
+ALLOWED = f"allowed: {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
 
 def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goal: Pose) -> Pose:

@@ -48,8 +48,8 @@ def turn_between(start: Pose, goal: Pose) -> Array:
 
 
 def least_turn(robot: RobotDescription) -> float:
-    """Rotations below this, rad, are ignored. It is smaller for an arm that can only reach poses that fit
-    each other.
+    """The smallest rotation that is planned, rad; it is smaller for an arm with fewer than six degrees of
+    freedom, where position and orientation depend on each other.
     """
     return MIN_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
 

@@ -213,7 +213,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
     if pieces > MAX_PIECES:
         raise UnreachableError(
             f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from the "
-            f"last one, allowed are {MAX_PIECES * PIECE_M:g} m and "
+            f"last one, allowed: {MAX_PIECES * PIECE_M:g} m and "
             f"{np.degrees(MAX_PIECES * PIECE_RAD):.0f} degrees"
         )
     for piece in range(1, pieces + 1):

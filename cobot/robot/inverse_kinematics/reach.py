@@ -206,7 +206,7 @@ def allowed(model: RobotModel) -> str:
     """The end of a message, with the tolerance of an arm with fewer than six joints; "" for other arms."""
     if not model.inverse_kinematics.lacking:
         return ""
-    return f", allowed are {1e3 * NEAR_M:g} mm and {np.degrees(NEAR_RAD):g} degrees"
+    return f", allowed: {1e3 * NEAR_M:g} mm and {np.degrees(NEAR_RAD):g} degrees"
 
 
 def apart(distance_m: float, angle_rad: float) -> str:

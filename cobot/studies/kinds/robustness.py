@@ -145,7 +145,7 @@ class _RobustnessKernel:
         error_m = float(np.linalg.norm(place - (move.goal.position + part)))
         run.error_m = max(run.error_m, error_m)
         if error_m > move.tolerance_m:
-            run.fail(f"{move.place}: misses the part by {error_m:.5f} m, allowed are {move.tolerance_m:g} m")
+            run.fail(f"{move.place}: misses the part by {error_m:.5f} m, allowed: {move.tolerance_m:g} m")
 
 
 def _kind_of(cause: str) -> str:

@@ -199,14 +199,14 @@ def _io_result(data: bytes, kind: int, version: int) -> IoConfigResult | str:
     return IoConfigResult(*_RESULT.unpack(data)[1:])
 
 
-def _command(data: bytes, version: int) -> CommandPacket | str:
+def _decode_command(data: bytes, version: int) -> CommandPacket | str:
     if len(data) != _COMMAND.size:
         return f"a command with {len(data)} bytes, it must have {_COMMAND.size}"
     row = _COMMAND.unpack(data)
     return CommandPacket(version, row[2], row[6:-1], bool(row[3]), bool(row[4]), row[5], row[-1])
 
 
-def _request(data: bytes, version: int) -> LimitsRequest | str:
+def _decode_limits_request(data: bytes, version: int) -> LimitsRequest | str:
     if len(data) != _LIMITS_REQUEST.size:
         return f"a request of limits with {len(data)} bytes, it must have {_LIMITS_REQUEST.size}"
     _, _, axis, rate = _LIMITS_REQUEST.unpack(data)
@@ -245,9 +245,9 @@ _RECEIVED: dict[int, Callable[[bytes, int, int], Received | str]] = {
     PacketType.IO_CONFIG: _io_result,
 }
 _SENT: dict[int, Callable[[bytes, int], Sent | str]] = {
-    PacketType.COMMAND: _command,
+    PacketType.COMMAND: _decode_command,
     PacketType.CAPABILITY: _asked,
-    PacketType.LIMITS: _request,
+    PacketType.LIMITS: _decode_limits_request,
     PacketType.START: lambda data, version: StartPacket(version),
     PacketType.STOP: lambda data, version: StopPacket(version),
     PacketType.IO_CONFIG: _config,

@@ -146,7 +146,7 @@ class Points:
             known = ", ".join(self.outputs) or "none"
             raise BackendError(f"{name} is not one of the outputs in robot.backend.io: {known}")
         if not 0 <= value <= MAX_ANALOG:
-            raise BackendError(f"{name}: the value is {value:g}, allowed is 0 to {MAX_ANALOG}")
+            raise BackendError(f"{name}: the value is {value:g}, allowed: 0 to {MAX_ANALOG}")
         self._command.write(self._bytes, name, int(value))
 
     @property

@@ -225,9 +225,7 @@ def _add_io(found: list[IoValue], data: bytes, begin: int, stop: int) -> None:
         if number == 1:
             need_length(number, kind)
             if end - at > MAX_NAME:
-                raise WireError(
-                    f"the name of an input or output has {end - at} bytes, allowed are {MAX_NAME}"
-                )
+                raise WireError(f"the name of an input or output has {end - at} bytes, allowed: {MAX_NAME}")
             value.name = data[at:end].decode("utf-8", "replace")
         elif number == 2:
             value.type = _enum(IoType, "type of an input or output", number, kind, at)

@@ -88,8 +88,8 @@ class Ros2ControlArm(ControllerClient):
             joint = int(off.argmax())
             if not off[joint] <= START_RAD:
                 raise BackendError(
-                    f"{self._names[joint]} is {off[joint]:.3f} rad from the start of the motion, allowed "
-                    f"are {START_RAD} rad"
+                    f"{self._names[joint]} is {off[joint]:.3f} rad from the start of the motion, allowed: "
+                    f"{START_RAD} rad"
                 )
         self._loaded = None
         self._link.load(*resampled(times_s, rows, options.max_points, options.resampling_rad))

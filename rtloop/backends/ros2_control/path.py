@@ -35,7 +35,7 @@ def resampled(
         raise BackendError(
             f"the motion has {len(times_s)} points, the controller takes {max_points} "
             f"(robot.backend.max_points); with so few it would leave its path by {off.max():.4f} rad, "
-            f"allowed are {deviation_rad:g} rad (robot.backend.resampling_rad): make the motion shorter"
+            f"allowed: {deviation_rad:g} rad (robot.backend.resampling_rad): make the motion shorter"
         )
     return fewer_s, fewer
 

@@ -61,7 +61,7 @@ USEFUL = (
     *(each for each in READ if "analog" in each),
 )
 REST_RAD_S, REST_S = 0.01, 2.0
-"""Maximum speed of a joint at rest, rad/s, and timeout for it at the start, s."""
+"""Joint speed up to which the arm is at rest, rad/s, and timeout for coming to rest at the start, s."""
 ENDED_PACKAGES = 3
 """Packages after the end of cobot's program until it is a fault. The program ends just before the first
 package that has the cause, such as an emergency stop.

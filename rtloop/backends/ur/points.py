@@ -133,7 +133,7 @@ def _request(point: IoPoint, value: float, data: Mapping[str, Any]) -> tuple[str
     name = point.name
     if name == SLIDER:
         if not 0.0 <= value <= 100.0:
-            raise BackendError(f"{SLIDER} is {value:g}, allowed is 0 to 100 (per cent)")
+            raise BackendError(f"{SLIDER} is {value:g}, allowed: 0 to 100 (per cent)")
         return GROUPS[0][0], {GROUPS[0][0]: 1, GROUPS[0][1]: value / 100.0}
     place, index = name.rsplit("_", 2)[0], int(name[-1])
     if place == "analog":
@@ -147,7 +147,7 @@ def _analog(name: str, index: int, value: float, data: Mapping[str, Any]) -> dic
     domain = data.get("analog_io_types", 0) >> _OUTPUT_DOMAIN + index & 1
     low, high, unit = (0.0, MAX_VOLT, "V") if domain else (MIN_AMPERE, MAX_AMPERE, "A")
     if not low <= value <= high:
-        raise BackendError(f"{name} is {value:g} {unit}, allowed is {low:g} to {high:g} {unit}")
+        raise BackendError(f"{name} is {value:g} {unit}, allowed: {low:g} to {high:g} {unit}")
     mask, kind, *outputs = GROUPS[4]
     share = (value - low) / (high - low)
     return {mask: 1 << index, kind: domain << index, **dict.fromkeys(outputs, share)}

@@ -154,7 +154,7 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
             "should have ended 10.000 s",
         ),
         (goal([point(HERE, 60.0)], stamp=NOW_S - 10.0), FjtError.OLD_HEADER_TIMESTAMP, "should have begun"),
-        (goal([point(HERE, 1.0)], stamp=NOW_S + 3600.0), FjtError.INVALID_GOAL, "3600 s ahead"),
+        (goal([point(HERE, 1.0)], stamp=NOW_S + 3600.0), FjtError.INVALID_GOAL, "3600 s in the future"),
         (
             goal([point(HERE, 1.0)], path_tolerance=[tolerance("joint9", 1.0)]),
             FjtError.INVALID_JOINTS,

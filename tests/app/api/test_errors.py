@@ -33,7 +33,7 @@ def test_every_error_of_the_tree_is_answered_with_its_status_code_and_sentence(
 
     @app.get("/")
     async def fail() -> None:
-        raise kind("joint1 is 9 rad, allowed is -2.97 to 2.97 rad")
+        raise kind("joint1 is 9 rad, allowed: -2.97 to 2.97 rad")
 
     async def ask() -> httpx.Response:
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://cobot") as client:
@@ -41,7 +41,7 @@ def test_every_error_of_the_tree_is_answered_with_its_status_code_and_sentence(
 
     answer = asyncio.run(ask())
     assert answer.status_code == status_of(kind("why"))
-    assert answer.json() == {"detail": "joint1 is 9 rad, allowed is -2.97 to 2.97 rad", "code": kind.code}
+    assert answer.json() == {"detail": "joint1 is 9 rad, allowed: -2.97 to 2.97 rad", "code": kind.code}
 
 
 PROBLEM = "application/problem+json"

@@ -61,7 +61,7 @@ def test_a_motion_that_is_stopped_is_a_409(service: VirtualService) -> None:
 def test_another_value_is_refused_before_anything_moves(service: VirtualService, value: str) -> None:
     answer = service.post("/robot/move/named", HOME, params={"strict": value})
     assert answer.status_code == 422
-    assert answer.json()["detail"] == f"strict is '{value}', allowed are true and false"
+    assert answer.json()["detail"] == f"strict is '{value}', allowed: true and false"
 
 
 def test_the_query_counts_before_the_header_and_a_stop_heeds_neither_in_error(

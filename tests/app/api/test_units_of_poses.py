@@ -12,7 +12,7 @@ TURNED = {**DOWN, "b": 180.0}
 FAR = {**DOWN, "x": 450.0, "z": 500.0}
 POINT, FAR_POINT = {"x": 0.4, "y": 0.1, "z": 0.5}, {"x": 400.0, "y": 100.0, "z": 500.0}
 BOX = {"shape": "box", "size": [0.1, 0.1, 0.1]}
-DEGREES = "b: is 180 rad, allowed is -9.5 to 9.5 rad; this looks like degrees, 180 degrees are 3.14159 rad"
+DEGREES = "b: is 180 rad, allowed: -9.5 to 9.5 rad; this looks like degrees, 180 degrees are 3.14159 rad"
 MILLIMETRES = "look like millimetres, positions are in m"
 VENDOR = {"pose": [0.45, 0.0, 0.5, 180.0, 0.0, 0.0], "v": 0.1, "a": 0.1}
 
@@ -78,18 +78,18 @@ def test_a_goal_that_is_a_little_out_of_reach_is_not_called_millimetres(run: Vir
         (
             "/robot/plan/pose",
             {**DOWN, "x": 1450.0},
-            "x: is 1450 m, allowed is -1000 to 1000 m; this looks like mill",
+            "x: is 1450 m, allowed: -1000 to 1000 m; this looks like mill",
         ),
         (
             "/scene",
             {"objects": {"part": {**BOX, **FAR}}},
-            "objects.part.x: is 450 m, allowed is -100 to 100 m",
+            "objects.part.x: is 450 m, allowed: -100 to 100 m",
         ),
         ("/robot/tool", {"tcp": {"z": 150.0}}, "150 mm are 0.15 m"),
         (
             "/robot/plan/arc",
             {"centre": POINT, "axis": {"x": 0, "y": 0, "z": 1}, "angle": 360.0},
-            "angle: is 360 rad, allowed is -200 to 200 rad; this looks like degrees",
+            "angle: is 360 rad, allowed: -200 to 200 rad; this looks like degrees",
         ),
     ],
 )

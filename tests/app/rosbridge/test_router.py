@@ -82,8 +82,8 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
             ('{"op": "subscribe", "op": "publish"}', "the key 'op' occurs twice"),
             ("[" * 100_000, "nested too deeply"),
             (b"\x00\x01", "CBOR is not supported"),
-            (" " * (4 * 2**20 + 1), "the message has 4194305 characters, allowed are 4194304"),
-            ("[" + "0," * 200_001 + "0]", "the message has 200001 commas, allowed are 200000"),
+            (" " * (4 * 2**20 + 1), "the message has 4194305 characters, allowed: 4194304"),
+            ("[" + "0," * 200_001 + "0]", "the message has 200001 commas, allowed: 200000"),
         ):
             client.socket.send(frame)
             status = client.next("status")
@@ -107,7 +107,7 @@ def test_a_message_too_large_to_be_read_is_answered_with_its_id(
         client.socket.send(json.dumps({**operation, "id": 'mine "7"', "args": [0] * 200_001}))
         got = client.next(answer)
         assert got["id"] == 'mine "7"'
-        assert "commas, allowed are 200000" in str(got.get("values", got.get("msg")))
+        assert "commas, allowed: 200000" in str(got.get("values", got.get("msg")))
         assert got.get("result", False) is False
         assert client.call("/rosapi/nodes")["result"]
 

@@ -302,7 +302,7 @@ def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.Capt
         assert f"'{days}' days are too many: at most 36500" in capsys.readouterr().err
     status, _, complaint = run("create", "bob", "--role", "admin", "--days", "1e-12")
     assert status == 1
-    assert "the lifetime is 0 s, allowed is 60 s or more" in complaint
+    assert "the lifetime is 0 s, allowed: 60 s or more" in complaint
     assert run("list")[1] == ""
     assert run("create", "bob", "--role", "observer", "--days", "36500")[0] == 0
 

@@ -49,8 +49,8 @@ def part(**changes: object) -> dict[str, Any]:
         ),
         (part(position_m=[0.0, 0.0, 1e9]), "parts.cube.position_m[2]: must be less than or equal to 20"),
         (part(position_m=[0.0, 0.0]), "parts.cube.position_m[2]: is missing"),
-        (part(size_m=[0.1, NAN, 0.1]), "parts.cube: size_m: NaN is out of range, allowed is 0.002 to 2 m"),
-        (part(size_m=[3.0, 0.1, 0.1]), "parts.cube: size_m: 3.0 is out of range, allowed is 0.002 to 2 m"),
+        (part(size_m=[0.1, NAN, 0.1]), "parts.cube: size_m: NaN is out of range, allowed: 0.002 to 2 m"),
+        (part(size_m=[3.0, 0.1, 0.1]), "parts.cube: size_m: 3.0 is out of range, allowed: 0.002 to 2 m"),
         (part(size_m=[0.1]), "parts.cube: size_m has 1 length, a box has 3"),
         (part(shape="mesh"), "parts.cube: file is missing: a mesh needs an STL or OBJ file"),
         (part(shape="cone"), "parts.cube.shape: must be 'box', 'cylinder', 'sphere' or 'mesh', got 'cone'"),
@@ -111,7 +111,7 @@ def test_a_bad_cell_file_is_rejected_with_its_name_and_the_place(
         ("/etc/none.json", "is outside the folder of the cell file"),
         ("program.py", "examples.Pick: string should match pattern"),
         ("binary.json", "binary.json: it is not UTF-8 text"),
-        ("large.json", "large.json has 400001 bytes, allowed are 400000"),
+        ("large.json", "large.json has 400001 bytes, allowed: 400000"),
     ],
 )
 def test_a_bad_example_program_is_rejected_with_its_file(tmp_path: Path, file: str, words: str) -> None:
@@ -144,7 +144,7 @@ def test_a_folder_stands_for_its_cell_file_and_a_missing_file_is_named(tmp_path:
         (
             {"parts": {"a": BOX, "b": {**BOX, "position_m": [0.62, 0.0, 0.3]}}},
             CollisionError,
-            "a and b overlap by 30.0 mm at the start, allowed is 1 mm: move one of them",
+            "a and b overlap by 30.0 mm at the start, allowed: 1 mm: move one of them",
         ),
         (part(position_m=[0.6, 0.0, 0.01]), CollisionError, "cube overlap by 15.0 mm at the start"),
         (part(position_m=[0.0, 0.0, 0.3]), CollisionError, "cube overlap"),

@@ -140,10 +140,10 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
         ({"file": "empty.stl"}, "empty.stl: is not an STL or OBJ mesh"),
         ({"file": "nan.obj"}, "nan.obj: vertices: one is not finite"),
         ({"file": "wrong.obj"}, "wrong.obj: triangles: there are none, or one names a vertex"),
-        ({"file": "large.stl"}, "large.stl has 20.0 MB, allowed are 20 MB: simplify the mesh"),
+        ({"file": "large.stl"}, "large.stl has 20.0 MB, allowed: 20 MB: simplify the mesh"),
         (
             {"scale": 1000.0},
-            "its bounding box is 100 x 40 x 100 m, allowed are edges of 0.002 to 2 m: set scale",
+            "its bounding box is 100 x 40 x 100 m, allowed: edges of 0.002 to 2 m: set scale",
         ),
         ({"scale": 0.0}, "parts.part.scale: must be greater than or equal to 0.000001"),
         (

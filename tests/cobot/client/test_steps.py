@@ -104,9 +104,9 @@ def test_a_condition_is_described_in_words() -> None:
 @pytest.mark.parametrize("seconds", [-1, math.nan, math.inf, 1e6, "1", True, None])
 def test_a_time_that_cannot_be_is_refused(seconds: Any) -> None:
     arm, _ = client()
-    with pytest.raises(InputError, match="allowed is 0 to 86400 s"):
+    with pytest.raises(InputError, match="allowed: 0 to 86400 s"):
         arm.wait_s(seconds)
-    with pytest.raises(InputError, match="allowed is 0 to 86400 s"):
+    with pytest.raises(InputError, match="allowed: 0 to 86400 s"):
         arm.wait_for({"input": "part", "is": True}, seconds)
 
 
@@ -144,7 +144,7 @@ def test_what_no_retry_can_heal_is_raised_at_once(error: CobotError) -> None:
 
 @pytest.mark.parametrize("retry", [-1, 1001, 1.5, True, "2"])
 def test_a_number_of_retries_that_cannot_be_is_refused(retry: Any) -> None:
-    with pytest.raises(InputError, match="allowed is 0 to 1000"):
+    with pytest.raises(InputError, match="allowed: 0 to 1000"):
         on_error(lambda: None, retry=retry)
 
 
@@ -158,15 +158,15 @@ def test_places_are_counted_along_the_first_direction_first() -> None:
 @pytest.mark.parametrize(
     ("counts", "offsets", "words"),
     [
-        ([], [], "counts has 0 directions, allowed are 1 to 3"),
-        ([1, 1, 1, 1], [{}] * 4, "counts has 4 directions, allowed are 1 to 3"),
+        ([], [], "counts has 0 directions, allowed: 1 to 3"),
+        ([1, 1, 1, 1], [{}] * 4, "counts has 4 directions, allowed: 1 to 3"),
         ([2], [], "counts has 1 directions and offsets has 0"),
-        ([0], [{}], r"counts\[0\] is 0, allowed are 1 to 10000"),
+        ([0], [{}], r"counts\[0\] is 0, allowed: 1 to 10000"),
         ([2, -1], [{}, {}], r"counts\[1\] is -1"),
         ([2.5], [{}], r"counts\[0\] is 2.5"),
         ([True], [{}], r"counts\[0\] is True"),
         ([10**5000], [{}], r"counts\[0\] is too large"),
-        ([1000, 1000], [{}, {}], "1000 x 1000 are 1000000 places, allowed are 1 to 10000"),
+        ([1000, 1000], [{}, {}], "1000 x 1000 are 1000000 places, allowed: 1 to 10000"),
     ],
 )
 def test_a_grid_that_cannot_be_is_refused(counts: Any, offsets: Any, words: str) -> None:

@@ -379,7 +379,7 @@ def test_a_message_too_large_for_the_service_is_rejected_alone(
         publisher.publish({"data": "after it"})
         until(lambda: service.heard == ["after it"], "the message after the large one did not arrive")
     assert "/both" in caplog.text
-    assert "allowed are 4194304" in caplog.text
+    assert "allowed: 4194304" in caplog.text
     service.do(trajectories.action.go_on.set)
     got = waiting(30.0)
     assert got["status"] == GoalStatus.SUCCEEDED

@@ -202,7 +202,7 @@ def test_the_command_line_makes_them_and_rejects_wrong_names(
     for words, problem in (
         (("cell", "../up"), "'../up' is not valid"),
         (("hub", "a b"), "'a b' is not valid"),
-        (("cell", "three", "--days", "0"), "allowed is 1 to 3650"),
+        (("cell", "three", "--days", "0"), "allowed: 1 to 3650"),
         (("cell", "welding"), "has a certificate already"),
     ):
         assert main(["certificate", folder, *words]) == 1

@@ -110,7 +110,7 @@ def test_an_error_is_the_answer_of_the_retry_too(clock: Clock, book: CommandBook
     [
         ({"issued_s": 1490.0, "expires_s": 1499.0}, "conflict", "1.0 s late and was not executed"),
         ({"issued_s": 1560.0, "expires_s": 1562.0}, "conflict", "60.0 s ahead of the hub's time"),
-        ({"expires_s": 1500.0}, "input", "0 s after issued_s, allowed is more than 0 and up to 60 s"),
+        ({"expires_s": 1500.0}, "input", "0 s after issued_s, allowed: more than 0 and up to 60 s"),
         ({"expires_s": 1561.0}, "input", "61 s after issued_s"),
         ({"epoch": "bbbbbbbbbbbbbbbb"}, "conflict", "is not the epoch of the current hub"),
         ({"issued_s": 1499.0, "action": {"kind": "pause"}}, "conflict", "issued before this cell joined"),
@@ -187,7 +187,7 @@ def test_the_number_of_remembered_commands_is_bounded(clock: Clock, book: Comman
     for number in range(MAX_COMMANDS):
         assert book.run(command(clock, id=f"number-{number}"), lambda: "").code == "ok"
     answer = book.run(command(clock), lambda: pytest.fail("executed"))
-    assert "allowed are 1000" in answer.text
+    assert "allowed: 1000" in answer.text
     clock.s += 3.5
     assert book.run(command(clock), lambda: "at rest").code == "ok"
 
@@ -199,7 +199,7 @@ def test_the_number_of_remembered_commands_is_bounded(clock: Clock, book: Comman
         (b"\xff\xfe", "FleetCommand: "),
         (b'{"id": "12345678"}', "action"),
         (b"[" * 10_000, "FleetCommand: "),
-        (b" " * (MAX_BYTES + 1), "65537 bytes, allowed are 65536"),
+        (b" " * (MAX_BYTES + 1), "65537 bytes, allowed: 65536"),
         (
             command(Clock()).model_dump_json().replace("stop", "start").encode(),
             "action.start.program: is missing",

@@ -161,7 +161,7 @@ def test_beyond_the_connections_a_sentence_says_so_and_a_stop_is_executed() -> N
 
     hub, late, stop = asyncio.run(run())
     assert (late.status, late.answer["code"]) == (409, "busy")
-    assert f"allowed are {MAX_CONNECTIONS}; try again in a moment" in late.answer["detail"]
+    assert f"allowed: {MAX_CONNECTIONS}; try again in a moment" in late.answer["detail"]
     assert (stop.status, stop.answer["success"], hub.stops) == (200, True, 1)
 
 

@@ -197,7 +197,7 @@ def test_wrong_requests_are_errors(
     [
         (b"", "the bundle is not valid"),
         (b"[" * 100_000, "the bundle is not valid"),
-        (b" " * (8 * 2**20 + 1), "8388609 bytes, allowed are 8388608"),
+        (b" " * (8 * 2**20 + 1), "8388609 bytes, allowed: 8388608"),
         (CONTENT.replace(b'"seam"', b'"../seam"'), "programs[0].id"),
         (CONTENT.replace(b'"lua"', b'"python"'), "programs[0].kind: must be 'sequence' or 'lua'"),
         (CONTENT.replace(b'"1.4"', b'"1 4"'), "version"),

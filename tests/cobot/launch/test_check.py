@@ -72,7 +72,7 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
     [
         (
             (0.0, 2.2, 0.0, -1.57, 0.0, 1.57, 0.0),
-            "joint2 is 2.2 rad, allowed is -2.1 to 2.1 rad",
+            "joint2 is 2.2 rad, allowed: -2.1 to 2.1 rad",
         ),
         (IN_THE_FLOOR, "touches"),
         ((0.0, 2.1, 0.0, -2.1, 0.0, 0.0, 0.0), "touches"),

@@ -38,7 +38,7 @@ from cobot.robot.description import load_robot
         ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1.6", "set max_velocity to 1.5 or less"),
         ("joint_limits.yaml", "max_effort: 200.0", "max_effort: 201.0", "set max_effort to 200 or less"),
         ("robot.srdf", 'name="a2" value="0.0"', 'name="a2" value="3.0"', "of a2 is 3 rad"),
-        ("robot.srdf", 'name="a0" value="0.0"', 'name="a0" value="3.0"', "of a0 is 3 m, allowed is -0.5 to"),
+        ("robot.srdf", 'name="a0" value="0.0"', 'name="a0" value="3.0"', "of a0 is 3 m, allowed: -0.5 to"),
     ],
 )
 @pytest.mark.usefixtures("signals_and_log")

@@ -322,7 +322,7 @@ def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints
         ptp(robot, start, goal)
     found = re.fullmatch(
         r"collision of floor and (link\d) at -?\d+ mm after (\d+) % of the motion \(([\d.]+) s\), "
-        r"at joints \[(.*)\] rad; the deepest is floor and link\d at -\d+ mm after \d+ %; allowed are 5 mm",
+        r"at joints \[(.*)\] rad; the deepest is floor and link\d at -\d+ mm after \d+ %; allowed: 5 mm",
         str(caught.value),
     )
     assert found, caught.value
@@ -349,9 +349,9 @@ def test_no_accepted_motion_touches_anything(robot: RobotDescription) -> None:
 @pytest.mark.parametrize(
     ("joint", "value", "message"),
     [
-        (0, 2.98, "joint angle of joint1 is 2.98 rad, allowed is -2.97 to 2.97 rad"),
-        (3, -2.11, "joint angle of joint4 is -2.11 rad, allowed is -2.1 to 2.1 rad"),
-        (6, float("nan"), "joint angle of joint7 is nan rad, allowed is -3.05 to 3.05 rad"),
+        (0, 2.98, "joint angle of joint1 is 2.98 rad, allowed: -2.97 to 2.97 rad"),
+        (3, -2.11, "joint angle of joint4 is -2.11 rad, allowed: -2.1 to 2.1 rad"),
+        (6, float("nan"), "joint angle of joint7 is nan rad, allowed: -3.05 to 3.05 rad"),
     ],
 )
 def test_a_goal_beyond_the_limits_is_refused_with_joint_value_and_range(
@@ -372,7 +372,7 @@ def test_an_arm_that_was_pushed_beyond_a_limit_may_move_back_but_not_further_out
     motion = ptp(robot, start, home(robot))
     assert motion.extrema()[0][1] == pytest.approx(-2.11, abs=1e-9)
     further = start - np.eye(7)[1] * 0.005
-    with pytest.raises(LimitError, match=r"joint angle of joint2 is -2\.115 rad, allowed is -2\.1 to 2\.1"):
+    with pytest.raises(LimitError, match=r"joint angle of joint2 is -2\.115 rad, allowed: -2\.1 to 2\.1"):
         ptp(robot, start, further)
 
 

@@ -198,7 +198,7 @@ def test_more_joints_than_compiled_code_has_room_for_are_refused() -> None:
     text = f'<mujoco><worldbody><body name="base_link"/>{inner}</worldbody></mujoco>'
     ones = np.ones(17)
     limits = JointLimits(tuple(f"j{i}" for i in range(17)), -ones, ones, ones, ones, ones, ones)
-    with pytest.raises(ConfigError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(ConfigError, match="17 joints, allowed: up to 16"):
         RobotModel(mujoco.MjModel.from_xml_string(text), limits, "base_link", "tcp")
 
 

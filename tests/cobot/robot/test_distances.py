@@ -102,6 +102,6 @@ def test_joints_that_are_not_finite_and_geoms_that_are_not_there_are_refused() -
         distances.find(np.full(mj.nq, np.nan))
     with pytest.raises(ValueError, match="no geoms 0 and 99"):
         distances.watch([(0, 99)])
-    with pytest.raises(ValueError, match="2 pairs of geoms, allowed are up to 1"):
+    with pytest.raises(ValueError, match="2 pairs of geoms, allowed: up to 1"):
         distances.watch([(0, 2), (0, 3)])
     assert distances.count == 0

@@ -139,9 +139,9 @@ def test_every_joint_that_is_beyond_is_named_with_value_and_range() -> None:
     with pytest.raises(LimitError) as caught:
         check_positions(limits, joints, "goal angle")
     assert str(caught.value) == (
-        "goal angle of joint2 is -2.5 rad, allowed is -2.1 to 2.1 rad; "
-        "goal angle of joint4 is nan rad, allowed is -2.1 to 2.1 rad; "
-        "goal angle of joint7 is 3.25 rad, allowed is -3.05 to 3.05 rad"
+        "goal angle of joint2 is -2.5 rad, allowed: -2.1 to 2.1 rad; "
+        "goal angle of joint4 is nan rad, allowed: -2.1 to 2.1 rad; "
+        "goal angle of joint7 is 3.25 rad, allowed: -3.05 to 3.05 rad"
     )
 
 

@@ -239,7 +239,7 @@ def test_corners_that_are_not_finite_and_unknown_instructions_are_refused(
             cover(corners, [(0,)] if len(corners) else [], LOSS_M, 0.004)
     monkeypatch.setenv(INSTRUCTIONS, "sse9")
     clearance = odd_clearance()
-    with pytest.raises(ConfigError, match="COBOT_INSTRUCTIONS is 'sse9', allowed are plain"):
+    with pytest.raises(ConfigError, match="COBOT_INSTRUCTIONS is 'sse9', allowed: plain"):
         clearance.are_free(np.zeros((1, clearance.dof)))
 
 

@@ -272,9 +272,9 @@ def test_coroutines_work() -> None:
         ("\n\nlocal x = nil; x.y = 1", r"test\.lua:3: attempt to index a nil value \(local 'x'\)"),
         ("\nmovej('here')", r"test\.lua:2: q must be a table of numbers, got a string"),
         ("movej({1, 'a'})", r"test\.lua:1: q\[2\] must be a number, got a string"),
-        ("movej({0/0})", r"q\[1\] is (nan|-nan), allowed are finite numbers"),
+        ("movej({0/0})", r"q\[1\] is (nan|-nan), allowed: finite numbers"),
         ("movel({1, 2, 3})", r"pose must be a table of 6 numbers"),
-        ("movej({1}, 2)", r"speed is 2, allowed are finite numbers from 0 to 1"),
+        ("movej({1}, 2)", r"speed is 2, allowed: finite numbers from 0 to 1"),
         ("movej({1}, {fast = 1})", r"the options are: actions, .*until, speed, accel_scale, planner, "),
         (
             "movel({1, 2, 3, 4, 5, 6}, {planner = 'ptp'})",

@@ -61,7 +61,7 @@ def test_lists_of_numbers_have_their_count() -> None:
         ("{1}", r"q must be a table of 2 numbers, got a table"),
         ("7", r"q must be a table of 2 numbers, got a number"),
         ("{1, 'x'}", r"q\[2\] must be a number, got a string"),
-        ("{1, 0/0}", r"q\[2\] is -?nan, allowed are finite numbers"),
+        ("{1, 0/0}", r"q\[2\] is -?nan, allowed: finite numbers"),
     ):
         with pytest.raises(InputError, match=sentence):
             numbers(value(literal), "q", 2)
@@ -74,7 +74,7 @@ def test_numbers_and_texts_are_what_they_have_to_be() -> None:
         with pytest.raises(InputError, match="v must be a number"):
             number(wrong, "v")
     for wide in (-0.1, 3.1, math.inf):
-        with pytest.raises(InputError, match="allowed are finite numbers from 0 to 3"):
+        with pytest.raises(InputError, match="allowed: finite numbers from 0 to 3"):
             number(wide, "v", 0.0, 3.0)
     with pytest.raises(InputError, match="name must be a string, got a number"):
         text(3, "name")

@@ -44,7 +44,7 @@ def test_every_planner_of_the_api_moves_the_arm_in_a_sequence(service: VirtualSe
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        ({**HELIX, "speed_m_s": 9.0}, "speed_m_s: is 9 m/s, allowed is above 0 and up to 1 m/s"),
+        ({**HELIX, "speed_m_s": 9.0}, "speed_m_s: is 9 m/s, allowed: above 0 and up to 1 m/s"),
         ({**HELIX, "frame_id": "moon"}, "frame_id: there is no frame 'moon'"),
         ({**HELIX, "constraints": {"joints": {"joint9": [0, 1]}}}, "joint9: there is no such joint"),
         ({"named": "work", "algorithm": "PRM"}, "algorithm: PRM is for planner ompl and auto only"),

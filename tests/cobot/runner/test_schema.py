@@ -333,7 +333,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         ),
         (
             [{"pallet": {**GRID, "counts": [1000, 1000]}, "do": [WAIT]}],
-            "steps[0].pallet: counts: 1000 x 1000 are 1000000 places, allowed are 1 to 10000",
+            "steps[0].pallet: counts: 1000 x 1000 are 1000000 places, allowed: 1 to 10000",
         ),
         ([{"pallet": {**GRID, "counts": [2]}, "do": [WAIT]}], "counts has 1 directions and offsets has 2"),
         (
@@ -357,7 +357,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
             "steps[1].pause_while: only one motion of a sequence may have it",
         ),
         ([nested(20)], "steps are nested more than 20 deep; flatten them"),
-        ([nested(200)], "steps are nested too deeply, allowed are 20 levels of lists"),
+        ([nested(200)], "steps are nested too deeply, allowed: 20 levels of lists"),
     ],
 )
 def test_what_a_schema_cannot_say_is_refused_with_its_place(

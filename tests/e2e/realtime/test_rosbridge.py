@@ -193,7 +193,7 @@ def test_a_motion_goes_on_while_a_large_message_is_taken_apart(run: Run) -> None
         client.send("advertise", topic="/test/large", type="tf2_msgs/msg/TFMessage")
         client.send("publish", topic="/test/large", msg=goal)
         client.send("publish", topic="/test/large", msg={"transforms": [{}] * 31_000})
-        assert "allowed are 30000" in client.next("status")["msg"]
+        assert "allowed: 30000" in client.next("status")["msg"]
     until(lambda: httpx.post(f"{run.url}/{run.name}/MotionControl/getExecId").json()["result"] == -1)
     assert httpx.post(f"{run.url}/{run.name}/MotionControl/getLastError").json()["result"] == ""
     assert abs(run.joints()[0] - 0.9) < 0.01

@@ -278,10 +278,10 @@ def test_a_lighter_tool_leaves_the_hand_as_heavy_as_it_is(arm: CellArm) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "refusal"),
     [
-        ("hand.width", 0.081, "hand.width is 0.081, allowed is 0 to 0.08"),
+        ("hand.width", 0.081, "hand.width is 0.081, allowed: 0 to 0.08"),
         ("hand.width", float("nan"), "hand.width is nan, allowed"),
-        ("hand.speed", 0.0, "hand.speed is 0, allowed is 0.001 to 0.2"),
-        ("hand.force", 101.0, "hand.force is 101, allowed is 0 to 100"),
+        ("hand.speed", 0.0, "hand.speed is 0, allowed: 0.001 to 0.2"),
+        ("hand.force", 101.0, "hand.force is 101, allowed: 0 to 100"),
         ("hand.moving", 1.0, "hand.moving is an input"),
         ("gate", 1.0, "gate is an input"),
         ("nothing", 1.0, "the cell has no input or output 'nothing'"),

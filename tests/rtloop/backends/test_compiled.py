@@ -75,7 +75,7 @@ def test_nothing_else_can_be_assigned() -> None:
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:
     assert Measured(16).values.shape == (92,)
-    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
         Measured(17)
 
 

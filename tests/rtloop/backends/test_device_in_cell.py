@@ -147,7 +147,7 @@ def test_it_has_the_protocols_of_the_device_and_of_the_cell(arm: ArmElsewhere) -
     assert "hand.width" in names
     backend.set_output("DO[1]", 1.0)
     assert backend.read_input("DO[1]") == 1.0
-    with pytest.raises(BackendError, match=r"hand\.width is 0\.9, allowed is 0 to 0\.08"):
+    with pytest.raises(BackendError, match=r"hand\.width is 0\.9, allowed: 0 to 0\.08"):
         backend.set_output("hand.width", 0.9)
     with pytest.raises(BackendError, match="there is no input 'nothing'"):
         backend.read_input("nothing")

@@ -332,8 +332,8 @@ def test_poses_within_the_limits_of_the_tcp() -> None:
 
 @pytest.mark.parametrize("make", [Hold, Linear])
 def test_more_joints_than_there_is_room_for_are_refused(make: Any) -> None:
-    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
         make(17, PERIOD_S)
     for kind in (Quintic, OnlineTrajectory, ChunkInterpolator):
-        with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+        with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
             kind(17, PERIOD_S, *np.ones((3, 17)))

@@ -43,7 +43,7 @@ def first_difference(found: Array, wanted: Array, allowed: Array, cycles: int) -
     cycle = min(at * stage.EVERY, cycles - 1)
     return (
         f"cycle {cycle} of {cycles}: commanded {ROWS[row]} of joint {joint + 1} is {found[at, row, joint]!r} "
-        f"instead of {wanted[at, row, joint]!r}, off by {off[at, row, joint]:.3g}, allowed are "
+        f"instead of {wanted[at, row, joint]!r}, off by {off[at, row, joint]:.3g}, allowed: "
         f"{allowed[at, row]:.3g}; the largest difference of all cycles is {np.nanmax(off):.3g}"
     )
 
@@ -92,7 +92,7 @@ def require_measured(found: Array, wanted: Array, spread: Array) -> None:
         row, column = beyond[0]
         raise AssertionError(
             f"measured, row {row} of {len(off)}, column {column} (position, external effort, wrench): off "
-            f"by {off[row, column]:.3g}, allowed are {allowed[row, column]:.3g}"
+            f"by {off[row, column]:.3g}, allowed: {allowed[row, column]:.3g}"
         )
 
 

@@ -107,7 +107,7 @@ def test_points_come_out_as_from_the_plain_queue(memories: list[RobotMemory]) ->
 def test_an_arm_of_more_joints_than_a_point_has_is_refused() -> None:
     memory = RobotMemory.create(unique_name(), 17, 1e-3, 2)
     try:
-        with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+        with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
             PointQueue(memory)
     finally:
         memory.unlink()

@@ -123,5 +123,5 @@ def test_the_pieces_of_a_path_are_checked_as_they_are_loaded() -> None:
 
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:
-    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
         Path(10, 17)

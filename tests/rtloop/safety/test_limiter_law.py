@@ -141,5 +141,5 @@ def test_a_pursuit_goes_where_the_law_goes(robot: RobotDescription, streamed: bo
 def test_more_joints_than_there_is_room_for_are_refused(robot: RobotDescription) -> None:
     ones = np.ones(17)
     limits = JointLimits(tuple(f"joint{i}" for i in range(17)), -ones, ones, ones, ones, ones, ones)
-    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
         Safety(limits, PERIOD_S)

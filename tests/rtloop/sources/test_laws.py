@@ -103,7 +103,7 @@ def test_joint_targets_jump_when_the_law_says_so() -> None:
             if first >= 0:
                 words = (
                     f"axis{first} would jump by {step[k, first]:.4f} rad, "
-                    f"allowed are {allowed[k, first]:.4f} rad"
+                    f"allowed: {allowed[k, first]:.4f} rad"
                 )
             assert check_joint_step(*rows, interval_s[k], most, names) == result_of(words)
             refused += first >= 0
@@ -129,11 +129,11 @@ def test_poses_jump_when_the_law_says_so() -> None:
     for k in range(n):
         words = ""
         if not distance[k] <= linear[k] * within_s[k]:
-            words = f"the TCP would jump by {distance[k]:.4f} m, allowed are {linear[k] * within_s[k]:.4f} m"
+            words = f"the TCP would jump by {distance[k]:.4f} m, allowed: {linear[k] * within_s[k]:.4f} m"
         elif not angle[k] <= angular[k] * within_s[k]:
             words = (
                 f"the TCP would turn by {angle[k]:.4f} rad at once, "
-                f"allowed are {angular[k] * within_s[k]:.4f} rad"
+                f"allowed: {angular[k] * within_s[k]:.4f} rad"
             )
         assert check_pose_step(pose[k], last[k], interval_s[k], linear[k], angular[k]) == result_of(words)
         refused += words != ""

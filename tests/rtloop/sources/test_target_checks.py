@@ -100,7 +100,7 @@ def test_a_robot_slower_than_the_threshold_makes_it_tighter_but_forgives_jitter(
     limits = np.full(7, 2.0)
     assert check_joint_step(np.full(7, 0.0399), np.zeros(7), 0.01, limits) == ACCEPTED
     assert check_joint_step(np.full(7, 0.0401), np.zeros(7), 0.01, limits).reason.endswith(
-        "allowed are 0.0400 rad"
+        "allowed: 0.0400 rad"
     )
 
 

@@ -39,7 +39,7 @@ def test_what_exceeds_the_most_is_found_and_named() -> None:
             exceeded += 1
             unit, where, name = PLACES[index]
             reason = monitor.reason()
-            assert reason == f"contact: {push[index]:.1f} {unit} {where}, allowed are {most[index]:g}"
+            assert reason == f"contact: {push[index]:.1f} {unit} {where}, allowed: {most[index]:g}"
             assert (reason.of, reason.value, reason.limit) == ((name,), push[index], most[index])
             assert reason.unit == unit
     assert SESSIONS * PUSHES // 5 < exceeded < SESSIONS * PUSHES
@@ -52,9 +52,9 @@ def test_what_is_no_number_exceeds_nothing_and_hides_nothing() -> None:
     assert not monitor.check(push)
     push[9] = -11.0
     assert monitor.check(push)
-    assert monitor.reason() == "contact: -11.0 N along z at the TCP, allowed are 10"
+    assert monitor.reason() == "contact: -11.0 N along z at the TCP, allowed: 10"
 
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:
-    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
+    with pytest.raises(InputError, match="17 joints, allowed: up to 16"):
         ContactMonitor([f"joint{number}" for number in range(17)])

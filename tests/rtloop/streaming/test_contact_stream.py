@@ -198,7 +198,7 @@ def test_a_joint_that_gives_way_too_far_is_a_fault(simulated: Rig) -> None:
     rig.step(1500)
     rig.run()
     assert rig.mode is LoopMode.FAULT
-    assert "allowed are 0.5 rad" in rig.reason
+    assert "allowed: 0.5 rad" in rig.reason
 
 
 def test_torques_move_the_arm_as_the_equation_of_motion_says(simulated: Rig) -> None:

@@ -136,7 +136,7 @@ class MotionQueue:
                 waiting = sum(move.request.count for move in self._all)
                 if waiting + request.count > CAPACITY:
                     raise ConflictError(
-                        f"the motion queue is full: {waiting} moves are waiting, allowed are {CAPACITY}"
+                        f"the motion queue is full: {waiting} moves are waiting, allowed: {CAPACITY}"
                     )
                 if stops != self._ownership.stops:
                     raise StopReason("a stop was requested while the move was being read", by="").error

@@ -118,5 +118,5 @@ class RtdeSession:
 
 def _names(payload: bytes) -> list[str]:
     if len(payload) > MAX_NAMES_BYTES:
-        raise RtdeError(f"the names have {len(payload)} bytes, allowed are {MAX_NAMES_BYTES}")
+        raise RtdeError(f"the names have {len(payload)} bytes, allowed: {MAX_NAMES_BYTES}")
     return [name.strip() for name in payload.decode("ascii").split(",") if name.strip()]

@@ -128,11 +128,11 @@ def test_a_form_may_have_another_boundary(service: VirtualService) -> None:
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("", "Idempotency-Key is '', allowed are 1 to 255 printable ASCII characters"),
+        ("", "Idempotency-Key is '', allowed: 1 to 255 printable ASCII characters"),
         ('""', "Idempotency-Key is '', allowed are"),
         ("a b", "Idempotency-Key is 'a b', allowed are"),
-        ("k" * (MAX_KEY + 1), "Idempotency-Key has 256 characters, allowed are 1 to 255"),
-        ("k" * 1_000_000, "Idempotency-Key has 1000000 characters, allowed are 1 to 255"),
+        ("k" * (MAX_KEY + 1), "Idempotency-Key has 256 characters, allowed: 1 to 255"),
+        ("k" * 1_000_000, "Idempotency-Key has 1000000 characters, allowed: 1 to 255"),
     ],
 )
 def test_a_key_that_is_none_is_refused(service: VirtualService, key: str, words: str) -> None:
@@ -141,7 +141,7 @@ def test_a_key_that_is_none_is_refused(service: VirtualService, key: str, words:
     assert answer.status_code == 422
     assert answer.json()["detail"].startswith(words)
     twice = service.post("/robot/move/joints", NEAR, headers=[(KEY, "x"), (KEY, "y")])
-    assert twice.json()["detail"] == "Idempotency-Key occurs 2 times, allowed is one"
+    assert twice.json()["detail"] == "Idempotency-Key occurs 2 times, allowed: one"
     assert jobs(service) == known
 
 

@@ -208,7 +208,7 @@ def test_the_number_of_tokens_is_bounded(guarded: Guarded, monkeypatch: pytest.M
     monkeypatch.setattr(module, "MAX_TOKENS", 5)
     answers = [guarded.create(f"n{number}") for number in range(10)]
     assert [each.status_code for each in answers] == [200] * 3 + [409] * 7
-    assert "there are 5 tokens, allowed are 5; revoke one" in answers[-1].json()["detail"]
+    assert "there are 5 tokens, allowed: 5; revoke one" in answers[-1].json()["detail"]
     assert len(guarded.names) == 5
 
 

@@ -36,7 +36,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ),
     ("joints", {"joints": [NAN, *JOINTS[1:]]}, ["joints[0]", "finite number", "got NaN"]),
     ("joints", {"joints": JOINTS[:6]}, ["joints must have 7 angles, got 6"]),
-    ("joints", {"joints": [9.0, *JOINTS[1:]]}, ["joint1 is 9 rad, allowed is -2.97 to 2.97 rad"]),
+    ("joints", {"joints": [9.0, *JOINTS[1:]]}, ["joint1 is 9 rad, allowed: -2.97 to 2.97 rad"]),
     ("joints", {"joints": JOINTS, "planner": "lin"}, ["planner", "'ptp'", "got 'lin'"]),
     ("joints", {"joints": JOINTS, "planner": "ompl", "algorithm": "A*"}, ["algorithm", "RRTConnect", "'A*'"]),
     (
@@ -61,7 +61,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ("pose", LINES | {"radius": NAN}, ["radius", "got NaN"]),
     ("pose", LINES | {"through": []}, ["through: is empty", "polyline", "lin"]),
     ("pose", LINES | {"through": [POSE | {"z": NAN}]}, ["through[0].z", "finite number", "got NaN"]),
-    ("pose", POSE | {"y": -4.5e183}, ["y: is -4.5e+183 m, allowed is -1000 to 1000 m"]),
+    ("pose", POSE | {"y": -4.5e183}, ["y: is -4.5e+183 m, allowed: -1000 to 1000 m"]),
     ("pose", POSE | {"frame_id": "pallet"}, ["frame_id: there is no frame 'pallet'", "valid are: base_link"]),
     ("pose", POSE | {"frame_id": "link3"}, ["frame_id: 'link3' moves with the joints", "valid are:"]),
     ("pose", POSE | {"planner": "lin", "speed_m_s": 0.0}, ["speed_m_s: is 0 m/s", "up to 1 m/s"]),
@@ -95,7 +95,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ),
     ("arc", ARC | {"angle": 0.0}, ["angle: is 0 rad", "rise"]),
     ("arc", ARC | {"angle": NAN}, ["angle", "got NaN"]),
-    ("arc", ARC | {"angle": 300.0}, ["angle: is 300 rad, allowed is -200 to 200 rad", "looks like degrees"]),
+    ("arc", ARC | {"angle": 300.0}, ["angle: is 300 rad, allowed: -200 to 200 rad", "looks like degrees"]),
     (
         "arc",
         ARC | {"axis": {"x": 0.0, "y": 0.0, "z": 0.0}},

@@ -107,7 +107,7 @@ def test_the_outputs_of_the_hand_are_set_over_rest(run: ServiceOfPlant) -> None:
     assert points["hand.moving"] is False
     answer = run.ask("PUT", "/robot/io/hand.width", json={"value": 0.5})
     assert answer.status_code == 502
-    assert "hand.width is 0.5, allowed is 0 to 0.08" in answer.text
+    assert "hand.width is 0.5, allowed: 0 to 0.08" in answer.text
 
 
 def test_the_fixtures_are_objects_of_the_scene_that_only_the_cell_file_changes(run: ServiceOfPlant) -> None:

@@ -95,7 +95,7 @@ def test_a_second_execute_says_how_far_the_arm_is_from_the_start(service: Virtua
     refused = post(service, "/robot/execute", body)
     assert refused.status_code == 409
     assert "joint1 is at 0.300000 rad, 0.3 rad from" in refused.json()["detail"]
-    assert "allowed are 1e-06 rad" in refused.json()["detail"]
+    assert "allowed: 1e-06 rad" in refused.json()["detail"]
     assert refused.json()["details"] == {"cause": "not_at_start"}
     at_home(service)
     assert post(service, "/robot/execute", body).json()["success"]

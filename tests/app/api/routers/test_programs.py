@@ -212,7 +212,7 @@ def test_number_versions_and_size_are_bounded(run: VirtualService, monkeypatch: 
     refused = save(run, "b")
     assert (refused.status_code, "which is the limit" in refused.json()["detail"]) == (409, True)
     monkeypatch.setattr(stored, "MAX_TOTAL_BYTES", 10)
-    assert "allowed are 10" in save(run, "a", 5, note="z").json()["detail"]
+    assert "allowed: 10" in save(run, "a", 5, note="z").json()["detail"]
 
 
 def test_a_damaged_file_hides_no_other_program(run: VirtualService) -> None:

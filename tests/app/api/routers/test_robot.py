@@ -95,12 +95,12 @@ def test_poses_in_the_frames_of_the_hand_and_of_the_world(service: VirtualServic
         (
             "pose",
             {"planner": "lin", "speed_m_s": 1.5},
-            "speed_m_s: is 1.5 m/s, allowed is above 0 and up to 1 m/s",
+            "speed_m_s: is 1.5 m/s, allowed: above 0 and up to 1 m/s",
         ),
         (
             "pose",
             {"planner": "lin", "speed_rad_s": -1},
-            "speed_rad_s: is -1 rad/s, allowed is above 0 and up to 2",
+            "speed_rad_s: is -1 rad/s, allowed: above 0 and up to 2",
         ),
         ("pose", {"speed_m_s": 0.1}, f"speed_m_s: {only('tcp_speed', 'ptp')}"),
         ("pose", {"planner": "lin", "radius": 0.1}, f"radius: {only('radius_m', 'lin')}"),

@@ -151,7 +151,7 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
         ({"objects": {"a": BOX | {"radius": 0.1}}}, 422, "a box has size: radius does not belong to it"),
         ({"objects": {"a": {"shape": "sphere", "x": 0.0, "y": 0.0, "z": 0.0}}}, 422, "radius is missing"),
         ({"objects": {"a": BOX | {"shape": "cone"}}}, 422, "objects.a.shape"),
-        ({"objects": {"a": BOX | {"x": 1e9}}}, 422, "objects.a.x: is 1e+09 m, allowed is -100 to 100 m"),
+        ({"objects": {"a": BOX | {"x": 1e9}}}, 422, "objects.a.x: is 1e+09 m, allowed: -100 to 100 m"),
         ({"objects": {"a": BOX | {"frame_id": "nowhere"}}}, 422, "no frame 'nowhere'"),
         ({"objects": {"a": BOX | {"frame_id": "link7"}}}, 422, "moves with the joints"),
         ({"objects": {"link7": BOX}}, 422, "'link7' is a body"),
@@ -245,7 +245,7 @@ def test_more_solids_than_a_stream_can_watch_are_refused_with_what_would_fit(rob
     assert put(robot, "cloud", cloud | {"points": points[:300], "voxel": 0.001}).status_code == 200
     more = put(robot, "more", cloud | {"points": points[300:], "voxel": 0.001})
     assert more.status_code == 422
-    assert "consist of 600 solids (cloud of 300, more of 300), allowed are 500" in more.json()["detail"]
+    assert "consist of 600 solids (cloud of 300, more of 300), allowed: 500" in more.json()["detail"]
 
 
 def info(robot):

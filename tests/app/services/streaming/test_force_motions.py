@@ -142,7 +142,7 @@ def test_a_path_that_the_table_leaves_ends_at_its_deviation(service: VirtualServ
     body = {**DOWN, "force": 12.0, "motion": motion, "max_deviation": 0.004, "max_distance": 0.3}
     found = done(service.post("/robot/force/follow", body))
     assert (found["success"], found["stopped_by"]) == (False, "max_deviation")
-    assert "allowed are 4 mm" in found["message"]
+    assert "allowed: 4 mm" in found["message"]
     assert found["distance_m"] < HEIGHT_M + 0.02
 
 
@@ -257,7 +257,7 @@ def test_the_largest_force_stops_the_arm_in_the_cycle(service: VirtualService, t
     found = done(service.post("/robot/force/press", body))
     assert not found["success"]
     assert "contact" in found["message"]
-    assert "allowed are 40" in found["message"]
+    assert "allowed: 40" in found["message"]
     assert service.health()["robot"]["mode"] == "HOLD"
 
 

@@ -205,7 +205,7 @@ def test_an_arm_that_is_pushed_already_is_not_let_go(run: VirtualService) -> Non
     detail = refused(run.post(PATH, {}), 409)
     allowed = PUSHED_SHARE * run.rig.robot.limits.max_effort[2]
     assert "joint3 already feels" in detail
-    assert f"allowed are {allowed:.1f} N·m" in detail
+    assert f"allowed: {allowed:.1f} N·m" in detail
     run.rig.simulation.push[:] = 0.0
 
 

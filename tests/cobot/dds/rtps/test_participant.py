@@ -262,7 +262,7 @@ def test_a_participant_can_be_closed_in_a_callback(join: Join) -> None:
 
 def test_a_sample_beyond_the_limit_is_refused_by_the_writer(join: Join) -> None:
     writer = join(limits=ParticipantLimits(payload=100)).create_writer("topic", "Type", Qos())
-    with pytest.raises(SampleTooLargeError, match=r"a sample on 'topic' has 101 bytes, allowed are 100"):
+    with pytest.raises(SampleTooLargeError, match=r"a sample on 'topic' has 101 bytes, allowed: 100"):
         writer.write(bytes(101))
 
 

@@ -73,7 +73,7 @@ def test_a_set_holds_256_numbers_and_what_lies_beyond_is_left_out() -> None:
 
 @pytest.mark.parametrize("bits", [257, 0xFFFFFFFF])
 def test_a_set_of_more_than_256_bits_is_malformed(bits: int) -> None:
-    with pytest.raises(MalformedError, match="allowed are 256"):
+    with pytest.raises(MalformedError, match="allowed: 256"):
         read_sequences(cursor(bytes(4) + b"\1\0\0\0" + bits.to_bytes(4, "little") + bytes(64)))
 
 

@@ -90,7 +90,7 @@ def test_a_bomb_is_not_inflated(monkeypatch: pytest.MonkeyPatch) -> None:
     zeros = b"\0" * 30_000_000
     bomb = made([(MANIFEST, manifest({"a": zeros})), ("a", zeros)])
     assert len(bomb) < 50_000
-    with pytest.raises(InputError, match="'a' has 30000000 bytes, allowed are 20000000"):
+    with pytest.raises(InputError, match="'a' has 30000000 bytes, allowed: 20000000"):
         unpack(bomb)
     lying = bytearray(made([(MANIFEST, manifest({"a": zeros[:1_000_000]})), ("a", zeros[:1_000_000])]))
     size = (1_000_000).to_bytes(4, "little")
@@ -102,8 +102,8 @@ def test_a_bomb_is_not_inflated(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="the files of the archive have"):
         unpack(pack(FILES, {}))
     monkeypatch.setattr(archive, "MAX_FILES", 2)
-    with pytest.raises(InputError, match="has 3 files, allowed are 2"):
+    with pytest.raises(InputError, match="has 3 files, allowed: 2"):
         unpack(pack(FILES, {}))
     monkeypatch.setattr(archive, "MAX_ARCHIVE_BYTES", 10)
-    with pytest.raises(InputError, match="allowed are 10"):
+    with pytest.raises(InputError, match="allowed: 10"):
         unpack(pack(FILES, {}))

@@ -196,7 +196,7 @@ def test_fingers_without_masses_get_light_ones(tmp_path: Path) -> None:
         (
             link("left", "tool0", "prismatic", range_="0 0.9", joint="finger_1")
             + link("right", "tool0", "prismatic", range_="0 0.9", joint="finger_2"),
-            "finger_1 slides by 0.9 m, allowed is 0.001 to 0.5 m",
+            "finger_1 slides by 0.9 m, allowed: 0.001 to 0.5 m",
         ),
     ],
 )

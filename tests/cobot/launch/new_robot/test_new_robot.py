@@ -150,7 +150,7 @@ def test_an_arm_with_too_many_joints_is_rejected_with_a_way_out_that_works(tmp_p
     file = tmp_path / "snake.urdf"
     joints = [("r", (0, 0, 1), (0.0, 0.0, 0.05))] * 17
     file.write_text(urdf(joints))
-    with pytest.raises(ConfigError, match=r"snake\.urdf: the arm has 17 joints, allowed are up to 16; use"):
+    with pytest.raises(ConfigError, match=r"snake\.urdf: the arm has 17 joints, allowed: up to 16; use"):
         NewRobot(file).write(tmp_path / "made")
     for way in ({"without": ["a16"]}, {"actuators": ["a0", "a1"]}):
         folder = tmp_path / next(iter(way))

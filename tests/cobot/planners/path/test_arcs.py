@@ -169,7 +169,7 @@ def test_the_tcp_keeps_the_speed_in_metres_per_second(robot: RobotDescription) -
 
 @pytest.mark.parametrize("speed", [TcpSpeed(1.5), TcpSpeed(None, 2.5), TcpSpeed(0.0)])
 def test_a_speed_beyond_the_limit_is_refused_by_name(robot: RobotDescription, speed: TcpSpeed) -> None:
-    with pytest.raises(InputError, match=r"speed_(m|rad)_s: is .* allowed is above 0 and up to [12] "):
+    with pytest.raises(InputError, match=r"speed_(m|rad)_s: is .* allowed: above 0 and up to [12] "):
         polyline(robot, 0.03, speed)
     joints, here = work(robot)
     with pytest.raises(InputError, match=only("tcp_speed", "ptp")):

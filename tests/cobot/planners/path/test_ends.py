@@ -254,7 +254,7 @@ def test_a_path_that_does_not_lead_back_is_refused_with_the_distance_and_what_to
     robot, tcp = iiwa
     here = at(tcp, BENT)
     goal = Pose(here.position + np.array([0.0, 0.2, 0.0]), here.quaternion)
-    said = r"cyclic: the path of lin ends 200 mm and 0 degrees from where it begins, allowed are 0\.1 mm"
+    said = r"cyclic: the path of lin ends 200 mm and 0 degrees from where it begins, allowed: 0\.1 mm"
     with pytest.raises(PlanningError, match=said) as caught:
         plan(robot, MotionRequest(BENT, goal, PlannerName.LIN, FULL, cyclic=True))
     assert "end_joints" in str(caught.value)

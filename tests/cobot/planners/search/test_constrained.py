@@ -111,7 +111,7 @@ def test_motions_of_others_are_refused_where_they_break_it(robot: RobotDescripti
     message = (
         r"^(ptp|chomp): the motion violates constraints from [34]\d % of its time on; the largest violation "
         r"is after 5\d % "
-        r"\([\d.]+ s\): constraints\.box: the TCP's x is 0\.6\d+ m, allowed are -1 to 0\.5\d+ m$"
+        r"\([\d.]+ s\): constraints\.box: the TCP's x is 0\.6\d+ m, allowed: -1 to 0\.5\d+ m$"
     )
     with pytest.raises(PlanningError, match=message):
         plan(robot, swing(robot, planner))
@@ -137,7 +137,7 @@ def test_lin_turns_the_tool_no_further_than_it_may(robot: RobotDescription) -> N
         if kept:
             assert plan(robot, request) is not None
         else:
-            with pytest.raises(PlanningError, match=r"is 0\.2 rad from its direction, allowed are 0\.15 rad"):
+            with pytest.raises(PlanningError, match=r"is 0\.2 rad from its direction, allowed: 0\.15 rad"):
                 plan(robot, request)
 
 
@@ -172,7 +172,7 @@ def test_a_start_or_goal_that_breaks_it_and_what_cannot_be_kept_are_said(robot: 
         ),
         (
             Constraints(joints=((0, -0.1, 0.4),)),
-            "the goal, .*joint1 is at 0.5 rad, allowed are -0.1 to 0.4 rad",
+            "the goal, .*joint1 is at 0.5 rad, allowed: -0.1 to 0.4 rad",
         ),
     ):
         with pytest.raises(PlanningError, match=message):

@@ -130,7 +130,7 @@ def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(rob
     course[0].positions[3] -= 0.05  # type: ignore[index]
     message = (
         "point 1: starts with joint4 at -1.6200 rad, but it is at -1.5700 rad: 0.0500 rad apart, "
-        "allowed are 0.01 rad; move there first, or send move_to_start=true (on the command line: "
+        "allowed: 0.01 rad; move there first, or send move_to_start=true (on the command line: "
         "--move-to-start)"
     )
     with pytest.raises(InputError, match=re.escape(message)):
@@ -254,7 +254,7 @@ def test_a_point_beyond_the_limits_is_refused_with_point_joint_value_and_range(
 ) -> None:
     course = points_at([0.0, 30.0, 60.0], near_home(robot, 0.0, 0.1, 0.2))
     course[1].positions[1] = 2.2  # type: ignore[index]
-    message = "point 2: angle of joint2 is 2.2 rad, allowed is -2.1 to 2.1 rad"
+    message = "point 2: angle of joint2 is 2.2 rad, allowed: -2.1 to 2.1 rad"
     with pytest.raises(LimitError, match=re.escape(message)):
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 

@@ -85,7 +85,7 @@ def test_the_share_is_that_of_parts_within_the_tolerance() -> None:
     answer = study.answer({"task": np.arange(40), **columns})
     assert answer["success"].startswith(f"{within.mean():.4g} ({within.sum()} of 40), 95 % interval ")
     (cause,) = (name for name in answer if name.startswith("failed because"))
-    assert cause == "failed because program[1]: misses the part by ... m, allowed are ... m"
+    assert cause == "failed because program[1]: misses the part by ... m, allowed: ... m"
     assert answer[cause] == 40 - within.sum()
 
 

@@ -65,7 +65,7 @@ def test_what_is_no_output_is_not_set() -> None:
         BackendError, match=r"DI\[1\] is not one of the outputs in robot.backend.io: DO\[11\]"
     ):
         points.set("DI[1]", 1.0)
-    with pytest.raises(BackendError, match="allowed is 0 to 65535"):
+    with pytest.raises(BackendError, match="allowed: 0 to 65535"):
         points.set("AO[2]", 65536.0)
     assert Points([]).data == bytes(IO_BYTES)
 

@@ -390,7 +390,7 @@ def test_the_speed_slider_is_followed_and_set(connect: Joined) -> None:
     hold(backend, way, 5)
     assert way.controller.slider == pytest.approx(0.7)
     assert value(backend, "speed_slider") == 70.0
-    with pytest.raises(BackendError, match="speed_slider is 101, allowed is 0 to 100"):
+    with pytest.raises(BackendError, match="speed_slider is 101, allowed: 0 to 100"):
         backend.set_output("speed_slider", 101.0)
 
 
@@ -417,7 +417,7 @@ def test_analog_outputs_have_the_unit_of_their_domain(connect: Joined) -> None:
     assert way.controller.analog_out == [0.0, 2.5]
     way.controller.set_analog(0, 0.0, 0)
     hold(backend, way, 3)
-    with pytest.raises(BackendError, match=r"analog_out_0 is 5 A, allowed is 0.004 to 0.02 A"):
+    with pytest.raises(BackendError, match=r"analog_out_0 is 5 A, allowed: 0.004 to 0.02 A"):
         backend.set_output("analog_out_0", 5.0)
     backend.set_output("analog_out_0", 0.012)
     hold(backend, way, 5)

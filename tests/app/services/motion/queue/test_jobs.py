@@ -247,7 +247,7 @@ def test_the_queue_is_bounded(run: VirtualService, monkeypatch: pytest.MonkeyPat
     jobs = [queued(run, {"joints": place(j0=0.1 * number)}) for number in (1, 2)]
     refused = asked(run, {"joints": HOME})
     assert refused.status_code == 409
-    assert refused.json()["detail"] == "the motion queue is full: 2 moves are waiting, allowed are 2"
+    assert refused.json()["detail"] == "the motion queue is full: 2 moves are waiting, allowed: 2"
     released(run)
     until(run, jobs[-1])
 
@@ -261,7 +261,7 @@ def test_a_sequence_counts_as_its_motions(run: VirtualService, monkeypatch: pyte
     full = asked(run, {"motions": motions}, "/robot/move/sequence")
     too_many = asked(run, {"plan_id": plans[0]["plan_id"]}, "/robot/execute")
     assert [full.status_code, too_many.status_code] == [409, 409]
-    assert "2 moves are waiting, allowed are 3" in too_many.json()["detail"]
+    assert "2 moves are waiting, allowed: 3" in too_many.json()["detail"]
     last = execution(run, plans[1])
     released(run)
     until(run, last)
