@@ -26,7 +26,7 @@ POLL_S = 0.2
 MIN_POLL_S = 0.001
 NO_SIMULATION = "only the simulation of cobot can do this, and the backend is another one"
 FIRST_SHARE = 0.1
-"""Speed of planned motions on real hardware until its first contact is acknowledged, as a share."""
+"""Share of the planned speed at which real hardware moves until its first contact is acknowledged."""
 
 log = logging.getLogger("cobot.rtloop")
 

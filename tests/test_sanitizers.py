@@ -44,6 +44,7 @@ TESTS = (
     "tests/cobot/planners/test_lattice.py",
     "tests/cobot/planners/test_rrt_connect.py",
     "tests/cobot/planners/search/test_constrained.py::test_a_projected_configuration_keeps_all_or_there_is_none",
+    "tests/cobot/planners/search/test_constrained.py::test_a_projection_without_constraints_brings_the_joints_into_their_ranges",
     "tests/cobot/planners/search/test_constrained.py::test_a_tool_that_points_the_opposite_way_is_turned_into_its_cone",
     "tests/cobot/planners/timing/test_timed_fit.py::test_the_compiled_fit_follows_its_law",
     "tests/cobot/robot/test_chain.py",

@@ -254,7 +254,7 @@ async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
     """
     tip = place_of(offset, "offset", MAX_TIP_M)
     if np.linalg.norm(tip.position) > 2.0:
-        raise LimitError(f"offset must be at most 2 m away, got {np.linalg.norm(tip.position):.3g} m")
+        raise LimitError(f"offset is {np.linalg.norm(tip.position):.3g} m long, allowed: up to 2 m")
     file_tcp = Pose.from_numbers(robot.robot.model.file_tcp_in_flange)
     tcp = (file_tcp @ tip).numbers if any(offset) else None
     await robot.tool.change(lambda tool: replace(tool, tcp=tcp), "setTcpOffset")

@@ -69,7 +69,7 @@ class TopicFeed:
         self._settle()
 
     def remove(self, request_id: Id) -> bool:
-        """Remove a request, and return whether none is left; None removes all requests."""
+        """Remove a request, or all requests if `request_id` is None. Returns whether none is left."""
         if request_id is None:
             self._requests.clear()
         else:

@@ -106,7 +106,9 @@ class Connection:
     def _json(self, method: str, path: str, **request: Any) -> Json:
         answer = self._request(method, path, **request)
         if not isinstance(answer, dict):
-            raise UnavailableError(f"{method} {self._url(path)}: the answer is not one of cobot")
+            raise UnavailableError(
+                f"{method} {self._url(path)}: the answer does not come from cobot; check the URL"
+            )
         return answer
 
     def _url(self, path: str) -> str:
@@ -164,6 +166,6 @@ class Connection:
             error = _error_of(answer)
         except (ValueError, KeyError, TypeError) as exc:
             raise UnavailableError(
-                f"{method} {url}: status {response.status_code}, the answer is not one of cobot"
+                f"{method} {url}: status {response.status_code}, the answer does not come from cobot; check the URL"
             ) from exc
         raise error

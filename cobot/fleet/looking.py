@@ -107,7 +107,7 @@ def watch(chosen: argparse.Namespace) -> int:
 
 
 def _robots_again(chosen: argparse.Namespace) -> list[dict[str, Any]]:
-    """All robots, once the hub answers again if it is restarted."""
+    """All robots of the hub; asks again until the hub answers, for example after a restart."""
     problem = ""
     while True:
         try:

@@ -24,7 +24,7 @@ MAX_ANSWER_BYTES = 64 * 2**20
 MAX_FRAME_BYTES = 64 * 1024
 """Maximum size of a message of a WebSocket to a cell."""
 PIECE_BYTES = 16 * 1024
-"""A cell adds no more data to a piece of an answer that has this size."""
+"""Size of a piece of an answer. Only a single message may be larger."""
 MAX_PIECES = 4
 """Maximum number of pieces that are on their way to a panel. On a slow line, the answer to a stop must wait
 for pieces that were sent before, whatever its priority.

@@ -11,7 +11,7 @@ from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import MovePose, PathPoint
 from cobot.motions.conditions import StepCondition
 from cobot.motions.fields import Direction, Finite, example
-from cobot.motions.planners import PLANNERS, PlannerName
+from cobot.motions.planners import PATHS, PLANNERS, PlannerName, in_words
 from cobot.motions.signal_bodies import SignalFields
 
 MIN_LENGTH = 1e-9
@@ -95,7 +95,7 @@ class FollowMotion(ForceMotion):
     )
 
     motion: MovePose = Field(
-        description="Path of the TCP from its start: planner lin, circ or polyline. Along `direction` the "
+        description=f"Path of the TCP from its start: planner {in_words(PATHS, 'or')}. Along `direction` the "
         "force decides, not the path."
     )
     max_deviation: Finite = Field(
@@ -117,8 +117,7 @@ class FollowMotion(ForceMotion):
         planner = PlannerName(self.motion.planner)
         if not PLANNERS[planner].follows_path:
             raise ValueError(
-                f"motion.planner: {planner} does not follow a path; with force there are lin, circ and "
-                "polyline"
+                f"motion.planner: {planner} follows no path of the TCP; valid with force: {in_words(PATHS)}"
             )
         return self
 

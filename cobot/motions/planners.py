@@ -143,6 +143,8 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 
 ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.follows_path)
 """The planners that go to joint angles as well as to a pose."""
+PATHS = tuple(name for name, traits in PLANNERS.items() if traits.follows_path)
+"""The planners that follow a path of the TCP to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
 """The planners that need only a goal."""
 

@@ -38,6 +38,7 @@ FILES = (
     "orientations.py",
     "pose.py",
     "py.typed",
+    "reasons.py",
     "types.py",
     "vectors.py",
 )

@@ -151,7 +151,7 @@ def test_a_reload_refuses_the_endpoints_that_a_start_would_refuse(
             "has_jerk_limits: false",
             "joint1.has_jerk_limits: must",
         ),
-        ("limits.yaml", "joint7:", "joint8:", "against joint1, joint2"),
+        ("limits.yaml", "joint7:", "joint8:", "the limits have joint1, joint2"),
         ("mine", "web: {", "web: {max_body_bytes: 1, ", ".yaml: web.max_body_bytes: "),
         ("mine", "web: {", "wbe: {", ".yaml: unknown key 'wbe' (did you mean 'web'?)"),
         ("mine", "web: {", "web: {endpoints: no.yaml, ", "no.yaml: no such file"),

@@ -51,30 +51,6 @@ MANUAL = {
     ("get", "/sequences/logs"),
     ("post", "/stop"),
 }
-CONTROL = {
-    (method, path) for path in ("/robot/control", "/robot/freedrive") for method in ("get", "post", "delete")
-}
-FORCE = {("post", f"/robot/force/{kind}") for kind in ("press", "follow", "search", "insert", "zero")}
-GRIPPER = {("post", f"/robot/gripper/{kind}") for kind in ("move", "grasp", "release", "home", "stop")}
-CELL = {("get", "/robot/gripper"), ("get", "/cell"), ("post", "/cell/reset")}
-OPERATIONS = {
-    ("get", "/access/tokens"),
-    ("post", "/access/tokens"),
-    ("get", "/audit"),
-    ("get", "/health/live"),
-    ("get", "/health/ready"),
-    ("get", "/metrics"),
-    ("post", "/admin/reload"),
-    ("get", "/admin/backup"),
-    ("post", "/admin/restore"),
-    ("get", "/admin/support"),
-}
-JOBS = {("get", "/jobs"), ("get", "/robot/speed_override"), ("post", "/robot/speed_override")}
-PROGRAMS = {("get", "/programs")}
-STUDIES = {(method, "/studies") for method in ("get", "post")}
-RECORDINGS = {(method, "/recordings") for method in ("get", "post")}
-SCENE = {(method, path) for path in ("/scene", "/robot/tool") for method in ("get", "post")}
-SCENE |= {("post", "/robot/tool/calibrate")}
 
 
 def joints(http: httpx.Client) -> list[float]:
@@ -95,34 +71,7 @@ def slow_trajectory(http: httpx.Client) -> int:
 
 def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> None:
     paths = http.get("/openapi.json").json()["paths"]
-    served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
-    more = {
-        ("get", "/health"),
-        ("get", "/robots"),
-        ("get", "/events"),
-        ("get", "/robot/clearance"),
-        ("get", "/robot/geometry"),
-        ("get", "/robot/picture"),
-        ("get", "/robot/visuals"),
-        ("get", "/robot/io"),
-        ("get", "/robot/state"),
-    }
-    more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")} | {("post", "/robot/simulation/reset")}
-    assert (
-        served
-        == MANUAL
-        | more
-        | CONTROL
-        | OPERATIONS
-        | SCENE
-        | JOBS
-        | RECORDINGS
-        | PROGRAMS
-        | STUDIES
-        | FORCE
-        | GRIPPER
-        | CELL
-    )
+    assert {(method, path) for path, methods in paths.items() for method in methods} >= MANUAL
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:

@@ -36,7 +36,7 @@ SINGULAR = 0.06
 """Threshold of the singular values of the Jacobian, m/rad or 1. Smaller ones are damped."""
 UNLIMITED = Reason("")
 SLOWED = 0.98
-"""Share below which a reason is reported."""
+"""Share of the requested velocity below which the reason is reported."""
 
 
 @dataclass(frozen=True, slots=True)

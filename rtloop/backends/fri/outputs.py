@@ -10,8 +10,8 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage
 
 SENT_S = 1.0
-"""Time for which an output is sent that the controller does not report yet, s, because packets may be
-lost.
+"""Maximum time for which the value of an output is repeated until the controller reports it, s. Packets may
+be lost.
 """
 UNFIT = "/\ufffd"
 """Character that also replaces bytes that are not UTF-8."""

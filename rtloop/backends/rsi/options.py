@@ -13,7 +13,7 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 DEFAULT_PORT = 59152
 KUKA_LIMIT = 5.0
-"""KUKA's default of the limits in AXISCORR and AXISCORREXT, degrees or mm."""
+"""KUKA's default for the limits in AXISCORR and AXISCORREXT, degrees or mm."""
 ROBOT_AXES = tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL_AXES = tuple(f"E{number}" for number in range(1, 7))
 MAX_IO = 16

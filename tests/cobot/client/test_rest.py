@@ -250,7 +250,7 @@ def test_codes_of_a_newer_service_are_still_errors() -> None:
 )
 def test_another_server_at_the_address_is_no_robot(response: httpx.Response) -> None:
     with pytest.raises(
-        UnavailableError, match=r"GET http://robot\.test:8007/health: .*the answer is not one of cobot"
+        UnavailableError, match=r"GET http://robot\.test:8007/health: .*the answer does not come from cobot"
     ):
         client(lambda request: response).health()
 

@@ -406,7 +406,7 @@ def test_a_goal_with_too_many_points_is_aborted_with_the_reason(bench: Bench, po
     got = Trajectories(bench).begin(2, points)(30.0)
     assert got["status"] == GoalStatus.ABORTED
     assert got["result"]["error_code"] == FjtError.INVALID_GOAL
-    assert "allowed are" in got["result"]["error_string"]
+    assert "allowed:" in got["result"]["error_string"]
 
 
 def test_a_result_that_is_lost_with_the_connection_says_so(bench: Bench) -> None:

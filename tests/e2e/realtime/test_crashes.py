@@ -89,7 +89,7 @@ def require_able(run: Run, record: Record) -> None:
 
 
 class NewGoals:
-    """A motion whose goal a client changes again and again, until a request fails.
+    """A motion whose goal a client changes again and again.
 
     Attributes:
         asking: set while a request waits for its answer.
@@ -102,15 +102,18 @@ class NewGoals:
         self._url = run.url
         self.asking = threading.Event()
         self.statuses: list[int] = []
+        self._over = threading.Event()
         self._thread = threading.Thread(target=self._talk, daemon=True)
         self._thread.start()
         run.until(lambda: self.statuses.count(200) > 1)
 
     def _talk(self) -> None:
         with httpx.Client(base_url=self._url, timeout=WAIT_S) as http:
-            body = {"joints": AWAY, "speed": 0.1}
-            job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
+            job = ""
             for angle in itertools.cycle(self.ANGLES):
+                if not job:
+                    body = {"joints": AWAY, "speed": 0.1}
+                    job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
                 goal = {"joints": [angle, *AWAY[1:]], "speed": 0.1, "planner": "ompl"}
                 self.asking.set()
                 try:
@@ -118,10 +121,15 @@ class NewGoals:
                 except httpx.HTTPError:
                     self.statuses.append(0)
                 self.asking.clear()
-                if self.statuses[-1] != 200:
+                if self._over.is_set() or self.statuses[-1] == 0:
                     return
+                if self.statuses[-1] != 200:  # the motion has ended
+                    job = ""
 
-    def wait(self) -> None:
+    def end_with(self, process: psutil.Process) -> None:
+        """Kill a process during the last request."""
+        self._over.set()
+        process.kill()
         self._thread.join(WAIT_S)
         assert not self._thread.is_alive()
 
@@ -136,8 +144,7 @@ def test_what_is_killed_while_a_goal_changes_leaves_an_arm_at_rest(
     old = child(run, which, None)
     assert goals.asking.wait(WAIT_S)
     time.sleep(after_s)
-    old.kill()
-    goals.wait()
+    goals.end_with(old)
     run.until(lambda: run.restarted(which, old.pid) and run.healthy())
     run.until(lambda: robot_health(run).get("mode") == "HOLD")
     jobs = httpx.get(f"{run.url}/jobs", timeout=WAIT_S).json()["jobs"]

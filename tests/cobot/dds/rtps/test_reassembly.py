@@ -67,7 +67,7 @@ def test_fragments_that_do_not_fit_are_malformed(
     [
         (0, 20, "a fragment of an empty sample"),
         (4, 0, "a fragment of an empty sample"),
-        (1, MAX_FRAGMENTS + 1, "fragments, allowed are"),
+        (1, MAX_FRAGMENTS + 1, "fragments, allowed:"),
     ],
 )
 def test_what_cannot_be_a_sample_is_malformed(size: int, total: int, sentence: str) -> None:

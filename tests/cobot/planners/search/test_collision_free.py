@@ -17,7 +17,7 @@ from thorough import few
 from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
-from cobot.planners.escape import leave
+from cobot.planners.escape import leave_invalid_start
 from cobot.planners.search import sampling
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
@@ -130,7 +130,7 @@ def test_a_start_in_collision_is_left_without_getting_deeper_and_the_plan_says_h
 def test_no_random_configuration_is_free_that_is_nearer_than_the_way_out(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     for start in (IN_THE_FLOOR, ON_THE_BASE):
-        first = leave(robot, MotionRequest(start, home(robot), PlannerName.OMPL, Scaling(1.0)))
+        first = leave_invalid_start(robot, MotionRequest(start, home(robot), PlannerName.OMPL, Scaling(1.0)))
         assert first is not None
         length_rad = float(np.linalg.norm(first.end - start))
         directions = random.normal(size=(20_000, 7))

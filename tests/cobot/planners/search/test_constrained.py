@@ -16,6 +16,7 @@ from cobot.errors import InputError, PlanningError, PlanningTimeout
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.planners import MotionRequest, plan
 from cobot.planners.held import ALLOWANCE, Held
+from cobot.planners.projection import Projection
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse_all
 from cobot.trajectory import Trajectory
@@ -212,6 +213,19 @@ def test_a_projected_configuration_keeps_all_or_there_is_none(robot: RobotDescri
             assert held.excess(joints[None]).max() <= 0.0
             assert held.keeps(joints)
     assert found > 100
+
+
+def test_a_projection_without_constraints_brings_the_joints_into_their_ranges(
+    robot: RobotDescription,
+) -> None:
+    """Oracle: numpy's clip. NaN is in no range."""
+    limits = robot.limits
+    low, high = 0.5 * limits.min_position, 0.5 * limits.max_position
+    projection = Projection(robot.model.chain, low, high, None, None, 0.0, 0.0)
+    given = np.random.default_rng(6).uniform(limits.min_position, limits.max_position)
+    assert not projection.keeps(given)
+    assert not projection.keeps(np.full(limits.dof, np.nan))
+    np.testing.assert_array_equal(projection.project(given), given.clip(low, high))
 
 
 def test_a_tool_that_points_the_opposite_way_is_turned_into_its_cone(robot: RobotDescription) -> None:

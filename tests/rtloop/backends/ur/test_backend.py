@@ -484,7 +484,7 @@ def test_a_broken_data_package_is_named_and_the_connection_set_up_again(connect:
     measured = Measured(6)
     for _ in range(20):
         backend.wait(0.008)
-    with pytest.raises(BackendError, match="are not valid RTDE: a data package of 1 bytes"):
+    with pytest.raises(BackendError, match="are not valid RTDE: a data package has 1 bytes"):
         backend.read(measured)
     for _ in range(200):
         backend.wait(0.008)
