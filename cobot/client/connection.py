@@ -166,6 +166,7 @@ class Connection:
             error = _error_of(answer)
         except (ValueError, KeyError, TypeError) as exc:
             raise UnavailableError(
-                f"{method} {url}: status {response.status_code}, the answer does not come from cobot; check the URL"
+                f"{method} {url}: status {response.status_code}, the answer does not come from cobot; "
+                "check the URL"
             ) from exc
         raise error
