@@ -132,7 +132,9 @@ def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> Non
     features = [{"name": "prefers-color-scheme", "value": scheme}]
     panel.page.ask("Emulation.setEmulatedMedia", features=features)
     panel.page.run("document.querySelector('#banner').hidden = false")
-    panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
+    panel.page.run(
+        "document.querySelectorAll('details.card, details.menu').forEach((each) => (each.open = true))"
+    )
     panel.until("document.querySelector('#io-Output button')")
     try:
         assert panel.page.run(NAMELESS) == []
@@ -141,7 +143,9 @@ def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> Non
         assert panel.page.run(f"[...document.querySelectorAll('button')].{small}.length") == 0
     finally:
         panel.page.run("document.querySelector('#banner').hidden = true")
-        panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = false))")
+        panel.page.run(
+            "document.querySelectorAll('details.card, details.menu').forEach((each) => (each.open = false))"
+        )
         panel.page.ask("Emulation.setEmulatedMedia", features=[])
         size(panel, *SIZE)
 
