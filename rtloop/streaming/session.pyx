@@ -137,7 +137,9 @@ cdef class Session:
         if int(request["stops"]) != stops:
             return Rejected("a stop was requested meanwhile")
         if t1_share is not None and t1_share < MIN_SHARE:
-            return Rejected(f"the robot is in T1 and permits {t1_share:g} of its speed, allowed: {MIN_SHARE:g} or more")
+            return Rejected(
+                f"the robot is in T1 and permits {t1_share:g} of its speed, allowed: {MIN_SHARE:g} or more"
+            )
         result = check_session(request, self._backend, self._backend_name)
         if result == ACCEPTED:
             result = self._client.begin(int(request["pid"]))
