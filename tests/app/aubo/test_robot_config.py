@@ -124,7 +124,7 @@ def test_the_tool_is_what_was_set(ask: Caller) -> None:
         offset = [0.1, -0.2, 0.3, 0.4, -0.5, 0.6]
         await ask("setTcpOffset", offset=offset)
         np.testing.assert_allclose(await ask("getTcpOffset"), offset, atol=1e-12)
-        assert "at most 2 m" in await ask.fails("setTcpOffset", Code.LIMIT, offset=[3.0, *offset[1:]])
+        assert "up to 2 m" in await ask.fails("setTcpOffset", Code.LIMIT, offset=[3.0, *offset[1:]])
         await ask.fails("setTcpOffset", Code.INPUT, offset=offset[:5])
 
     run(check())

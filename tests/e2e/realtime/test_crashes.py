@@ -21,7 +21,7 @@ import numpy as np
 import psutil
 import pytest
 from arm_activities import BUSY, HOME, child, doing, left_alone, name, reset, robot_health
-from cobot_run import WAIT_S, Run, again, answering
+from cobot_run import WAIT_S, Run, again, answering, until
 from dds_peers import own_domain
 from faults import Record, watched
 from flange_tools import loaded
@@ -109,11 +109,10 @@ class NewGoals:
 
     def _talk(self) -> None:
         with httpx.Client(base_url=self._url, timeout=WAIT_S) as http:
-            job = ""
+            body = {"joints": AWAY, "speed": 0.1}
+            job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
+            until(lambda: http.get(f"/jobs/{job}").json()["motion_id"])
             for angle in itertools.cycle(self.ANGLES):
-                if not job:
-                    body = {"joints": AWAY, "speed": 0.1}
-                    job = http.post("/robot/move/joints?wait=false", json=body).json()["id"]
                 goal = {"joints": [angle, *AWAY[1:]], "speed": 0.1, "planner": "ompl"}
                 self.asking.set()
                 try:
@@ -121,10 +120,8 @@ class NewGoals:
                 except httpx.HTTPError:
                     self.statuses.append(0)
                 self.asking.clear()
-                if self._over.is_set() or self.statuses[-1] == 0:
+                if self._over.is_set() or self.statuses[-1] != 200:
                     return
-                if self.statuses[-1] != 200:  # the motion has ended
-                    job = ""
 
     def end_with(self, process: psutil.Process) -> None:
         """Kill a process during the last request."""
