@@ -31,11 +31,14 @@ function confirm() {
   shown = setTimeout(() => delete button.dataset.confirmed, SHOWN_MS);
 }
 
-function fail(press, reason) {
+// reason: one of those in the page, which has them in the language of the panel, or in English without the other
+// scripts. says: the sentence of the service or the browser.
+function fail(press, reason, says) {
   if (press <= confirmed) return; // another way has got there
   failed = Math.max(failed, press);
+  for (const each of why.querySelectorAll("[data-why]")) each.hidden = each.dataset.why !== reason;
   why.hidden = false;
-  why.querySelector("span").textContent = reason;
+  why.title = says;
 }
 
 function headers() {
@@ -53,14 +56,15 @@ function headers() {
 async function send(press) {
   const id = `panel-${Math.random().toString(36).slice(2)}`;
   requests.add(id);
-  const unsure = setTimeout(() => fail(press, `no answer for ${UNSURE_MS / 1000} s`), UNSURE_MS);
+  const unsure = setTimeout(() => fail(press, "silent", ""), UNSURE_MS);
+  let answer = null;
   try {
-    const answer = await fetch("stop", { method: "POST", headers: { ...headers(), "X-Request-Id": id }, signal: AbortSignal.timeout(GIVE_UP_MS) });
+    answer = await fetch("stop", { method: "POST", headers: { ...headers(), "X-Request-Id": id }, signal: AbortSignal.timeout(GIVE_UP_MS) });
     const said = await answer.json();
     if (answer.ok && said.success) succeed(press);
-    else fail(press, said.message ?? said.detail ?? `HTTP ${answer.status}`);
+    else fail(press, answer.ok ? "moving" : "error", said.message ?? said.detail ?? `HTTP ${answer.status}`);
   } catch (error) {
-    fail(press, error.message);
+    fail(press, error.name === "TimeoutError" ? "silent" : answer ? "error" : "unreachable", error.message);
   } finally {
     clearTimeout(unsure);
   }
@@ -76,7 +80,7 @@ function stop() {
 
 document.addEventListener("cobot-stopped", ({ detail }) => {
   if (detail.success) succeed(detail.number);
-  else fail(detail.number, detail.message);
+  else fail(detail.number, "moving", detail.message);
 });
 button.addEventListener("click", stop);
 // First of all listeners, and on keydown: Space on a focused button shall stop, not press it.

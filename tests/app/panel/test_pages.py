@@ -275,6 +275,11 @@ def test_the_stop_needs_no_other_script() -> None:
     assert "import" not in script
     page = (pages.SITE / "index.html").read_text(encoding="utf-8")
     assert re.findall(r'<script[^>]*src="([^"]+)"', page) == ["panel/stop.js", "panel/main.js"]
+    calls = " ".join(re.findall(r"\bfail\((?:press|detail\.number), .*", script))
+    reasons = set(re.findall(r'"(\w+)"', calls)) - {"TimeoutError"}
+    assert dict(re.findall(r'data-why="(\w+)" data-word="(\w+)"', page)) == {
+        each: f"stop_{each}" for each in reasons
+    }
 
 
 def test_modules_stay_small() -> None:

@@ -13,6 +13,7 @@ from streaming_client import StreamClient
 from panel.page import (
     Panel,
     forget,
+    set_to,
     slowly,
 )
 
@@ -229,7 +230,12 @@ def test_a_stop_that_one_way_does_not_take_goes_the_other_and_one_that_fails_is_
         panel.page.run("cobotPanel.stream.send = () => false")
         panel.page.click("#stop")
         panel.until(f"!{why}.hidden")
-        assert "the robot's own emergency stop" in panel.text("#stop-why")
+        assert panel.page.run(f"{why}.innerText.split('\\n').join(' ')") == (
+            "STOP is not confirmed. Use the robot's own emergency stop. The service cannot be reached."
+        )
+        set_to(panel, "#language", "de")
+        assert panel.page.run(f"{why}.innerText").endswith("Der Dienst ist nicht erreichbar.")
+        set_to(panel, "#language", "en")
         panel.page.run("cobotPanel.status.connected(true)")
         assert not panel.page.run(f"{why}.hidden"), "nothing else writes over it"
         panel.page.run("cobotPanel.halt.clear()")
