@@ -394,5 +394,5 @@ def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[fl
         raise InputError(f"{name} must be [linear, angular], got {len(values)} numbers")
     for value, bound in zip(values, most, strict=True):
         if not MIN_VALUE <= value <= bound:
-            raise LimitError(f"{name}: allowed: {MIN_VALUE} to {bound:g}, got {value:g}")
+            raise LimitError(f"{name}: is {value:g}, allowed: {MIN_VALUE} to {bound:g}")
     return values[0], values[1]

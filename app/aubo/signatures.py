@@ -43,7 +43,7 @@ def find_kind(where: str, name: str, annotation: Any, function: Function) -> str
         return ROS_TYPES[annotation]
     except (KeyError, TypeError):
         valid = ", ".join(sorted(set(ROS_TYPES.values())))
-        raise TypeError(f"{where}: {name} is a {annotation}, allowed are: {valid}") from None
+        raise TypeError(f"{where}: {name} is a {annotation}, allowed: {valid}") from None
 
 
 def parse_docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:

@@ -138,7 +138,8 @@ cdef class Session:
             return Rejected("a stop was requested meanwhile")
         if t1_share is not None and t1_share < MIN_SHARE:
             return Rejected(
-                f"the robot is in T1 and permits {t1_share:g} of its speed, allowed: {MIN_SHARE:g} or more"
+                f"the robot is in T1 and permits {t1_share:g} of its speed, "
+                f"a stream needs {MIN_SHARE:g} or more"
             )
         result = check_session(request, self._backend, self._backend_name)
         if result == ACCEPTED:

@@ -147,8 +147,8 @@ class _Reader:
         named = self._services.link.device()
         if named is not None and named[1].capabilities.trajectories:
             raise NotSupportedError(
-                f"{field}: the backend {named[0]} executes whole motions by itself; allowed: only "
-                f"actions, and until with stop path"
+                f"{field}: the backend {named[0]} executes whole motions by itself and supports "
+                "only actions, and until with stop path"
             )
 
     def _bounds(self, field: str, body: InputTest, edge: str | None, point: IoPoint) -> tuple[float, float]:

@@ -274,7 +274,7 @@ def _on(robot: Any, x: bool = True) -> None:
         (_surplus, "describes x, but the function has no such parameter"),
         (_silent, "has no Returns:"),
         (_nothing, "has no docstring"),
-        (_set, "x is a set[int], allowed are: bool"),
+        (_set, "x is a set[int], allowed: bool"),
         (_on, "x cannot be True by default"),
     ],
 )

@@ -110,7 +110,7 @@ def test_limits_of_the_tip_can_be_tightened_and_set_back(ask: Caller, rate: str)
         await ask(f"setTcpMax{rate}", **{name: [0.1, 0.2]})
         assert await ask(f"getTcpMax{rate}") == [0.1, 0.2]
         wide = await ask.fails(f"setTcpMax{rate}", Code.LIMIT, **{name: [whole[0] * 1.01, 0.2]})
-        assert f"allowed: 0.001 to {whole[0]:g}" in wide
+        assert f"is {whole[0] * 1.01:g}, allowed: 0.001 to {whole[0]:g}" in wide
         await ask.fails(f"setTcpMax{rate}", Code.INPUT, **{name: [0.1]})
         await ask("resetLimits")
         assert await ask(f"getTcpMax{rate}") == whole

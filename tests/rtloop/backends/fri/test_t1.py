@@ -174,6 +174,8 @@ def test_a_session_that_was_begun_at_full_speed_ends_when_the_key_is_turned(
         arm.report = replace(arm.report, speed_scaling=0.0)
         rig.step(400)
         assert rig.mode is LoopMode.HOLD
-        assert rig.stream(**RIGID) == "the robot is in T1 and permits 0 of its speed, allowed: 0.01 or more"
+        assert rig.stream(**RIGID) == (
+            "the robot is in T1 and permits 0 of its speed, a stream needs 0.01 or more"
+        )
     finally:
         rig.close()
