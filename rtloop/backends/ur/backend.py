@@ -382,7 +382,8 @@ class UrBackend:
         if reason := hindrance(data.get("safety_status", data["safety_mode"])):
             yield Rejected(reason)
         mode = data["robot_mode"]
-        if mode != UrRobotMode.RUNNING and not (self._hand is _Hand.GUIDES and mode == UrRobotMode.BACKDRIVE):
+        released = self._hand is not _Hand.OFF and mode == UrRobotMode.BACKDRIVE
+        if mode != UrRobotMode.RUNNING and not released:
             yield Rejected(f"the robot mode: {mode_in_words(mode)}")
         if self._unconnected > ENDED_PACKAGES:
             yield Rejected(

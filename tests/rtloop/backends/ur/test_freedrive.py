@@ -7,6 +7,7 @@ Oracle: the arm behind the controller and what its own state says; the push is a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, Reporting
 from rtloop.backends.ur import UrBackend
-from rtloop.backends.ur.fields import RuntimeState, SafetyMode
+from rtloop.backends.ur.fields import RuntimeState, SafetyMode, UrRobotMode
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.functions import ProgramContext
 from rtloop.backends.ur.simulator.lockstep import UrLockStep, UrRig
@@ -239,3 +240,23 @@ def opened(connect: Joined, **more: object) -> tuple[UrBackend, UrLockStep]:
     backend.open(np.zeros(6))
     backend.enable()
     return backend, way
+
+
+def test_a_controller_that_reports_backdrive_in_freedrive_ends_it_without_a_fault(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The package before the controller has heard of the end still has the robot mode of freedrive."""
+    controller = controller_of(driver)
+    values = controller.values
+
+    def reported() -> dict[str, Any]:
+        mode = {"robot_mode": int(UrRobotMode.BACKDRIVE)} if controller._is_released else {}
+        return values() | mode
+
+    monkeypatch.setattr(controller, "values", reported)
+    guided(driver, 0.5)
+    end_session(driver)
+    driver.until("freedrive has ended", lambda: driver.mode is not LoopMode.JOINT_IMPEDANCE)
+    driver.until("the arm rests", lambda: driver.mode is not LoopMode.STOPPING)
+    assert driver.reason == "the client has ended the session"
+    held(driver)
