@@ -12,7 +12,7 @@ says why something was not done.
     load     take a motion of `points`; `bytes` doubles follow: times, positions, velocities, accelerations
     start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
     cancel   cancel all goals of the action; the answer's `failed` says why that failed
-    output   set an `interface`, an output of the driver, to `value`
+    output   send the `value` of an `interface`, an output of the driver; the facts have a later failure
     forget   forget the last goal, and choose the controller again
 
 With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives there holds doubles,
@@ -192,7 +192,7 @@ class ArmClient:
             return {"failed": await self._cancel()}
         elif ask == "output":
             assert self._io is not None
-            await self._io.set_output(question["interface"], float(question["value"]))
+            self._io.set_output(question["interface"], float(question["value"]))
         elif ask == "forget":
             self._goal = None
             if not self._fixed and not self._is_active(self._controller):
@@ -227,6 +227,7 @@ class ArmClient:
             **self._held(now_s),
             "gpio": self._io.values if self._io is not None else {},
             "gpio_age_s": now_s - self._io.heard_s if self._io is not None and self._io.values else None,
+            "gpio_problem": self._io.problem if self._io is not None else "",
         }
 
     def _held(self, now_s: float) -> dict[str, Any]:

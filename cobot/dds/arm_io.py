@@ -30,16 +30,18 @@ class ArmIo(Protocol):
     Attributes:
         values: last values of the used interfaces, by their names.
         heard_s: when they came, on the monotonic clock.
+        problem: reason why an output was not set although `set_output` has sent it; "" if none is known.
     """
 
     values: dict[str, float]
     heard_s: float
+    problem: str
 
-    async def set_output(self, interface: str, value: float) -> None:
-        """Set an output.
+    def set_output(self, interface: str, value: float) -> None:
+        """Send the value of an output, without a wait for the driver: a stop may be the next request.
 
         Raises:
-            CobotError: it cannot be set; the error has the reason.
+            CobotError: it cannot be sent; the error has the reason.
         """
         ...
 
@@ -49,13 +51,13 @@ class GpioIo:
 
     def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str]) -> None:
         self.values: dict[str, float] = {}
-        self.heard_s = -math.inf
+        self.heard_s, self.problem = -math.inf, ""
         self._controller, self._interfaces = controller, interfaces
         self._outputs: dict[str, float] = {}
         node.subscription(f"{controller}/gpio_states", GPIO, self._take, reliable=False)
         self._commands = node.publisher(f"{controller}/commands", GPIO)
 
-    async def set_output(self, interface: str, value: float) -> None:
+    def set_output(self, interface: str, value: float) -> None:
         """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
         so earlier values must be in it too.
         """
@@ -79,27 +81,34 @@ class UrIo:
     def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
         """timeout_s: timeout for the answer of the driver, s."""
         self.values: dict[str, float] = {}
-        self.heard_s = -math.inf
+        self.heard_s, self.problem = -math.inf, ""
         self._name, self._interfaces, self._timeout_s = f"{controller}/set_io", interfaces, timeout_s
         node.subscription(f"{controller}/io_states", IO_STATES, self._take, reliable=False)
         self._service = ServiceCaller(node, self._name, SET_IO)
+        self._calls: set[asyncio.Task[None]] = set()
 
-    async def set_output(self, interface: str, value: float) -> None:
-        """Call the driver's service and wait for its answer."""
-        pin = int(interface.rpartition("/")[2])
+    def set_output(self, interface: str, value: float) -> None:
         begin = f"{interface} cannot be set: the service {self._name}"
         if not self._service.is_ready:
             raise CobotError(
                 f"{begin} has no server; start the driver's io_and_status_controller, or correct "
                 "robot.backend.gpio_controller"
             )
+        self.problem = ""
+        call = asyncio.create_task(self._call(begin, int(interface.rpartition("/")[2]), value))
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+
+    async def _call(self, begin: str, pin: int, value: float) -> None:
         request: Message = {"fun": SET_DIGITAL_OUT, "pin": pin, "state": value}
         try:
             answer = await asyncio.wait_for(self._service.call(request), self._timeout_s)
-        except TimeoutError as exc:
-            raise CobotError(f"{begin} has not answered within {self._timeout_s:g} s") from exc
-        if not answer["success"]:
-            raise CobotError(f"{begin} has rejected it; see the driver's log")
+            if not answer["success"]:
+                self.problem = f"{begin} has rejected it; see the driver's log"
+        except TimeoutError:
+            self.problem = f"{begin} has not answered within {self._timeout_s:g} s"
+        except CobotError as exc:
+            self.problem = f"{begin}: {exc}"
 
     def _take(self, message: Message) -> None:
         self.values = {

@@ -74,7 +74,7 @@ class Ros2ControlArm(ControllerClient):
             raise BackendError(failed)
 
     def state(self, measured: Measured) -> None:
-        facts = self._facts = self._link.facts()
+        facts = self._look_at_facts()
         if problem := self._problem(facts):
             raise BackendError(problem)
         measured.position[:] = facts.position

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from rtloop.backends.ros2_control.link import ControllerLink, Facts
 from rtloop.backends.ros2_control.options import Ros2ControlOptions, ros_names
 
 LOOK_S = 0.05
+log = logging.getLogger("cobot.rtloop")
 
 
 class ControllerClient:
@@ -62,6 +64,13 @@ class ControllerClient:
     def set_output(self, name: str, value: float) -> None:
         self._link.set_output(self._gpio.place_of(name), value)
 
+    def _look_at_facts(self) -> Facts:
+        """Get the facts, and log an output that was not set."""
+        before, self._facts = self._facts, self._link.facts()
+        if (problem := self._facts.gpio_problem) and problem != before.gpio_problem:
+            log.warning("an output of the device cannot be set: %s", problem)
+        return self._facts
+
     def _full_speed(self, scaling: float) -> float:
         """The speed slider's value at full speed."""
         if self._options.speed_scaling_full is not None:
@@ -77,7 +86,7 @@ class ControllerClient:
         """
         problem = ""
         for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
-            facts = self._facts = self._link.facts()
+            facts = self._look_at_facts()
             problem = self._of_driver(facts)
             if not problem:
                 return

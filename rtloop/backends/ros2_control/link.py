@@ -80,6 +80,7 @@ class Facts:
         held_age_s: age of this state, s.
         gpio: values of the inputs and outputs by GPIO/INTERFACE.
         gpio_age_s: age of these values, s; None before the first ones.
+        gpio_problem: reason why the driver has not set an output; "" if none is known.
     """
 
     problem: str = ""
@@ -102,6 +103,7 @@ class Facts:
     held_age_s: float = 1e9
     gpio: dict[str, float] = field(default_factory=dict)
     gpio_age_s: float | None = None
+    gpio_problem: str = ""
 
 
 def facts_of(content: dict[str, Any]) -> Facts:
@@ -142,7 +144,7 @@ class ControllerLink(Protocol):
         ...
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send the value of an interface GPIO/INTERFACE to the GPIO controller."""
+        """Send the value of an interface to the driver. A later failure is in `Facts.gpio_problem`."""
         ...
 
     def pause(self, duration_s: float) -> None:

@@ -171,7 +171,7 @@ class Ros2ControlStream(ControllerClient):
         try:
             while self._wanted:
                 self._set(*self._wanted.popleft())
-            self._facts = self._stream.facts()
-            self._problem = self._problem or self._of_driver(self._facts)
+            facts = self._look_at_facts()
+            self._problem = self._problem or self._of_driver(facts)
         except BackendError as exc:
             self._problem = str(exc)

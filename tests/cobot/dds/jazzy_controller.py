@@ -11,6 +11,7 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
     speed SHARE     of the speed slider
     forward         the forward command controller is active instead
     refuse_io       sets no output of the driver of Universal Robots
+    silent_io       does not answer a request for an output until the next mode
     ur_io           tells its outputs, as JSON
     gpio            tells the values of the GPIO controller, as JSON
     seen            tells the number of points, the first and last time and the tolerances of the newest goal,
@@ -290,6 +291,8 @@ class Controllers(Node):
 
     def set_io(self, request: Any, response: Any) -> Any:
         """As the driver's page and the definition of the service say."""
+        while self.mode == "silent_io":
+            time.sleep(0.01)
         response.success = self.mode != "refuse_io" and request.fun == 1
         if response.success:
             self.ur_outputs[request.pin] = request.state != 0.0

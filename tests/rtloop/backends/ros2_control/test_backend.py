@@ -244,3 +244,15 @@ def test_the_joint_states_are_compared_with_the_state_of_the_controller(
     said = words.disagreement(facts, ["one", "two", "three"], "states")
     assert said.startswith(found)
     assert bool(said) == bool(found)
+
+
+def test_an_output_that_the_driver_has_not_set_is_logged_once(
+    limits: JointLimits, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is no fault of the arm: a motion goes on."""
+    arm, _ = arm_told(limits, {}, gpio_problem="set_io has rejected it")
+    for _ in range(3):
+        arm.state(Measured(7))
+    assert [each.getMessage() for each in caplog.records] == [
+        "an output of the device cannot be set: set_io has rejected it"
+    ]
