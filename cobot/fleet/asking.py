@@ -24,7 +24,7 @@ def ask(
     chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
 ) -> dict[str, Any]:
     """The hub's answer as JSON. See `get`."""
-    return dict(get(chosen, method, path, body, timeout_s).json())
+    return _decoded(get(chosen, method, path, body, timeout_s))
 
 
 def get(
@@ -45,19 +45,37 @@ def get(
             headers=headers(chosen),
             timeout=timeout_s,
             verify=tls_context(True),
+            trust_env=False,  # a stop must not go through the web proxy that the environment names
         )
-        if response.status_code == 200:
-            return response
-        answer = dict(response.json())
-    except (httpx.HTTPError, ValueError) as exc:
+    except httpx.HTTPError as exc:
         reason = str(exc) or type(exc).__name__
         raise UnavailableError(
             f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; start it with "
             f"`cobot fleet serve`, or set its URL with {URL_VARIABLE} or --url"
         ) from exc
+    if response.status_code == 200:
+        return response
+    answer = _decoded(response)
     code = str(answer.get("code", "error")).upper()
     kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
     raise kind(str(answer.get("detail", response.status_code)))
+
+
+def _decoded(response: httpx.Response) -> dict[str, Any]:
+    """
+    Raises:
+        UnavailableError: another program answers.
+    """
+    try:
+        answer = response.json()
+    except ValueError:
+        answer = None
+    if not isinstance(answer, dict):
+        raise UnavailableError(
+            f"{response.url}: status {response.status_code}, the answer does not come from a hub of cobot; "
+            f"check the URL in {URL_VARIABLE} or --url"
+        )
+    return answer
 
 
 def headers(chosen: argparse.Namespace) -> dict[str, str]:

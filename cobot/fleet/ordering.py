@@ -88,8 +88,13 @@ def roll_out(chosen: argparse.Namespace) -> int:
 
 
 def forget(chosen: argparse.Namespace) -> int:
-    """Remove cells that are gone."""
-    answers = [ask(chosen, "DELETE", f"/cells/{quote(cell, safe='')}") for cell in chosen.cells]
+    """Remove cells that are gone. A cell that cannot be removed does not keep the others."""
+    answers = []
+    for cell in chosen.cells:
+        try:
+            answers.append(ask(chosen, "DELETE", f"/cells/{quote(cell, safe='')}"))
+        except CobotError as exc:
+            print(f"cobot: not removed: {plain_lines(exc)}", file=sys.stderr)
     if chosen.json:
         print(json.dumps(answers, indent=1))
-    return EXIT_OK
+    return EXIT_OK if len(answers) == len(chosen.cells) else EXIT_FAILED

@@ -74,7 +74,7 @@ def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
             asked = headers(chosen) | {"Range": f"bytes={out.tell()}-"}
             url = chosen.url.rstrip("/") + path
             with httpx.stream(
-                "GET", url, headers=asked, timeout=FILE_S, verify=tls_context(True)
+                "GET", url, headers=asked, timeout=FILE_S, verify=tls_context(True), trust_env=False
             ) as response:
                 if response.status_code not in (PARTIAL, COMPLETE):
                     raise UnavailableError(f"{path}: the hub answers {response.status_code}")

@@ -121,7 +121,9 @@ class ServiceWatch:
 
     def _run(self) -> None:
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
-        with httpx.Client(headers=headers, timeout=TIMEOUT_S, verify=tls_context(True)) as http:
+        with httpx.Client(
+            headers=headers, timeout=TIMEOUT_S, verify=tls_context(True), trust_env=False
+        ) as http:
             while not self._ended.is_set():
                 try:
                     self._ask(http)
