@@ -473,7 +473,9 @@ class Hub:
         with contextlib.suppress(zenoh.ZError):
             for content in payloads(self._session.get(self._keys.of(cell, "*", "state"), timeout=ASK_S)):
                 with contextlib.suppress(InputError):
-                    self._keep(read(FleetState, content))
+                    state = read(FleetState, content)
+                    if state.cell == cell:  # a cell does not answer for another one
+                        self._keep(state)
 
     def _ask_events(self, tile: Tile) -> None:
         """Ask a robot for the events before its first state."""
