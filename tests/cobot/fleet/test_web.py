@@ -7,6 +7,7 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -15,6 +16,9 @@ from fastapi.testclient import TestClient
 
 if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
+from cobot.access.authentication import Authenticator
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
 from cobot.fleet.hub import Hub
 from cobot.fleet.web import MAX_PICTURES, make_app
 
@@ -30,6 +34,7 @@ class WaitingHub:
     def __init__(self) -> None:
         self.answer = threading.Event()
         self.asked = 0
+        self.forgotten: list[str] = []
 
     def picture(self, cell: str, robot: str) -> bytes:
         self.asked += 1
@@ -39,6 +44,9 @@ class WaitingHub:
     def programs(self, cell: str, robot: str) -> list[Any]:
         self.picture(cell, robot)
         return []
+
+    def forget(self, cell: str) -> None:
+        self.forgotten.append(cell)
 
     def command(self, *_: Any, **__: Any) -> list[dict[str, Any]]:
         return [{"cell": "one", "robot": "arm", "code": "ok", "text": ""}]
@@ -78,3 +86,16 @@ def test_too_many_pictures_at_once_are_rejected(hub: WaitingHub, client: TestCli
         assert "try again" in rejected.json()["detail"]
         assert Counter(each.result().status_code for each in waiting) == {200: MAX_PICTURES}
         assert client.get(path).status_code == 200
+
+
+@pytest.mark.parametrize(("role", "status"), [(Role.OBSERVER, 403), (Role.AGENT, 403), (Role.OPERATOR, 200)])
+def test_the_removal_of_a_cell_needs_an_operator(
+    hub: WaitingHub, tmp_path: Path, role: Role, status: int
+) -> None:
+    file = TokenFile(tmp_path / "tokens.json")
+    app = make_app(cast(Hub, hub), ["testserver"], Authenticator(file))
+    token = file.create("bob", role)
+    answer = TestClient(app).delete("/cells/one", headers={"Authorization": f"Bearer {token}"})
+    assert answer.status_code == status
+    assert ("the removal of a cell needs operator" in answer.text) is (status == 403)
+    assert hub.forgotten == (["one"] if status == 200 else [])
