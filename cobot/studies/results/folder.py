@@ -63,6 +63,8 @@ class ResultsFolder:
             UnavailableError: the folder cannot be written.
         """
         try:
+            if not (self.path / MANIFEST).exists():
+                self._require_own()
             (self.path / CHUNKS).mkdir(parents=True, exist_ok=True)
             descriptor = os.open(self.path / LOCK, LOCK_FLAGS, 0o600)
         except OSError as exc:
@@ -96,11 +98,7 @@ class ResultsFolder:
             "document": study.document,
             "contents": order.contents,
         }
-        if (self.path / MANIFEST).exists():
-            old = self.manifest()
-        else:
-            self._require_own()
-            old = manifest
+        old = self.manifest() if (self.path / MANIFEST).exists() else manifest
         if old["key"] != order.key:
             raise ConflictError(
                 f"{self.path}: has results of another study ({_difference(old, manifest)}); give another "

@@ -248,6 +248,8 @@ def test_files_that_are_not_of_a_study_are_not_replaced(name: str, tmp_path: Pat
     with pytest.raises(CobotError, match=f"out/{name}: is not "):
         run_study(function_study(tmp_path), foreign.parent, executor=ThreadPoolExecutor(1))
     assert foreign.read_text() == "{}"
+    if name != "manifest.json":
+        assert list(foreign.parent.iterdir()) == [foreign], "nothing is added to a folder that is not ours"
 
 
 def _take(left: list[int]) -> int:
