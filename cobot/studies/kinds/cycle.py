@@ -85,7 +85,7 @@ class CycleStudy(RobotStudy):
         if unplanned:
             first = next(str(cause) for cause in columns["cause"] if cause)
             answer |= {"cannot be planned": unplanned, "the first because": first}
-        if unplanned and unplanned == len(columns["cause"]):
+        if unplanned and unplanned == len(columns["cause"]) and "planned" in columns:
             answer["no program can be planned"] = nearest_program(columns, self.axes)
         durations = np.asarray(columns["duration_s"], dtype=float)
         if np.isfinite(durations).any():

@@ -78,7 +78,7 @@ class PlacementStudy(RobotStudy):
 
     def answer(self, columns: Columns) -> dict[str, Any]:
         answer = super().answer(columns)
-        if "cause" in columns and not (columns["cause"] == "").any():
+        if "planned" in columns and not (columns["cause"] == "").any():
             answer["no placement can do the program"] = nearest_program(columns, self.axes)
         elif _reaches_nothing(columns):
             for name in ("at", "trial", f"best {self.metric}"):  # any placement is as bad as the others

@@ -105,6 +105,8 @@ def test_a_study_without_a_possible_program_names_the_one_that_gets_furthest() -
     said = study.answer({"task": np.arange(12)[bad], **worst})["no program can be planned"]
     assert said.startswith(f"the nearest has move2_x_m {first:.6g}, ")
     assert "motions planned: 1; then program[2]: " in said
+    worst.pop("planned")  # results of an earlier cobot have no such column
+    assert study.answer({"task": np.arange(12)[bad], **worst})["cannot be planned"] == bad.sum()
 
 
 @pytest.mark.thorough

@@ -111,6 +111,8 @@ def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> N
     assert columns["planned"].tolist() == [0, 1]
     said = study.answer({"task": np.arange(2), **columns})["no placement can do the program"]
     assert said.startswith("the nearest has base_x_m -0.5: motions planned: 1; then program[2]: ")
+    earlier = {name: values for name, values in columns.items() if name != "planned"}
+    assert study.answer({"task": np.arange(2), **earlier})["duration_s"] == "no task has a finite value"
 
 
 @pytest.mark.thorough
