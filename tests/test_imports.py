@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -94,6 +96,37 @@ def test_the_contract_of_the_library_has_every_module_of_it() -> None:
     programs = {name for name in library["forbidden_modules"] if name.startswith("cobot.")}
     listed = {name.removeprefix("cobot.") for name in [*library["source_modules"], *programs]}
     assert listed == names - {"__init__", "__main__"}
+
+
+def test_the_distribution_of_the_client_has_all_that_its_modules_import(tmp_path: Path) -> None:
+    """Oracle: Python's import system, in a folder that has only the files of the distribution."""
+    tree = ast.parse((ROOT / "packages" / "cobot-client" / "setup.py").read_text(encoding="utf-8"))
+    found = {
+        each.targets[0].id: ast.literal_eval(each.value)
+        for each in tree.body
+        if isinstance(each, ast.Assign)
+        and isinstance(each.targets[0], ast.Name)
+        and each.targets[0].id in ("FILES", "ONLY_WITH_THE_SERVICE")
+    }
+    modules = []
+    for pattern in found["FILES"]:
+        files = list((ROOT / "cobot").glob(pattern))
+        assert files, f"{pattern} is listed, and there is no such file"
+        for file in files:
+            name = file.relative_to(ROOT)
+            if name.relative_to("cobot").as_posix() not in found["ONLY_WITH_THE_SERVICE"]:
+                (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, tmp_path / name)
+                modules += [".".join(name.with_suffix("").parts)] if file.suffix == ".py" else []
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", f"import {', '.join(sorted(modules))}".replace(".__init__", "")],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("name", ["config", "learning", "recorder", "ros2", "sequences"])
