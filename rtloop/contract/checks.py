@@ -115,8 +115,13 @@ def guiding(cell: CheckedBackend) -> str:
         end_session(driver)
         driver.until("the arm is held after hand guiding", lambda: driver.mode != LoopMode.JOINT_IMPEDANCE)
         driver.until("the arm rests after hand guiding", lambda: driver.mode != LoopMode.STOPPING)
-        if driver.mode != LoopMode.HOLD or off > HELD_RAD:
+        if driver.mode != LoopMode.HOLD:
             raise ContractError(f"hand guiding ends in mode {driver.mode.name}: {driver.reason}")
+        if not off <= HELD_RAD:
+            raise ContractError(
+                f"during hand guiding the command is {off:.4f} rad from the measured position, allowed: "
+                f"{HELD_RAD} rad"
+            )
         driver.move()
     return "held again, and moved"
 

@@ -163,6 +163,19 @@ class GoesHome(ToyArm):
         self._device.place(np.zeros_like(initial_position))
 
 
+class CannotHold(ToyArm):
+    """Releases its arm, and does not follow commands again."""
+
+    capabilities = replace(ToyArm.capabilities, freedrive=True)
+
+    def begin_guiding(self) -> None: ...
+
+    def end_guiding(self) -> None: ...
+
+    def follow_commands(self) -> None:
+        raise BackendError("its brakes are closed")
+
+
 class Real:
     """Moves something, and has no device to be tried on."""
 

@@ -193,6 +193,7 @@ def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -
         ("HidesStops", "e_stop at rest", "e_stop is a fault: this has not happened within"),
         ("Impatient", "loss", "a packet was lost"),
         ("NeedsARestart", "protective_stop in motion", "a reset is rejected: .*open it again"),
+        ("CannotHold", "guiding", "in mode FAULT: the robot cannot be held at its position: its brakes are"),
         ("StopsNot", "stop", "a stopped motion ended as ARRIVED"),
         ("SaysItIsThere", "motion", "is .* from its commanded position"),
         ("ForgetsOutputs", "io", "gripper closed is reported as 1: this has not happened within"),
