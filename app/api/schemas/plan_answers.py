@@ -154,8 +154,9 @@ class PlanningAnswer(BaseModel):
     )
     improvements: int = Field(description="Number of tries that found a faster motion.")
     lower_bound_s: float | None = Field(
-        description="Duration below which no motion to the goal can be, even if nothing were in the way, s: "
-        "the time that the slowest joint needs alone. null: not computed, because there was no budget."
+        description="Duration below which no motion to the joint positions that are considered for the goal "
+        "can be, even if nothing were in the way, s: the time that the slowest joint needs alone. null: not "
+        "computed, because there was no budget."
     )
 
     @classmethod

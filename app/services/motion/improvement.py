@@ -6,6 +6,7 @@ and a motion that has been found is not lost with its process.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -27,6 +28,10 @@ SLICE_S = 0.1
 longer."""
 MIN_SLICE_S = 0.002
 """Time below which a slice is not worth its transfer to a process, s."""
+OVERTIME_S = 1.0
+"""Time after the end of the budget for which a slice is waited for, s: other requests may have all planning
+processes, and a try may take long.
+"""
 
 log = logging.getLogger("cobot.planning")
 
@@ -76,16 +81,18 @@ async def improve_within(
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
     """The fastest motion that is found within a time, s, from now on. It ends early when no faster one can be
-    found, the scene or the tool has changed, or no planning process can work on it.
+    found, the scene or the tool has changed, or no planning process can work on it. It ends at most
+    `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s
     while request.traits.way is Way.SEARCH and left_s >= MIN_SLICE_S and is_unchanged():
         spent_s = found.spent_s if isinstance(found, Improving) else 0.0
         work = partial(improve_motion, request=request, found=found, slice_s=min(left_s, SLICE_S))
         try:
-            found = await compute(work)
-        except (PlanningError, UnavailableError) as exc:
-            log.warning("a motion is not improved further: %s", exc)
+            async with asyncio.timeout(until_s - clock.now_s() + OVERTIME_S):
+                found = await compute(work)
+        except (PlanningError, UnavailableError, TimeoutError) as exc:
+            log.warning("a motion is not improved further: %s", str(exc) or "no process was free in time")
             break
         if found.done:
             break

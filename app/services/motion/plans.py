@@ -137,6 +137,7 @@ class PlanService:
             NotFoundError: the plan is unknown or has expired.
             ConflictError: a limit, the scene or the tool has changed.
             InputError: the plan is not one motion.
+            PlanningError, UnavailableError: a faster motion is found, but not described in time.
         """
         plan, versions = self.get(plan_id), self._versions
         plan.require_unchanged(self._robot)
@@ -161,9 +162,14 @@ class PlanService:
             if plan_id in self._plans:
                 self._plans[plan_id] = same
             return same
-        described = await attempt.compute(
-            partial(describe, trajectory=_best(better), start=plan.start, samples=samples)
-        )
+        work = partial(describe, trajectory=_best(better), start=plan.start, samples=samples)
+        try:
+            async with asyncio.timeout(timeout_s - (self._clock.now_s() - begun_s)):
+                described = await attempt.compute(work)
+        except TimeoutError as exc:
+            raise PlanningTimeout.after(
+                timeout_s, f"plan {plan_id}: not improved within {timeout_s:g} s: other plans are being made"
+            ) from exc
         planning_s = plan.planning_s + self._clock.now_s() - begun_s
         return await self._keep_one(plan.limits, versions, request, better, described, planning_s)
 

@@ -5,6 +5,7 @@ Oracles: where /robot/joint_states says the arm is, and the limits of joint_limi
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -513,6 +514,33 @@ def test_a_plan_that_cannot_be_improved_says_so(walled: VirtualService) -> None:
     changed = post(walled, path, {})
     assert changed.status_code == 409
     assert "the scene had version" in changed.text
+
+
+def test_an_improvement_ends_in_time_while_other_plans_are_made(
+    walled: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The oracles are the endpoint's timeout and the service's virtual clock."""
+    services, first = walled.app.state.services, over(walled)
+    turn, compute, others = services.plans._turn, services.planning.compute, []
+
+    async def then_other_plans(work: Any, timeout_s: float) -> Any:
+        if not others:
+            others.append(asyncio.ensure_future(turn.acquire()))
+            await asyncio.sleep(0)
+        return await compute(work, timeout_s)
+
+    monkeypatch.setattr(services.planning, "compute", then_other_plans)
+    path, begun_s = f"/robot/plans/{first['plan_id']}/improve", walled.clock.now_s()
+    answer = post(walled, path, {"budget_s": 0.75})
+    assert answer.status_code == 422
+    assert answer.json()["code"] == "planning_timeout"
+    assert "not improved within 20 s: other plans are being made" in answer.text
+    assert walled.clock.now_s() - begun_s == pytest.approx(20.0, abs=0.1)
+    begun_s = walled.clock.now_s()
+    assert post(walled, path, {"budget_s": 0.75}).json()["plan_id"] == first["plan_id"]
+    assert walled.clock.now_s() - begun_s == pytest.approx(1.75, abs=0.1)
+    turn.release()
+    assert post(walled, path, {"budget_s": 0.75}).json()["duration_s"] < first["duration_s"]
 
 
 def test_a_motion_with_a_budget_is_planned_then_goes(walled: VirtualService) -> None:

@@ -8,11 +8,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import pytest
+from virtual_time import VirtualLoop
 
-from app.services.motion.improvement import SLICE_S, plan_within_budget
+from app.services.motion.improvement import OVERTIME_S, SLICE_S, plan_within_budget
 from cobot.errors import UnavailableError
 from cobot.motions.improving import Improving
 from cobot.motions.requests import MotionRequest
@@ -90,3 +92,26 @@ def test_the_best_motion_is_kept_when_no_process_is_left() -> None:
     process = Process(end)
     found = process.plan(10.0 * SLICE_S)
     assert (found.tries, process.slices) == (2, 3)
+
+
+def test_a_budget_ends_when_other_requests_have_all_processes(caplog: pytest.LogCaptureFixture) -> None:
+    """The oracle is the time of a virtual event loop, in which the third slice never gets a process."""
+
+    class Busy(Process):
+        async def compute(self, work: Any) -> Improving:
+            if self.slices == 2:
+                await asyncio.Event().wait()
+            return await super().compute(work)
+
+    async def plan() -> tuple[Any, float]:
+        loop, here = asyncio.get_running_loop(), cast(Any, Busy())
+        clock, begun_s = cast(Any, SimpleNamespace(now_s=loop.time)), loop.time()
+        request = MotionRequest(START, GOAL, PlannerName.OMPL, Scaling(1.0))
+        found = await plan_within_budget(here, clock, here.compute, request, here.first, 0.5)
+        return found, loop.time() - begun_s
+
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        found, took_s = runner.run(asyncio.wait_for(plan(), 100.0))
+    assert found.tries == 2
+    assert took_s == pytest.approx(0.5 + OVERTIME_S)
+    assert "not improved further: no process was free in time" in caplog.text
