@@ -136,7 +136,9 @@ class RetargetService:
                 found = await self._plan(claim, way, within_s + MIN_LEAD_S, within_s)
                 await self._hand_over(claim, job, found, begun_s)
         except (TimeoutError, CobotError) as exc:
-            log.info("%smotion %s: no way around: %s", self._link.label, claim.motion_id, exc or "too late")
+            log.info(
+                "%smotion %s: no way around: %s", self._link.label, claim.motion_id, str(exc) or "too late"
+            )
             return False
         finally:
             self._busy = False

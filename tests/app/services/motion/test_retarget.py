@@ -482,6 +482,22 @@ def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
     around.post("/scene", {"clear": True}).raise_for_status()
 
 
+def test_a_way_around_that_comes_too_late_is_reported_as_such(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def slowly(*_: Any) -> Any:
+        await asyncio.sleep(5.0)
+
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    monkeypatch.setattr(PlanningHere, "compute", slowly)
+    assert "ball" in around.post("/scene", ball_at(around, 1.1)).json()["stopped"]
+    assert ended(around, job)["state"] == "cancelled"
+    assert any(line.endswith("no way around: too late") for line in around.lines)
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
 def test_without_the_setting_a_motion_stops(run: VirtualService) -> None:
     job = moving(run, FAR | {"speed": 0.3})
     assert "ball" in run.post("/scene", ball_at(run, 1.1)).json()["stopped"]
