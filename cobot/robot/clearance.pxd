@@ -155,6 +155,9 @@ cdef class Clearance:
         self, const double* control, int degree, double begin, double end, int* order, int count, bint ordered
     ) noexcept nogil
     cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil
+    cdef void _look_at_rows(
+        self, const double* rows, int count, LaneQuery* query, LaneAnswer* answer
+    ) noexcept nogil
     cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil
     cdef void _look(
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,

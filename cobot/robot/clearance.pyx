@@ -603,6 +603,27 @@ cdef class Clearance:
         query.joints, query.active = joints, (1 << count) - 1
         self._check(&self._lanes, query, answer)
 
+    cdef void _look_at_rows(
+        self, const double* rows, int count, LaneQuery* query, LaneAnswer* answer
+    ) noexcept nogil:
+        """The spheres' answer at so many rows of joints, without motion. Lanes without a row repeat the last
+        one."""
+        cdef double joints[MAX_DOF * MAX_LANES]
+        cdef float rates[MAX_DOF * MAX_LANES]
+        cdef float half[MAX_LANES]
+        cdef double still[MAX_DOF]
+        cdef int lane, joint
+        memset(rates, 0, sizeof(rates))
+        memset(half, 0, sizeof(half))
+        memset(still, 0, sizeof(still))
+        for lane in range(MAX_LANES):
+            for joint in range(self.dof):
+                joints[joint * MAX_LANES + lane] = rows[min(lane, count - 1) * self.dof + joint]
+        self._bound_bends(still, still)
+        query.joints, query.rates, query.half, query.bend = joints, rates, half, self._bend
+        query.active = (1 << count) - 1
+        self._check(&self._lanes, query, answer)
+
     cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil:
         """For each part and joint, how large the second derivative of a point of it can be along the edge if
         the joints before this one stand still: the sum of |a| |b| times the reach from the outer joint of
@@ -663,38 +684,23 @@ cdef class Clearance:
 
     def are_free(self, rows):
         """`is_free` for each row of joints, shape (n, dof). Returns shape (n,)."""
-        cdef double joints[MAX_DOF * MAX_LANES]
-        cdef double still[MAX_DOF]
-        cdef float rates[MAX_DOF * MAX_LANES]
-        cdef float half[MAX_LANES]
         cdef double distance
         cdef LaneQuery query
         cdef LaneAnswer answer
         cdef Py_ssize_t begin, lane, lanes
-        cdef int joint
         cdef int* order
         given = _rows(rows, self.dof)
         out = np.zeros(len(given), dtype=bool)
         cdef const double* row = doubles(given, given.size) if given.size else NULL
         self.enclose()
-        memset(still, 0, sizeof(still))
-        memset(rates, 0, sizeof(rates))
-        memset(half, 0, sizeof(half))
         answer.hit, answer.open, answer.failing_count = 0, (1 << MAX_LANES) - 1, self.count
         answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
-        query.rates, query.half, query.bend, query.all = rates, half, self._bend, True
-        query.pairs, query.pair_count, query.joints = self._lane_order, self.count, joints
-        if self._check != NULL:
-            self._bound_bends(still, still)
+        query.pairs, query.pair_count, query.all = self._lane_order, self.count, True
         for begin in range(0, len(given), <Py_ssize_t>MAX_LANES):
             lanes = min(<Py_ssize_t>MAX_LANES, len(given) - begin)
             if self._check != NULL:
-                for lane in range(MAX_LANES):
-                    for joint in range(self.dof):
-                        joints[joint * MAX_LANES + lane] = row[min(lane, lanes - 1) * self.dof + joint]
-                query.active = (1 << lanes) - 1
                 self.evaluations += WEIGHT
-                self._check(&self._lanes, &query, &answer)
+                self._look_at_rows(row, lanes, &query, &answer)
             for lane in range(lanes):
                 if answer.hit >> lane & 1:
                     out[begin + lane] = False
@@ -813,7 +819,9 @@ cdef class Clearance:
                             if row[piece * self.count + index]:
                                 order[count] = index
                                 count += 1
-                    if not self._is_proven(control + piece * size, degree, 0.0, 1.0, order, count, first):
+                    if count and not self._is_proven(
+                        control + piece * size, degree, 0.0, 1.0, order, count, first
+                    ):
                         break
                 else:
                     piece = -1
@@ -905,32 +913,17 @@ cdef class Clearance:
         self, const double* joints, Py_ssize_t count, const float* within, char* near
     ) noexcept nogil:
         """Whether each pair may be nearer than these distances, (count, pairs). Spheres alone decide."""
-        cdef double places[MAX_DOF * MAX_LANES]
-        cdef double still[MAX_DOF]
-        cdef float rates[MAX_DOF * MAX_LANES]
-        cdef float half[MAX_LANES]
         cdef LaneQuery query
         cdef LaneAnswer answer
         cdef Py_ssize_t begin = 0
-        cdef int lanes, lane, joint, index
-        memset(still, 0, sizeof(still))
-        memset(rates, 0, sizeof(rates))
-        memset(half, 0, sizeof(half))
+        cdef int lanes, lane, index
         memset(near, 0, count * self.count)
-        self._bound_bends(still, still)
-        query.joints, query.rates, query.half = places, rates, half
-        query.bend, query.all = self._bend, LANES_NEAR
-        query.pairs, query.pair_count = self._lane_order, self.count
+        query.pairs, query.pair_count, query.all = self._lane_order, self.count, LANES_NEAR
         answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
         self._lanes.least = within
         while begin < count:
             lanes = min(count - begin, <Py_ssize_t>MAX_LANES)
-            for lane in range(MAX_LANES):
-                for joint in range(self.dof):
-                    index = (begin + min(lane, lanes - 1)) * self.dof + joint
-                    places[joint * MAX_LANES + lane] = joints[index]
-            query.active = (1 << lanes) - 1
-            self._check(&self._lanes, &query, &answer)
+            self._look_at_rows(joints + begin * self.dof, lanes, &query, &answer)
             for index in range(answer.failing_count):
                 for lane in range(lanes):
                     if answer.lanes[2 * index] >> lane & 1:

@@ -319,6 +319,15 @@ def test_a_motion_is_proven_exactly_as_without_spheres(
     assert min(verdicts.values()) > 5 or not ENOUGH, verdicts
 
 
+def test_pieces_that_the_spheres_prove_are_not_looked_at_again(robot: RobotDescription) -> None:
+    """The oracle is the number of configurations that the proof looks at."""
+    clearance = Clearance(robot.collision._mj, robot.collision.pairs, RESOLUTION_M)
+    clearance.require(LEAST_M)
+    pieces = np.linspace(0.0, 0.064, 65)[:, None] * np.ones(7)
+    assert clearance.contact(np.stack([pieces[:-1], pieces[1:]], axis=1)) is None
+    assert clearance.evaluations < 64, "less than one configuration for each piece"
+
+
 def test_obstacles_push_a_path_as_without_spheres(
     robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
 ) -> None:
