@@ -10,7 +10,7 @@ from typing import Any, Self
 import httpx
 
 from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
-from cobot.client.tls import Verify, advice, tls_context, token_from_environment
+from cobot.client.tls import Verify, advice, tls_context, token_from_environment, token_header
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 from cobot.folders import open_new
 
@@ -56,10 +56,8 @@ class Connection:
         check_url(url)
         if robot is not None:
             url = address(url, robot)
-        headers = {"X-Motion-Token": motion_token} if motion_token else {}
-        token = token or token_from_environment()
-        if token:
-            headers["Authorization"] = f"Bearer {token}"
+        headers = token_header(token or token_from_environment())
+        headers |= {"X-Motion-Token": motion_token} if motion_token else {}
         # Creating a TLS context with the computer's certificates takes 10 ms.
         trusted = tls_context(verify) if url.startswith("https:") else False
         try:

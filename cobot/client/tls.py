@@ -94,6 +94,22 @@ def token_from_environment() -> str | None:
     return os.environ.get(TOKEN_VARIABLE) or None
 
 
+def token_header(token: str | None) -> dict[str, str]:
+    """The header with an access token; empty without a token.
+
+    Raises:
+        InputError: no token has these characters, and no header can have them.
+    """
+    if not token:
+        return {}
+    if not (token.isascii() and token.isprintable()):
+        raise InputError(
+            f"the access token (token, --token or {TOKEN_VARIABLE}) has characters other than printable "
+            "ASCII; copy it again"
+        )
+    return {"Authorization": f"Bearer {token}"}
+
+
 def tls_context(verify: Verify) -> ssl.SSLContext:
     """The TLS context for a connection to a service.
 

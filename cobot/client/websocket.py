@@ -14,7 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from cobot.addresses import check_url, path_at
 from cobot.client.connection import ERRORS
-from cobot.client.tls import Verify, tls_context, token_from_environment
+from cobot.client.tls import Verify, tls_context, token_from_environment, token_header
 from cobot.client.wire import PATH, FrameKind, packed, record
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
@@ -202,7 +202,7 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
         return connect(
             "ws" + url.removeprefix("http") + path_at(url, PATH),
             ssl=trusted,
-            additional_headers={"Authorization": f"Bearer {token}"} if token else None,
+            additional_headers=token_header(token),
             proxy=None,
             compression=None,  # compression takes more time than these floats save
             open_timeout=CONNECT_S,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import sys
@@ -102,7 +103,7 @@ def _add_commands(actions: Any, url: argparse.ArgumentParser) -> None:
     target.add_argument("--robot", metavar="NAME", help="only this robot of the cells")
     target.add_argument(
         "--deadline",
-        type=float,
+        type=_number,
         default=DEADLINE_S,
         metavar="S",
         help="time in which the cells must receive the command, s",
@@ -123,7 +124,7 @@ def _add_commands(actions: Any, url: argparse.ArgumentParser) -> None:
     add("resume", "resume the paused program or motion", lambda _: {"kind": "resume"})
     speed = add("speed", "set the speed override", lambda it: {"kind": "speed", "fraction": it.fraction})
     speed.add_argument(
-        "--fraction", type=float, required=True, metavar="F", help="share of the planned speed, 0 to 1"
+        "--fraction", type=_number, required=True, metavar="F", help="share of the planned speed, 0 to 1"
     )
     control = add("control", "take control, or give it back", _control)
     which = control.add_mutually_exclusive_group(required=True)
@@ -152,7 +153,7 @@ def _add_changes(actions: Any, url: argparse.ArgumentParser) -> None:
     out.add_argument("--wave", type=int, default=5, metavar="N", help="number of cells in a wave; default: 5")
     out.add_argument(
         "--watch",
-        type=float,
+        type=_number,
         default=5.0,
         metavar="S",
         help="time to watch the robots after each wave, s; default: 5",
@@ -165,6 +166,13 @@ def _add_changes(actions: Any, url: argparse.ArgumentParser) -> None:
     copy.add_argument("folder", type=Path, metavar="FOLDER")
     copy.add_argument("cells", nargs="*", metavar="CELL", help="default: all")
     copy.set_defaults(run=pull)
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
 
 
 def _name(text: str) -> str:

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import httpx
 
 from cobot.addresses import CLIENT_NAME, check_url
-from cobot.client.tls import advice, tls_context
+from cobot.client.tls import advice, tls_context, token_header
 from cobot.codes import ERROR_OF, Code
 from cobot.errors import CobotError, UnavailableError
 
@@ -80,8 +80,7 @@ def _decoded(response: httpx.Response) -> dict[str, Any]:
 
 def headers(chosen: argparse.Namespace) -> dict[str, str]:
     """Headers with the name and the token of the person."""
-    token = {"Authorization": f"Bearer {chosen.token}"} if chosen.token else {}
-    return {CLIENT_NAME: quote(_user(), safe="")} | token
+    return {CLIENT_NAME: quote(_user(), safe="")} | token_header(chosen.token)
 
 
 def _user() -> str:

@@ -11,6 +11,9 @@ from typing import Any
 import pytest
 from cobot_run import until
 
+from cobot.client import Client
+from cobot.client.websocket import WebSocketTransport
+from cobot.errors import InputError
 from cobot.fleet.__main__ import main
 from cobot.fleet.watching import ServiceWatch
 
@@ -108,3 +111,29 @@ def test_a_recording_does_not_go_through_a_web_proxy(
     assert main(["pull", str(tmp_path), "--url", hub.url]) == 0
     assert (tmp_path / "one" / "arm" / "a.mcap").read_text() == "abc"
     assert proxy.asked == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("stop", "--all", "--deadline", "nan"), ("speed", "--all", "--fraction", "inf")],
+)
+def test_a_number_that_is_not_finite_is_wrong_usage(
+    servers: tuple[Server, Server], capsys: pytest.CaptureFixture[str], options: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([*options, "--url", servers[0].url])
+    assert f"argument {options[2]}: {options[3]!r} is not a finite number" in capsys.readouterr().err
+    assert servers[0].asked == []
+
+
+@pytest.mark.parametrize("token", ["t\u00f6ken", "two\nlines"])
+def test_a_token_that_no_header_can_have_is_an_error_with_advice(
+    servers: tuple[Server, Server], capsys: pytest.CaptureFixture[str], token: str
+) -> None:
+    assert main(["list", "--url", servers[0].url, "--token", token]) == 1
+    assert "has characters other than printable ASCII; copy it again" in capsys.readouterr().err
+    connections: list[Any] = [Client, WebSocketTransport]
+    for connect in connections:
+        with pytest.raises(InputError, match="other than printable ASCII"):
+            connect(servers[0].url, token=token)
+    assert servers[0].asked == []
