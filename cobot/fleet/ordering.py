@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import time
@@ -10,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 from urllib.parse import quote
 
-from cobot.errors import CobotError
+from cobot.errors import CobotError, ConflictError
 from cobot.fleet.asking import TIMEOUT_S, ask
 from cobot.fleet.looking import WATCH_S, tell
 from cobot.fleet.messages import REST_S
@@ -79,7 +80,8 @@ def roll_out(chosen: argparse.Namespace) -> int:
                 break
             time.sleep(WATCH_S)
         except KeyboardInterrupt:
-            ask(chosen, "POST", f"{path}/cancel")
+            with contextlib.suppress(ConflictError):  # it has ended: the next answer has the result
+                ask(chosen, "POST", f"{path}/cancel")
     if chosen.json:
         print(json.dumps(found, indent=1))
     else:

@@ -6,6 +6,8 @@ import json
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,9 +16,11 @@ from cobot_run import until
 from cobot.client import Client
 from cobot.client.websocket import WebSocketTransport
 from cobot.errors import InputError
+from cobot.fleet import ordering
 from cobot.fleet.__main__ import main
 from cobot.fleet.watching import ServiceWatch
 
+ROOT = Path(__file__).parents[3]
 CONNECTED = {"code": "conflict", "detail": "the cell two is connected"}
 
 
@@ -137,3 +141,23 @@ def test_a_token_that_no_header_can_have_is_an_error_with_advice(
         with pytest.raises(InputError, match="other than printable ASCII"):
             connect(servers[0].url, token=token)
     assert servers[0].asked == []
+
+
+def test_ctrl_c_at_the_end_of_a_roll_out_shows_its_result(
+    servers: tuple[Server, Server], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: docs/fleet.md: the status is 0 if it is done everywhere."""
+
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ordering, "time", SimpleNamespace(sleep=interrupt))
+    running = {"id": "1", "bundle": "b", "title": "seams 1", "lines": [], "state": "running"}
+    ended = {"code": "conflict", "detail": "the roll-out 1 has ended: done"}
+    done = running | {"lines": ["one/arm: activated"], "state": "done"}
+    said = [(200, running), (200, running), (200, running), (409, ended), (200, done)]
+    servers[0].answers = [(status, json.dumps(each)) for status, each in said]
+    folder = ROOT / "examples" / "fleet" / "seams"
+    assert main(["roll-out", str(folder), "one", "--version", "1", "--url", servers[0].url]) == 0
+    assert servers[0].asked[-2:] == ["POST /roll-outs/1/cancel", "GET /roll-outs/1"]
+    assert capsys.readouterr().out == "one/arm: activated\nseams 1: done\n"
