@@ -77,7 +77,9 @@ export class Status {
       this.device.tell(device);
       element("simulation").hidden = element("simulation-card").hidden = !device || device.hardware;
       say("control", this.holder(control));
-      say("control-who", control.holder ? `${named(control.holder)} (${control.address})` : "");
+      const who = control.holder ? `${named(control.holder)} (${control.address})` : "";
+      say("control-who", who && this.api.control ? `${word("you")} · ${who}` : who);
+      if (!control.held) element("control-why").textContent = ""; // why it could not be taken is no longer true
       const { total } = health.cycle_us ?? {};
       const level = health.rtloop?.alive ? "good" : "bad";
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);

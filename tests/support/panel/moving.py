@@ -290,6 +290,7 @@ def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     home = {"name": "home", "speed": 1.0}
     panel.page.click("#take")
     panel.until("document.querySelector('#take').innerText === 'Release control'")
+    panel.until("document.querySelector('#control-who').textContent.startsWith('You · an unnamed client (')")
     refused = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert refused.status_code == 409
     plus = button("joint", 0, 1)
@@ -303,3 +304,18 @@ def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     panel.until("document.querySelector('#take').innerText === 'Take control'")
     answer = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert answer.json()["success"], answer.text
+
+
+def test_why_control_cannot_be_taken_is_shown_until_it_is_free(panel: Panel) -> None:
+    why, control = "document.querySelector('#control-why').textContent", f"{panel.run.url}/robot/control"
+    anna = {"X-Client-Name": "anna"}
+    taken = httpx.post(control, json={}, headers=anna, timeout=WAIT_S).raise_for_status().json()
+    try:
+        panel.until("""document.querySelector('#control-who').textContent.startsWith('"anna" (')""")
+        panel.page.click("#take")
+        panel.until(f"{why}.startsWith('anna')")
+    finally:
+        anna["X-Control-Token"] = taken["token"]
+        httpx.delete(control, headers=anna, timeout=WAIT_S).raise_for_status()
+    panel.until("document.querySelector('#control').innerText === 'Free'")
+    panel.until(f"{why} === ''")
