@@ -96,7 +96,9 @@ class Improve(RequestModel):
 
     model_config = example({"budget_s": 0.5, "samples": 3})
 
-    budget_s: BudgetS = 1.0
+    budget_s: Annotated[
+        BudgetS, Field(description="Time for the search, s. 0: the given plan is the answer.")
+    ] = 1.0
     samples: Samples = 50
 
 
