@@ -20,12 +20,15 @@ async def ask(url: str, certificate: str, requests: int, connections: int) -> Co
     limits = httpx.Limits(max_connections=connections)
     trusted = ssl.create_default_context(cafile=certificate)
     codes: Counter[int] = Counter()
+    places = asyncio.Semaphore(connections)
+    """Waiting for a place here has no timeout: in the pool of httpx it would count as an unanswered request."""
 
     async def one(client: httpx.AsyncClient) -> None:
-        try:
-            code = (await client.get(url)).status_code
-        except httpx.HTTPError:
-            code = 0
+        async with places:
+            try:
+                code = (await client.get(url)).status_code
+            except httpx.HTTPError:
+                code = 0
         if not codes:
             print("begun", flush=True)
         codes[code] += 1
