@@ -43,6 +43,7 @@ class Driver(Node):
             self.execute,
             callback_group=group,
             goal_callback=lambda _: GoalResponse.REJECT if self.mode == "reject" else GoalResponse.ACCEPT,
+            handle_accepted_callback=self.accept,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
@@ -51,10 +52,14 @@ class Driver(Node):
             position = math.nan if self.mode == "nan" else self.position
             self.states.publish(JointState(name=["other", "jaw"], position=[9.0, position]))
 
+    def accept(self, handle: Any) -> None:
+        """On a busy computer an older goal may begin to be executed after a newer one."""
+        self.newest = handle
+        handle.execute()
+
     def execute(self, handle: Any) -> Any:
         command = handle.request.command
         target = command.position[0] if "Parallel" in self.kind.__name__ else command.position
-        self.newest = handle
         result = self.kind.Result()
         while self.newest is handle and not handle.is_cancel_requested:
             if self.mode == "abort":
