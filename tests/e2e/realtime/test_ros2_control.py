@@ -463,6 +463,17 @@ def service(tmp_path_factory: pytest.TempPathFactory, double: Double) -> Iterato
         yield started
 
 
+def reset(run: Run) -> None:
+    """Until the robot accepts it; otherwise the failure has the last answer."""
+    answers: list[httpx.Response] = []
+
+    def accepted() -> bool:
+        answers.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S))
+        return answers[-1].is_success
+
+    until(accepted, lambda: answers[-1].text)
+
+
 def test_the_rest_tour_with_a_sequence_and_a_recording(service: Run, double: Double) -> None:
     rest_tour.tour(service, "motions", "plans", "trajectories", "programs", "everything_else")
     np.testing.assert_allclose(double.seen()["position"], service.joints(), atol=REACHED_RAD)
@@ -487,7 +498,7 @@ def test_the_service_tells_of_an_abort_and_moves_again_after_a_reset(service: Ru
     assert "PATH_TOLERANCE_VIOLATED" in answer.text, answer.text
     assert robot_health(service)["mode"] == "FAULT"
     double.be("good")
-    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
+    reset(service)
     until(
         lambda: httpx.post(f"{service.url}/robot/move/named", json=home, timeout=WAIT_S).is_success,
         lambda: service.output[-1000:],
@@ -498,7 +509,7 @@ def test_the_service_tells_of_an_abort_and_moves_again_after_a_reset(service: Ru
 def test_a_fault_of_the_joint_states_stops_the_arm(service: Run, double: Double, mode: str) -> None:
     """Oracle: where rclpy's controllers have the arm."""
     double.be("good")
-    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
+    reset(service)
     until(lambda: robot_health(service).get("mode") == "HOLD")
     begun = np.array(double.seen()["position"])
     way = np.where(begun > 0.0, -0.4, 0.4)
@@ -516,7 +527,7 @@ def test_a_fault_of_the_joint_states_stops_the_arm(service: Run, double: Double,
     until(rests)
     assert np.abs(np.array(double.seen()["position"]) - begun).max() < 0.35
     double.be("good")
-    until(lambda: httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S).is_success)
+    reset(service)
 
 
 @pytest.fixture(scope="module")
@@ -628,7 +639,7 @@ def test_a_stream_goes_through_the_forward_controller(tmp_path: Path) -> None:
                 time.sleep(0.5)
                 assert double.seen()["commands"] == commands
                 double.be("forward")
-                until(lambda: httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).is_success)
+                reset(run)
                 move_slowly(run, place)
         finally:
             double.kill()
