@@ -20,8 +20,7 @@ async def ask(url: str, certificate: str, requests: int, connections: int) -> Co
     limits = httpx.Limits(max_connections=connections)
     trusted = ssl.create_default_context(cafile=certificate)
     codes: Counter[int] = Counter()
-    places = asyncio.Semaphore(connections)
-    """Waiting for a place here has no timeout: in the pool of httpx it would count as an unanswered request."""
+    places = asyncio.Semaphore(connections)  # in the pool of httpx, a long wait for a place is an error
 
     async def one(client: httpx.AsyncClient) -> None:
         async with places:
