@@ -21,7 +21,7 @@ from cobot.types import Array
 from rtloop.backends.protocols import BackendError
 
 CLOSE_S = 2.0
-START_S = 20.0
+START_S = 10.0
 """Timeout for the first answer of the process, s: a slow computer needs seconds to start it."""
 MARGIN_S = 1.0
 """Time for the answer of the process, in addition to the time that the driver has, s."""
