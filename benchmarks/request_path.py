@@ -33,7 +33,8 @@ from cobot.types import PlannerName, Pose, Scaling
 
 NOTHING, AT_REST, ANY_REQUEST, MOTION = range(4)
 """The phases of the recording."""
-AT_REST_S = 4.0
+SETTLE_S, AT_REST_S = 0.5, 4.0
+"""Time that the last request may take to end after its answer, and time of recording at rest, s."""
 REPETITIONS = 3
 LINE_M = 0.02
 """Length of the line, straight up from the position home."""
@@ -96,6 +97,7 @@ def recorded() -> tuple[list[str], list[str]]:
             with httpx.Client(base_url=run.url, timeout=TIMEOUT_S) as client:
                 _post(client, "/robot/move/named", {"name": "home", "speed": 1.0})
                 go_up_and_back()  # imports, and the first use of everything
+                time.sleep(SETTLE_S)
                 _record(folder, AT_REST, lambda: time.sleep(AT_REST_S))
                 _record(folder, ANY_REQUEST, lambda: _post(client, "/robot/acknowledge", {}))
                 _record(folder, MOTION, go_up_and_back)

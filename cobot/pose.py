@@ -1,4 +1,4 @@
-"""Rigid transforms. The compiled cycle has its own arithmetic, in `cobot.robot.chain`."""
+"""Checked vectors and rigid transforms. The compiled cycle has its own arithmetic, in `cobot.robot.chain`."""
 
 from __future__ import annotations
 
@@ -7,15 +7,34 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from cobot.errors import InputError
 from cobot.orientations import inverse, matrix, product, rotated
-from cobot.vectors import Array, vector
 
+Array = npt.NDArray[np.float64]
 Numbers3 = tuple[float, float, float]
 Numbers6 = tuple[float, float, float, float, float, float]
 Numbers7 = tuple[float, float, float, float, float, float, float]
 """Numbers of a pose: x, y, z (m) and w, x, y, z."""
+
+
+def vector(values: object, size: int | None = None, *, name: str = "vector") -> Array:
+    """A read-only float64 copy of `values`, shape (size,).
+
+    Raises:
+        InputError: the values are not numeric, have another length, or are not finite.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as exc:
+        raise InputError(f"{name} must be a list of numbers") from exc
+    if array.ndim != 1 or (size is not None and array.shape[0] != size):
+        raise InputError(f"{name} must have {size} numbers, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite, got {array.tolist()}")
+    array.flags.writeable = False
+    return array
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,12 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.motions.planners import PlannerName as PlannerName
+from cobot.pose import Array as Array
 from cobot.pose import Numbers3 as Numbers3
 from cobot.pose import Numbers6 as Numbers6
 from cobot.pose import Numbers7 as Numbers7
 from cobot.pose import Pose as Pose
-from cobot.vectors import Array as Array
-from cobot.vectors import vector as vector
+from cobot.pose import vector as vector
 
 
 class LoopMode(IntEnum):

@@ -30,7 +30,7 @@ class Improving:
 
     Attributes:
         best: the fastest motion so far. It has passed all checks.
-        first_s: duration of the first motion, s.
+        first_duration_s: duration of the first motion, s.
         goals: joint positions at which the motion may end, shape (n, dof), rad.
         lower_bounds_s: for each of them, the time that the slowest joint needs alone; no motion to them is
             faster.
@@ -44,7 +44,7 @@ class Improving:
     """
 
     best: Trajectory
-    first_s: float
+    first_duration_s: float
     goals: Array
     lower_bounds_s: Array
     tries: int = 0
@@ -73,12 +73,12 @@ class Planned:
 
     Attributes:
         tries, improvements: see `Improving`.
-        first_s: duration of the first motion that passed all checks, s.
+        first_duration_s: duration of the first motion that passed all checks, s.
         lower_bound_s: see `Improving`; None: not computed.
     """
 
     quality: PlanQuality
-    first_s: float
+    first_duration_s: float
     tries: int = 0
     improvements: int = 0
     lower_bound_s: float | None = None
@@ -87,7 +87,9 @@ class Planned:
     def of(cls, request: MotionRequest, found: Trajectory | Improving | None) -> Planned:
         """The quality of what was planned for a request; None: the arm is already at the goal."""
         if isinstance(found, Improving):
-            return cls(found.quality, found.first_s, found.tries, found.improvements, found.lower_bound_s)
+            return cls(
+                found.quality, found.first_duration_s, found.tries, found.improvements, found.lower_bound_s
+            )
         can_improve = found is not None and request.traits.way is Way.SEARCH
         quality = PlanQuality.FIRST if can_improve else PlanQuality.FINAL
         return cls(quality, 0.0 if found is None else found.duration_s)

@@ -236,7 +236,7 @@ class RobotModel:
     def forward(self, joints: Array) -> Pose:
         """The pose of the TCP in the base frame."""
         out = np.empty(7)
-        self.forward_into(joints, out)
+        self.chain.forward_into(joints, out)
         return Pose(out[:3], out[3:])
 
     def forward_into(self, joints: Array, out: Array) -> None:

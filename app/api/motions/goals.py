@@ -1,4 +1,4 @@
-"""Conversion of requests to move into goals of the services."""
+"""Conversion of requests to move, with their path constraints, into goals of the services."""
 
 from __future__ import annotations
 
@@ -6,16 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.api.motions.constraints import constraints_of
 from app.api.motions.signals import signals_of
 from app.robot_services import Services
 from app.services.motion.goals import NOWHERE
 from cobot.errors import InputError
-from cobot.motions.bodies import AnyMotion, MoveArc, MoveNamed, MovePose, PathPoint, PathPose, TcpMotion
-from cobot.motions.constraints import Constraints
+from cobot.motions.bodies import (
+    AnyMotion,
+    KeptBox,
+    KeptOrientation,
+    MotionConstraints,
+    MoveArc,
+    MoveNamed,
+    MovePose,
+    PathPoint,
+    PathPose,
+    TcpMotion,
+)
+from cobot.motions.constraints import Box, Cone, Constraints
+from cobot.motions.fields import Direction
 from cobot.motions.requests import NO_START, Arc, MotionRequest, TcpSpeed
 from cobot.robot.frames import pose_from_abc
-from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
+from cobot.strict import shown
+from cobot.types import Array, JointLimits, PlannerName, Pose, Scaling, Synchronization
 
 
 def _scaling(body: TcpMotion) -> Scaling:
@@ -37,7 +49,7 @@ def _pose(body: PathPose) -> Pose:
     return pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c)
 
 
-def _vector(point: PathPoint) -> Array:
+def _vector(point: PathPoint | Direction) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
@@ -57,8 +69,8 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
     if isinstance(body, MoveArc):
         found = goals.pose(_arc_by_angle(body, constraints), body.frame_id)
     elif isinstance(body, MovePose):
-        found = goals.pose(_to_pose(body, constraints), body.frame_id)
-        found = replace(found, budget_s=goals.budget_s(body.budget_s))
+        asked = _to_pose(body, constraints, goals.budget_s(body.budget_s))
+        found = goals.pose(asked, body.frame_id)
     else:
         joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
         goals.require_joints(joints, checked=checked)
@@ -90,7 +102,7 @@ def _arc_by_angle(body: MoveArc, constraints: Constraints | None) -> MotionReque
     )
 
 
-def _to_pose(body: MovePose, constraints: Constraints | None) -> MotionRequest:
+def _to_pose(body: MovePose, constraints: Constraints | None, budget_s: float) -> MotionRequest:
     return MotionRequest(
         NO_START,
         _pose(body),
@@ -107,4 +119,65 @@ def _to_pose(body: MovePose, constraints: Constraints | None) -> MotionRequest:
         free_axes=tuple(body.free_axes),
         cyclic=body.cyclic,
         end_joints=None if body.end_joints is None else np.array(body.end_joints),
+        budget_s=budget_s,
     )
+
+
+def constraints_of(asked: MotionConstraints | None, limits: JointLimits) -> Constraints | None:
+    """The path constraints of a request; None if there are none.
+
+    Raises:
+        InputError: a direction without length, an empty box or range, or an unknown joint.
+    """
+    if asked is None or not asked.model_dump(exclude_defaults=True):
+        return None
+    return Constraints(
+        None if asked.orientation is None else _cone(asked.orientation),
+        None if asked.box is None else _box(asked.box),
+        tuple(_range(name, low, high, limits) for name, (low, high) in asked.joints.items()),
+    )
+
+
+def _cone(asked: KeptOrientation) -> Cone:
+    direction = asked.direction
+    return Cone(
+        _unit("tool_axis", asked.tool_axis),
+        asked.within_rad,
+        None if direction is None else _unit("direction", direction),
+    )
+
+
+def _unit(name: str, given: Direction) -> Array:
+    axis = _vector(given)
+    length = float(np.linalg.norm(axis))
+    if not 1e-9 < length < np.inf:
+        field = f"constraints.orientation.{name}"
+        raise InputError(f"{field}: has a length of {length:g}, so it has no direction")
+    return np.asarray(axis / length)
+
+
+def _box(asked: KeptBox) -> Box:
+    for name in "xyz":
+        low, high = getattr(asked.min, name), getattr(asked.max, name)
+        if not low < high:
+            raise InputError(
+                f"constraints.box: min.{name} is {low:g} m, it must be below max.{name}, {high:g} m"
+            )
+    return Box(_vector(asked.min), _vector(asked.max))
+
+
+def _range(name: str, low: float, high: float, limits: JointLimits) -> tuple[int, float, float]:
+    place = f"constraints.joints.{shown(name)[1:-1]}"
+    if name not in limits.names:
+        raise InputError(f"{place}: there is no such joint; valid are: {', '.join(limits.names)}")
+    joint = limits.names.index(name)
+    unit = limits.unit(joint)
+    what = "angle" if unit == "rad" else "position"
+    least, most = float(limits.min_position[joint]), float(limits.max_position[joint])
+    if not low <= high:
+        raise InputError(f"{place}: is {low:g} to {high:g} {unit}, the smaller {what} must come first")
+    if high < least or low > most:
+        raise InputError(
+            f"{place}: is {low:g} to {high:g} {unit}, beyond the limits of {least:.4f} to {most:.4f} {unit}"
+        )
+    return joint, low, high

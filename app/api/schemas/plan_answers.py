@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from pydantic import BaseModel, Field
 
 from cobot.motions.fields import HOME, example
@@ -161,15 +163,7 @@ class PlanningAnswer(BaseModel):
 
     @classmethod
     def of(cls, planned: Planned | None) -> PlanningAnswer | None:
-        if planned is None:
-            return None
-        return PlanningAnswer(
-            quality=planned.quality,
-            first_duration_s=planned.first_s,
-            tries=planned.tries,
-            improvements=planned.improvements,
-            lower_bound_s=planned.lower_bound_s,
-        )
+        return None if planned is None else cls(**asdict(planned))
 
 
 class PlanAnswer(BaseModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -109,9 +109,7 @@ class MotionService:
         async def compute(work: Callable[[RobotDescription], Result]) -> Result:
             return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
 
-        def plan_first() -> Coroutine[Any, Any, Trajectory | None]:
-            return self.plan(claim, request, timeout_s)
-
+        plan_first = partial(self.plan, claim, request, timeout_s)
         budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
         found = await plan_within_budget(
             self._planning, self._link.clock, compute, request, plan_first, budget_s

@@ -179,11 +179,8 @@ class PlanService:
         """
         request, begun_s = self._goals.request(goal, attempt.begin), self._clock.now_s()
         samples, budget_s = attempt.asked.samples, min(goal.budget_s, attempt.spare_s)
+        plan_first = partial(attempt.of, request, partial(plan_motion, request=request))
         found: Trajectory | Improving | None
-
-        def plan_first() -> Awaitable[Trajectory | None]:
-            return attempt.of(request, partial(plan_motion, request=request))
-
         while True:
             versions = self._versions
             if budget_s > 0.0:

@@ -86,7 +86,7 @@ class Coordinates:
         self._max_velocity = np.append(limits.max_velocity, velocities)
         self._columns = [*range(path.dof)]
         for number, tcp in enumerate(self._tcp):
-            self._columns += [path.dof + number] * tcp.rows
+            self._columns += [path.dof + number] * len(tcp.directions)
         self.max_acceleration, self.max_jerk = (
             np.append(of_joints, of_tcp)[self._columns]
             for of_joints, of_tcp in (
@@ -141,7 +141,3 @@ class _Tcp:
         self.directions = np.zeros(0 if still else 1) if straight else DIRECTIONS
         inner = 1.0 if straight else np.cos(np.pi / 8.0)
         self.velocity, self.acceleration, self.jerk = velocity, inner * acceleration, inner * jerk
-
-    @property
-    def rows(self) -> int:
-        return len(self.directions)

@@ -70,7 +70,7 @@ def test_the_motion_gets_faster_and_stays_checked(
 ) -> None:
     request, before, after = improved
     assert before.quality is PlanQuality.FIRST
-    assert after.best.duration_s < 0.97 * before.first_s == 0.97 * before.best.duration_s
+    assert after.best.duration_s < 0.97 * before.first_duration_s == 0.97 * before.best.duration_s
     assert 0 < after.improvements <= after.tries <= TRIES
     validated(walled, request, after.best)
     np.testing.assert_allclose([after.best.start, after.best.end], [request.start, request.goal], atol=1e-9)
