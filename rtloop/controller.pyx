@@ -254,14 +254,14 @@ cdef class Controller(ModeMachine):
             result = self.follower.check_continuation(self.handover.path, self.handover.offset_s)
         if result is ACCEPTED:
             try:
-                self.signals.go_on_with(
+                self.signals.continue_with(
                     self.motion_id, self.handover.signals(), self.handover.offset_s
                 )
             except ValueError as exc:
                 result = Rejected(str(exc))
         if result is ACCEPTED:
             self.slot = self.handover.slot
-            self.follower.go_on_with(self.handover.swap(self.follower.path), self.handover.offset_s)
+            self.follower.continue_with(self.handover.swap(self.follower.path), self.handover.offset_s)
         self._finish_loading(result)
 
     def _read_scene(self, command, Measured measured, bint fresh):

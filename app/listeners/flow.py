@@ -14,11 +14,11 @@ class Flow(FlowControl):
     data still waits for its turn.
     """
 
-    def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
+    def __init__(self, transport: Transport, process_held: Callable[[], None]) -> None:
         self._paused = False
         super().__init__(transport)
         self.held = False
-        self.go_on = go_on
+        self.process_held = process_held
 
     @property
     def write_paused(self) -> bool:
@@ -51,6 +51,6 @@ class Flow(FlowControl):
             return
         self.read_paused = False
         if self.held:
-            self.go_on()
+            self.process_held()
         elif not self._transport.is_closing():
             self._transport.resume_reading()

@@ -98,7 +98,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._crowd.leave(self._visit)
         # No circle of references keeps it until the garbage collector comes by: it may hold a large header,
         # and a flood's circles take that a tenth of a second.
-        self.flow.go_on = self._visit.close = self._visit.expire = self._start = _nothing
+        self.flow.process_held = self._visit.close = self._visit.expire = self._start = _nothing
         self.cycle = self._answering = None  # type: ignore[assignment]
         self.pipeline.clear()
 
@@ -199,7 +199,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().handle_websocket_upgrade()
         # This object has done its work, and is not to be kept by a circle of references: see connection_lost.
         self.parser = None  # type: ignore[assignment]
-        self.flow.go_on = _nothing
+        self.flow.process_held = _nothing
 
     def on_message_begin(self) -> None:
         super().on_message_begin()

@@ -174,7 +174,7 @@ class JobService:
         steps = self._steps(job)
         self._require_paused(job)
         if steps.held:
-            steps.go_on(step=True)
+            steps.resume(step=True)
         else:
             steps.hold(NEXT)
         await self._resume()
@@ -195,7 +195,7 @@ class JobService:
         job = self.going(number)
         self._require_paused(job)
         if job is self._ownership.sequence_job or waypoint is not None:
-            self._steps(job).go_on(waypoint)
+            self._steps(job).resume(waypoint)
         await self._resume()
         return job.record()
 

@@ -95,14 +95,14 @@ def _working(url: str, counts: Counts) -> Iterator[list[Future[None]]]:
     """All kinds of work at once, each again and again, until the context ends."""
     ended = threading.Event()
 
-    def go_on(work: Callable[[str, Counts], None]) -> None:
+    def repeat(work: Callable[[str, Counts], None]) -> None:
         while not ended.is_set():
             work(url, counts)
 
     works = (_operator, _panel, _listener, _agent, _recordings)
     with ThreadPoolExecutor(len(works)) as threads:
         try:
-            yield [threads.submit(go_on, work) for work in works]
+            yield [threads.submit(repeat, work) for work in works]
         finally:
             ended.set()
 

@@ -127,19 +127,19 @@ class RobotRecorder:
         if not block.try_read() and int(block.salvage()["recording"]) > 1:  # neither of what it can be
             status[...] = np.zeros((), status.dtype)
         run, part = text(status["name"]), int(status["part"])
-        going_on = part_name(run, part) if status["recording"] else ""
-        left = self._store.folder / f"{going_on}{LEFT}"
+        current = part_name(run, part) if status["recording"] else ""
+        left = self._store.folder / f"{current}{LEFT}"
         try:
             for name, file in self._store.unfinished().items():
-                if name == going_on and not left.exists():
+                if name == current and not left.exists():
                     os.replace(file, left)
                 else:
                     file.unlink(missing_ok=True)
-            if going_on:
+            if current:
                 writing = self._begin(run, "continuous", int(status["next"]), None, part)
                 writing.next = max(writing.next, writing.file.take_over(left) + 1)
                 left.unlink(missing_ok=True)
-                log.warning("%s: the recording continues in %s", self.robot, going_on)
+                log.warning("%s: the recording continues in %s", self.robot, current)
         except OSError as exc:
             self._fail(None, exc)
 

@@ -67,7 +67,7 @@ class Beat(Generic[PacketT]):
             self.due = 1
         return True
 
-    def go_on(self) -> None:
+    def advance(self) -> None:
         """Begin the next cycle that is due."""
         step = (self._target - self.position) / self.due
         self.due -= 1

@@ -67,7 +67,7 @@ cdef class CycleCondition:
         self.value = 0.0
         self.active = True
 
-    def go_on_with(self, record):
+    def continue_with(self, record):
         """Continue with the same condition between other path times, keeping its zero and its edge; or set a
         new one.
 

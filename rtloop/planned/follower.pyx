@@ -60,7 +60,7 @@ cdef class PathFollower:
             )
         return ACCEPTED
 
-    def go_on_with(self, Path path not None, double offset_s):
+    def continue_with(self, Path path not None, double offset_s):
         """Follow this path from the same place at the same rate. The fence of the motion stays."""
         self.path = path
         self.clock.c_shift(offset_s)

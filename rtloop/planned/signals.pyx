@@ -18,7 +18,7 @@ from cobot.types import MAX_ACTIONS
 from rtloop.results import ACCEPTED, Rejected
 
 CONDITIONS = ("start_when", "pause_while", "until")
-GOING_ON = CONDITIONS[1:]  # of a motion that has begun
+CONTINUING = CONDITIONS[1:]  # of a motion that has begun
 REASON_BYTES = np.dtype(REASON).itemsize
 assert MAX_ACTIONS == CAPACITY
 
@@ -74,7 +74,7 @@ cdef class Signals:
         self._list_actions()
         self._report.publish()
 
-    def go_on_with(self, motion_id, record, double offset_s):
+    def continue_with(self, motion_id, record, double offset_s):
         """Set the signals of the trajectory with which the motion continues. Actions that have fired do not
         fire again, and a condition that stays keeps its zero and its edge. `start_when` stays.
 
@@ -85,8 +85,8 @@ cdef class Signals:
             ValueError: the record is invalid.
         """
         self._require_order(record)
-        for name in GOING_ON:
-            getattr(self, name).go_on_with(record[name])
+        for name in CONTINUING:
+            getattr(self, name).continue_with(record[name])
         self.fast = bool(record["fast"])
         self._offset_s += offset_s
         known = self._report.data.copy()

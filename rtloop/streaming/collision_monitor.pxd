@@ -34,6 +34,6 @@ cdef class CollisionMonitor:
     cdef bint _probe(self, const double* position, const double* heading, double near_m) noexcept nogil
     cdef bint _see_inside(self) noexcept nogil
     cdef void _find_way_to_rest(self, const double* command) noexcept nogil
-    cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil
+    cdef void _extrapolate(self, int joint, const double* command, Problem* problem) noexcept nogil
     cdef void _judge(self) noexcept nogil
     cdef double _nearest(self, int index) noexcept nogil

@@ -152,7 +152,7 @@ cdef class CollisionMonitor:
         cdef Problem problem
         cdef int joint
         for joint in range(self._dof):
-            self._go_on(joint, command, &problem)
+            self._extrapolate(joint, command, &problem)
             problem.target_position = problem.target_velocity = 0.0
             problem.max_velocity = self._rates.velocity[joint]
             problem.min_velocity = -problem.max_velocity
@@ -171,7 +171,7 @@ cdef class CollisionMonitor:
                 profile_at(&profiles[joint], SECOND_THIRD * longest_s, there)
                 self._way[1][joint] = there[0]
 
-    cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil:
+    cdef void _extrapolate(self, int joint, const double* command, Problem* problem) noexcept nogil:
         """The state that a joint may reach before the result of this check has an effect.
 
         An accelerating joint continues to accelerate, and its acceleration may grow. It can at most double,

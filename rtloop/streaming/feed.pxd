@@ -54,7 +54,7 @@ cdef class TargetFeed(Feed):
     cdef void c_take(self) noexcept nogil
     cdef void c_take_move(self) noexcept nogil
     cdef void c_take_chunk(self, double robot_time_s) noexcept nogil
-    cdef void c_go_on(self) noexcept nogil
+    cdef void c_end_hold(self) noexcept nogil
 
 
 cdef class PointFeed(Feed):

@@ -194,7 +194,7 @@ cdef class TargetFeed(Feed):
             return
         self.silent_cycles = 0
         self.live = True
-        self.c_go_on()
+        self.c_end_hold()
         self.c_judge(self.source.c_take(&self.setpoint, interval_s))
 
     cdef void c_take_move(self) noexcept nogil:
@@ -202,7 +202,7 @@ cdef class TargetFeed(Feed):
         if move != self.move_seen:
             self.move_seen = move
             self.live = False
-            self.c_go_on()
+            self.c_end_hold()
             self.c_judge(self.poses.c_start_move(self.setpoint.move_pose, self.setpoint.move_duration_s[0]))
         if cancel != self.cancel_seen:
             self.cancel_seen = cancel
@@ -216,7 +216,7 @@ cdef class TargetFeed(Feed):
         if self.chunk.session[0] != self.session or not self.has_joints:
             return
         self.chunk_seen = self.chunk.number[0]
-        self.c_go_on()
+        self.c_end_hold()
         late = self.joints.c_late()
         flaw = self.joints.c_take_chunk(&self.chunk, robot_time_s)
         if flaw == FINE or flaw == NOT_FINITE:
@@ -227,7 +227,7 @@ cdef class TargetFeed(Feed):
         elif self.joints.c_late() != late:
             self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)
 
-    cdef void c_go_on(self) noexcept nogil:
+    cdef void c_end_hold(self) noexcept nogil:
         """End the waiting, because there is a target. The source continues from the arm's current state."""
         if self.holding:
             self.source.c_begin(self.safety.c_command)

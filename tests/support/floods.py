@@ -156,7 +156,7 @@ class Attacker(asyncio.Protocol):
         if self._flood.closes:
             transport.close()
         elif not (self._flood.answered or self._flood.each):
-            self._go_on()
+            self._send_again()
 
     def data_received(self, data: bytes) -> None:
         if self._flood.each:
@@ -165,7 +165,7 @@ class Attacker(asyncio.Protocol):
             self._begun = True
             if not self._flood.reads:
                 self._transport.pause_reading()
-            self._go_on()
+            self._send_again()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._writable = False
@@ -177,15 +177,15 @@ class Attacker(asyncio.Protocol):
     def resume_writing(self) -> None:
         self._writable = True
         if not self._flood.period_s:
-            self._go_on()
+            self._send_again()
 
-    def _go_on(self) -> None:
+    def _send_again(self) -> None:
         if self._writable and not self._transport.is_closing() and self._flood.again:
             self._transport.write(self._flood.again)
             if self._flood.period_s:
-                self._loop.call_later(self._flood.period_s, self._go_on)
+                self._loop.call_later(self._flood.period_s, self._send_again)
             elif self._writable:
-                self._loop.call_soon(self._go_on)
+                self._loop.call_soon(self._send_again)
 
 
 async def attack(where: tuple[str, int], flood: Flood, begun: asyncio.Event) -> None:

@@ -98,7 +98,7 @@ class Answers:
             rates = np.abs(np.diff(self._rows[-1 - order :], order, axis=0)) / PERIOD_S**order
             self.worst[order - 1] = max(self.worst[order - 1], (rates / PUBLISHED[order - 1]).max())
 
-    def go_on(self) -> None:
+    def extrapolate(self) -> None:
         """Nothing has come: the robot goes on at constant acceleration."""
         if len(self._rows) >= 3:
             before, last, here = self._rows[-3:]
@@ -210,7 +210,7 @@ def main(address: str) -> None:
                 elif answers.seen:
                     answers.judge(arm._FrankaServer__udp_socket)
                 else:
-                    answers.go_on()
+                    answers.extrapolate()
                 answered_motion = arm.current_motion_id if answers.seen or faults.lost else 0
                 if not asked.empty():
                     faults.begin(asked.get()["fault"])

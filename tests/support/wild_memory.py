@@ -183,7 +183,7 @@ class Beside:
     def pause(self) -> None:
         self.process.send_signal(signal.SIGSTOP)
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         self.process.send_signal(signal.SIGCONT)
 
     def end(self) -> None:
@@ -230,7 +230,7 @@ def disturbed(rig: WildRig, stranger: Stranger, beside: Beside | None) -> Iterat
         yield
         rig.disturb = lambda: None
     else:
-        beside.go_on()
+        beside.resume()
         yield
         beside.pause()
 

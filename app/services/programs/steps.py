@@ -87,7 +87,7 @@ class RunnerInstructions:
         else:
             self._hold_at = waypoint
 
-    def go_on(self, waypoint: int | None = None, *, step: bool = False) -> None:
+    def resume(self, waypoint: int | None = None, *, step: bool = False) -> None:
         """Let the runner continue, if it waits or would wait at the next waypoint.
 
         Args:

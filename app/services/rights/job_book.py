@@ -181,8 +181,8 @@ class JobBook:
         del lost
         number = self._written  # first: what changes meanwhile has a line of its own
         lines = dict(self._lines)
-        going_on = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
-        return _Piece(number, b"".join([*lines.values(), *going_on]), whole=True)
+        live = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
+        return _Piece(number, b"".join([*lines.values(), *live]), whole=True)
 
     def _read(self, file: Path) -> None:
         found: OrderedDict[str, JobRecord] = OrderedDict()

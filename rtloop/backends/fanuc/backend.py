@@ -144,7 +144,7 @@ class FanucBackend:
             while not self.enable_step():
                 self.wait(self._options.silence_s)
                 while self._beat.due:
-                    self._beat.go_on()
+                    self._beat.advance()
         except BackendError as exc:
             if not starts:
                 raise
@@ -251,7 +251,7 @@ class FanucBackend:
             self._receive(deadline_s - self._clock())
             if not self._beat.due and self._clock() >= deadline_s:
                 return False
-        self._beat.go_on()
+        self._beat.advance()
         return True
 
     def status(self) -> DeviceStatus:

@@ -132,7 +132,7 @@ class FrankaStandIn:
         self.wire.append(position)
         self.q_d, self.q = position, position - REFERENCE_OFF_RAD
 
-    def go_on(self) -> None:
+    def extrapolate(self) -> None:
         """Continue at constant acceleration, as after a lost command."""
         if self.controlled == "positions" and len(self.positions) >= 3:
             a, b, c = self.positions[-3:]
@@ -233,7 +233,7 @@ class StandInConnection:
         if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
             lost = 1  # overtaken packets count as lost too: libfranka accepts no older state
         for _ in range(lost):
-            arm.go_on()
+            arm.extrapolate()
         arm.cycles += lost
         return self.read_once(), Duration((1 + lost) * PERIOD_S)
 

@@ -145,7 +145,7 @@ class FriBackend:
                     self._refused_s = self._clock()
             if not self._beat.due and self._clock() >= deadline_s:
                 return False
-        self._beat.go_on()
+        self._beat.advance()
         return True
 
     def read(self, measured: Measured) -> None:

@@ -154,7 +154,7 @@ class RsiBackend:
                 self._take(packet)
             if not self._beat.due and self._clock() >= deadline_s:
                 return False
-        self._beat.go_on()
+        self._beat.advance()
         return True
 
     def read(self, measured: Measured) -> None:

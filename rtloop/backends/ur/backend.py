@@ -258,7 +258,7 @@ class UrBackend:
                 return False
             most_s = left_s if self._link.is_streaming else SETTING_UP_S
             self._transport.wait(self._link.streams, min(left_s, most_s))
-        self._beat.go_on()
+        self._beat.advance()
         return True
 
     def status(self) -> DeviceStatus:

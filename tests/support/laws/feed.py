@@ -138,7 +138,7 @@ class TargetFeed(Feed):
             return
         self._silent_cycles = 0
         self._live = True
-        self._go_on()
+        self._end_hold()
         self._judge(self.source.take(self._memory.setpoint, interval_s))
 
     def _take_move(self, setpoint: np.ndarray) -> None:
@@ -147,7 +147,7 @@ class TargetFeed(Feed):
         if move != self.move_seen:
             self.move_seen = move
             self._live = False
-            self._go_on()
+            self._end_hold()
             self._judge(source.start_move(setpoint["move_pose"], float(setpoint["move_duration_s"])))
         if cancel != self._cancel_seen:
             self._cancel_seen = cancel
@@ -160,7 +160,7 @@ class TargetFeed(Feed):
         if int(chunk["session"]) != self._session or not hasattr(source, "take_chunk"):
             return
         self.chunk_seen = int(chunk["number"])
-        self._go_on()
+        self._end_hold()
         late = source.late
         flaw = source.take_chunk(self._memory.chunk, robot_time_s)
         if flaw is None or flaw is Intervention.NOT_FINITE:
@@ -169,7 +169,7 @@ class TargetFeed(Feed):
         if flaw in (Intervention.JUMP, Intervention.LATE) or source.late != late:
             self._safety.count(flaw or Intervention.LATE)  # and the chunk before goes on
 
-    def _go_on(self) -> None:
+    def _end_hold(self) -> None:
         """A target ends the waiting, from wherever the arm is by now."""
         if self.holding:
             self.source.begin(self._safety.command)

@@ -114,7 +114,7 @@ class Cabinet:
             self.connection.judge(self._sequence)
         self._periods += 1
         self._switch_drives()
-        self._go_on()
+        self._advance_session()
         self._move()
         self._sequence = (self._sequence + 1) % COUNTER
         if self.state == opened == SessionState.IDLE:
@@ -187,7 +187,7 @@ class Cabinet:
         else:
             self._drives = DriveState.ACTIVE
 
-    def _go_on(self) -> None:
+    def _advance_session(self) -> None:
         """Change to the next state of the session."""
         state, good = self.state, self.quality >= Quality.GOOD
         if state == SessionState.IDLE:

@@ -195,13 +195,13 @@ class UrController:
             self._move(self._context.goal if plays else None)
 
     def _run_programs(self) -> None:
-        self._secondary = [each for each in self._secondary if self._goes_on(each)]
+        self._secondary = [each for each in self._secondary if self._step(each)]
         if self._script is None or self.runtime != RuntimeState.PLAYING:
             return
-        if not self._goes_on(self._script):
+        if not self._step(self._script):
             self.stop_program("it has ended")
 
-    def _goes_on(self, script: Script) -> bool:
+    def _step(self, script: Script) -> bool:
         try:
             return script.step()
         except ScriptError as exc:

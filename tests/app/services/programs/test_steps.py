@@ -58,10 +58,10 @@ def test_it_waits_where_it_is_told_to_and_steps_from_there(bench: Bench) -> None
     assert bench.ask(1) == [None]
     assert bench.ask(2) == []
     assert bench.steps.held
-    bench.steps.go_on(step=True)
+    bench.steps.resume(step=True)
     assert bench.answers() == [None]
     assert bench.ask(3) == []
-    bench.steps.go_on()
+    bench.steps.resume()
     assert bench.answers() == [None]
     assert bench.ask(4) == [None]
     assert bench.held == [True, False, True, False]
@@ -78,13 +78,13 @@ def test_a_waypoint_ahead_stays_set_while_it_waits_and_is_stepped(bench: Bench) 
     assert bench.ask(1) == []
     bench.steps.hold(1)  # it waits there already
     bench.steps.hold(3)
-    bench.steps.go_on(step=True)
+    bench.steps.resume(step=True)
     assert bench.answers() == [None]
     assert bench.ask(2) == []
-    bench.steps.go_on()
+    bench.steps.resume()
     assert bench.answers() == [None]
     assert bench.ask(3) == []
-    bench.steps.go_on()
+    bench.steps.resume()
     assert bench.answers() == [None]
     assert bench.ask(4) == [None]
     assert bench.ask(0) == [None], "the next iteration"
@@ -94,7 +94,7 @@ def test_a_pause_on_the_path_ends_a_step_and_keeps_the_waypoint_ahead(bench: Ben
     bench.ask(0)
     bench.steps.hold(3)
     bench.steps.hold(NEXT)
-    bench.steps.go_on()
+    bench.steps.resume()
     assert bench.ask(1) == [None]
     assert bench.ask(3) == []
 
@@ -105,11 +105,11 @@ def test_it_goes_on_from_any_waypoint(bench: Bench) -> None:
     assert bench.ask(1) == []
     for wrong in (0, 5):
         with pytest.raises(InputError, match=f"there are 4 waypoints, numbered from 1; got {wrong}"):
-            bench.steps.go_on(wrong)
-    bench.steps.go_on(4)
+            bench.steps.resume(wrong)
+    bench.steps.resume(4)
     assert bench.answers() == [4]
     with pytest.raises(ConflictError, match="the sequence is not at a waypoint"):
-        bench.steps.go_on(1)
+        bench.steps.resume(1)
 
 
 def test_it_begins_where_it_is_told_to() -> None:
@@ -125,17 +125,17 @@ def test_it_waits_before_its_first_motion_if_it_is_to(first: int | None) -> None
     bench = Bench(first, hold=True)
     assert bench.ask(0) == []
     assert bench.steps.held
-    bench.steps.go_on(step=True)
+    bench.steps.resume(step=True)
     assert bench.answers() == [first]
     assert bench.ask(first or 1) == []
-    bench.steps.go_on()
+    bench.steps.resume()
     assert bench.answers() == [None]
     bench.close()
 
 
 def test_a_beginning_that_was_to_wait_goes_on_if_it_is_resumed_before() -> None:
     waiting = Bench(hold=True)
-    waiting.steps.go_on()
+    waiting.steps.resume()
     assert waiting.ask(0) == [None]
     waiting.close()
 
@@ -147,8 +147,8 @@ def test_a_program_waits_before_its_next_motion_only(bench: Bench) -> None:
     bench.steps.hold(NEXT)
     assert bench.ask(0, 0) == []
     with pytest.raises(InputError, match="there are 0"):
-        bench.steps.go_on(1)
-    bench.steps.go_on()
+        bench.steps.resume(1)
+    bench.steps.resume()
     assert bench.answers() == [None]
 
 
