@@ -40,7 +40,6 @@ FILES = (
     "py.typed",
     "reasons.py",
     "types.py",
-    "vectors.py",
 )
 ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
 
