@@ -141,7 +141,8 @@ class JobService:
         job = self.going(number)
         if job.state is JobState.QUEUED:
             raise ConflictError(
-                f"job {number} is queued: pause the job before it instead, then this one waits too"
+                f"job {number} is queued: pause the job before it instead, then this one waits too",
+                details={"cause": "queued"},
             )
         if job.kind in WITHOUT_ARM:
             raise ConflictError(
@@ -162,7 +163,7 @@ class JobService:
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():
             await self._resume()  # No client could resume it, and the next job would be paused.
-            raise ConflictError(f"job {job.id} has already ended: {job.state}")
+            raise ConflictError(f"job {job.id} has already ended: {job.state}", details={"cause": "ended"})
 
     async def _resume(self) -> None:
         self._paused = None
@@ -212,7 +213,8 @@ class JobService:
             raise ConflictError(f"job {job.id} is {job.state}: only a paused job can be resumed")
         if self._ownership.speed_override.fraction == 0.0:
             raise ConflictError(
-                f"job {job.id} waits because the speed override is 0: POST /robot/speed_override"
+                f"job {job.id} waits because the speed override is 0: POST /robot/speed_override",
+                details={"cause": "speed_zero"},
             )
 
     def going(self, number: str) -> Job:
@@ -223,7 +225,9 @@ class JobService:
         """
         job = self.book.live(number)
         if job is None:
-            raise ConflictError(f"job {number} has already ended: {self._find(number).state}")
+            raise ConflictError(
+                f"job {number} has already ended: {self._find(number).state}", details={"cause": "ended"}
+            )
         return job
 
     def _find(self, number: str) -> JobRecord:

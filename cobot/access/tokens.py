@@ -166,10 +166,13 @@ class TokenFile:
         def added(tokens: Tokens) -> Tokens:
             _require_admin(tokens, by)
             if any(each.name == name for each in tokens):
-                raise ConflictError(f"there is a token {name!r} already; revoke it first")
+                raise ConflictError(
+                    f"there is a token {name!r} already; revoke it first", details={"cause": "name_taken"}
+                )
             if len(tokens) >= MAX_TOKENS:
                 raise ConflictError(
-                    f"there are {len(tokens)} tokens, allowed: {MAX_TOKENS}; revoke one that is not used"
+                    f"there are {len(tokens)} tokens, allowed: {MAX_TOKENS}; revoke one that is not used",
+                    details={"cause": "full"},
                 )
             return (*tokens, made)
 

@@ -164,7 +164,9 @@ def settle(request: ServedRequest) -> tuple[Study, Path]:
         folder = base / key
         if not folder.exists():
             if not request.may_create:
-                raise ConflictError("there are too many studies; delete one: DELETE /studies/ID")
+                raise ConflictError(
+                    "there are too many studies; delete one: DELETE /studies/ID", details={"cause": "full"}
+                )
             os.replace(new, folder)
         return study_of(document, folder), folder
     finally:

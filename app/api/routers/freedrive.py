@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from fastapi import Request
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
+from app.api.schemas.reason_fields import ReasonFields
 from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
 from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel
@@ -36,8 +37,8 @@ class Freedrive(RequestModel):
     )
 
 
-class FreedriveAnswer(BaseModel):
-    """State of freedrive."""
+class FreedriveAnswer(ReasonFields):
+    """State of freedrive. The code and the values are those of `limited_by`, or else of `ended`."""
 
     session: int | None = Field(description="Number of the current session; null while freedrive is off.")
     left_s: float = Field(description="Time until freedrive ends without a renewal, s.")
@@ -79,4 +80,6 @@ async def end_freedrive(request: Request) -> FreedriveAnswer:
 
 
 def _answer(service: FreedriveService) -> FreedriveAnswer:
-    return FreedriveAnswer(**asdict(service.state))
+    state = service.state
+    reason = state.ended if state.session is None else state.limited_by
+    return FreedriveAnswer.model_validate({**asdict(state), **reason.fields()})

@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from pydantic import BaseModel, Field
 
+from app.api.schemas.reason_fields import ReasonFields
 from cobot.motions.fields import HOME, example
 from cobot.motions.forecast import Closest
 from cobot.motions.improving import Planned, PlanQuality
@@ -200,18 +201,12 @@ class PlanAnswer(BaseModel):
     signals: list[str] = Field(description="Actions on the path and conditions of the motion, as sentences.")
 
 
-class RehearsalFlaw(BaseModel):
+class RehearsalFlaw(ReasonFields):
     """The first problem of a dry run."""
 
     time_s: float = Field(description="Time since the motion's start, s.")
     joint: str | None = Field(description="The joint; null for a problem of the whole arm.")
     says: str = Field(description="The problem.")
-    reason_code: str = Field("", description="Code of the problem, for programs (docs/conventions.md).")
-    reason_of: str = Field("", description="Names of the joint or links concerned, between commas.")
-    reason_values: list[float | None] = Field(
-        [None, None], description="Value and limit of the problem, in `reason_unit`; null for none."
-    )
-    reason_unit: str = Field("", description="Unit of these values.")
 
 
 class RehearsalAnswer(BaseModel):

@@ -1,6 +1,6 @@
 // The arm, moved by hand: for as long as this page is there to say so. Who guides it looks at the arm, so a
 // page that loses the focus goes on; one that is hidden or left ends it, and the service when it hears nothing.
-import { reasonOf } from "./reasons.js";
+import { reasonOf, whyOf } from "./reasons.js";
 import { inEachLanguage, word } from "./words.js";
 
 const TIMEOUT_S = 2;
@@ -43,7 +43,7 @@ export class Freedrive {
         return;
       }
       this.session = answer.session;
-      this.say(answer.limited_by || word(element("simulation").hidden ? "freedrive_hint" : "pull_hint"));
+      this.say(whyOf({ ...answer, reason: answer.limited_by }) || word(element("simulation").hidden ? "freedrive_hint" : "pull_hint"));
       this.timer = setTimeout(() => this.ask({ session: this.session, timeout_s: TIMEOUT_S }), EVERY_MS);
     } catch (error) {
       if (this.session !== renewed) return; // it has been ended here meanwhile

@@ -64,7 +64,7 @@ export function reasonOf(error) {
   const { code, explain, details } = error;
   const sentence = sentenceOf(error);
   if (!code) return sentence;
-  const general = word(`error_${code}`, {}, ""); // only for codes that explain themselves; other sentences name a field or a value
+  const general = word(`error_${code}`, {}, ""); // for codes that explain themselves; the sentences of others name a field or a value
   if (details?.share !== undefined && (details.cause || details.reason_code || general)) {
     return [details.reason_code ? whyOf(details) : details.cause ? causeOf(details) : general, word("job_rest", { percent: Math.round(100 * details.share) })].filter(Boolean).join(" ");
   }
@@ -76,7 +76,7 @@ export function reasonOf(error) {
     const works = [...new Set(explain.works.map(({ change }) => word(`change_${change}`)))];
     return [...checks, works.length ? word("works", { changes: works.join(", ") }) : ""].filter(Boolean).join(" ");
   }
-  return general || sentence;
+  return general || word(`says_${code}`, { says: sentence }, "") || sentence;
 }
 
 // Why a job has ended; "" if it was stopped on request, which its state says already.

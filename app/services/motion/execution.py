@@ -88,7 +88,10 @@ class MotionService:
         """
         state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
-            raise ConflictError(f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}")
+            raise ConflictError(
+                f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}",
+                details={"cause": "in_use"},
+            )
         return state
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:

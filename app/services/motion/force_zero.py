@@ -59,7 +59,10 @@ class ForceZero:
         for _ in range(SAMPLES):
             state = await self._link.await_measured_state(timeout_s)
             if state.mode is not LoopMode.HOLD or np.abs(state.velocity).max() > STILL_RAD_S:
-                raise ConflictError(f"the arm moves (mode {state.mode.name}): the zero is measured at rest")
+                raise ConflictError(
+                    f"the arm moves (mode {state.mode.name}): the zero is measured at rest",
+                    details={"cause": "moving"},
+                )
             wrenches.append(state.wrench)
             torques.append(state.external_effort)
             await asyncio.sleep(SAMPLE_S)

@@ -74,7 +74,10 @@ class PositionService:
             UnavailableError: the arm's joint positions are unknown, or the file cannot be written.
         """
         if name in self._robot.positions:
-            raise ConflictError(f"name: {shown(name)} is a position of the SRDF; take another name")
+            raise ConflictError(
+                f"name: {shown(name)} is a position of the SRDF; take another name",
+                details={"cause": "name_taken"},
+            )
         if joints is None:
             state = await self._link.await_measured_state(STATE_TIMEOUT_S)
             joints = state.commanded_position.tolist()
@@ -83,7 +86,8 @@ class PositionService:
             taught = dict(self._goals.taught)
             if name not in taught and len(taught) >= MAX_TAUGHT:
                 raise ConflictError(
-                    f"there are already {MAX_TAUGHT} taught positions, which is the maximum; remove one"
+                    f"there are already {MAX_TAUGHT} taught positions, which is the maximum; remove one",
+                    details={"cause": "full"},
                 )
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description, label)
             await self._keep(taught)

@@ -200,12 +200,14 @@ class SceneService:
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
                     f"the arm moves (mode {state.mode.name}): objects can be attached and detached only "
-                    f"while it is at rest"
+                    f"while it is at rest",
+                    details={"cause": "moving"},
                 )
             if state.mode in STREAMING:
                 raise ConflictError(
                     f"a streaming session is active (mode {state.mode.name}): "
-                    "change the scene before or after it"
+                    "change the scene before or after it",
+                    details={"cause": "moving"},
                 )
             hand = self._robot.model.forward(state.commanded_position)
             scene = self.scene
@@ -233,7 +235,8 @@ class SceneService:
         """Apply a scene that changes the load of the arm. Nothing moves or is planned meanwhile."""
         if state.mode not in RESTING:
             raise ConflictError(
-                f"the arm moves (mode {state.mode.name}): its load can be changed only while it is at rest"
+                f"the arm moves (mode {state.mode.name}): its load can be changed only while it is at rest",
+                details={"cause": "moving"},
             )
         caller = Caller(name, CLIENT.get().sequence, self._ownership.stops, math.inf, asyncio.Event())
         with self._ownership.claim(caller):

@@ -120,7 +120,8 @@ class ToolService:
                 if state.mode not in RESTING:
                     raise ConflictError(
                         f"the arm moves (mode {state.mode.name}): the tool can be changed only while it is "
-                        f"at rest"
+                        f"at rest",
+                        details={"cause": "moving"},
                     )
                 tool = replace(edit(self.tool), version=self.tool.version + 1)
                 self._check(tool, state.commanded_position)

@@ -142,7 +142,8 @@ class SequenceService:
         """
         if self.status.status == "running":
             raise ConflictError(
-                f"sequence {self.status.sequence_id} (pid {self.status.pid}) is running; POST /stop ends it"
+                f"sequence {self.status.sequence_id} (pid {self.status.pid}) is running; POST /stop ends it",
+                details={"cause": "runs"},
             )
         program = order.name.endswith(".lua")
         if program and order.from_waypoint is not None:

@@ -273,14 +273,18 @@ class StoredPrograms:
             return self._repeated_or_refused(program, saved, base, numbers)
         before = numbers[-1] if numbers else self._deleted_version(program)
         if not numbers and len(self._ids()) >= MAX_PROGRAMS:
-            raise ConflictError(f"{MAX_PROGRAMS} programs are stored, which is the limit; delete one first")
+            raise ConflictError(
+                f"{MAX_PROGRAMS} programs are stored, which is the limit; delete one first",
+                details={"cause": "full"},
+            )
         time = utc_now(self._link.clock).isoformat(timespec="seconds")
         made = ProgramVersion(program, before + 1, author, time, saved)
         content = json.dumps(asdict(made), ensure_ascii=False, indent=1).encode()
         used = sum(each.stat().st_size for each in self._folder.glob("*/*.json"))
         if used + len(content) > MAX_TOTAL_BYTES:
             raise ConflictError(
-                f"the stored programs have {used} bytes, allowed: {MAX_TOTAL_BYTES}; delete some first"
+                f"the stored programs have {used} bytes, allowed: {MAX_TOTAL_BYTES}; delete some first",
+                details={"cause": "full"},
             )
         self._make_folder()
         keep(self._path(program, made.version), content, f"program {shown(program)}")

@@ -87,7 +87,9 @@ class StudyService:
             UnavailableError: its process cannot be started, or does not answer in time.
         """
         if self._turn.locked():
-            raise ConflictError("another study is running; wait for it, or cancel its job")
+            raise ConflictError(
+                "another study is running; wait for it, or cancel its job", details={"cause": "runs"}
+            )
         await self._turn.acquire()  # `_follow` releases it
         try:
             request = await asyncio.to_thread(self._request, document, stored, max_s)
@@ -148,7 +150,7 @@ class StudyService:
             UnavailableError: the files cannot be deleted.
         """
         if (await self.read(study)).state == "running":
-            raise ConflictError(f"study {study} is running: cancel its job first")
+            raise ConflictError(f"study {study} is running: cancel its job first", details={"cause": "runs"})
         await asyncio.to_thread(self.files.delete, study)
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
@@ -177,7 +179,8 @@ class StudyService:
         used = self.files.total_bytes
         if used > MAX_TOTAL_BYTES - MIN_BYTES:
             raise ConflictError(
-                f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID"
+                f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID",
+                details={"cause": "full"},
             )
         copies = {"tool_file": json.dumps(asdict(tool_file(self._settings).read()))}
         for key, path in (("scene", self._settings.scene_file), ("positions", self._settings.positions_file)):

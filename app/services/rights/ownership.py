@@ -190,7 +190,8 @@ class Ownership:
         own = self._sequence is not None and self._sequence.token == client.sequence
         if moving is not None and not own and not moving.client.same(client):
             raise ConflictError(
-                f"the robot is in use by {self.owner}, of {moving.client}: only that client can {what}"
+                f"the robot is in use by {self.owner}, of {moving.client}: only that client can {what}",
+                details={"cause": "mover", "by": str(moving.client)},
             )
 
     async def set_speed_fraction(self, fraction: float) -> None:

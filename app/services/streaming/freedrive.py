@@ -27,6 +27,7 @@ from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError, ConflictError, NotSupportedError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
+from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
@@ -58,6 +59,7 @@ pushing.
 MAX_LEAD_RAD = 0.05
 """Maximum distance of a target from rtloop's command, which may lag behind it, rad or m."""
 OFF = "freedrive was switched off"
+NO_REASON = Reason("")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ class FreedriveState:
 
     session: int | None
     left_s: float
-    limited_by: str
-    ended: str
+    limited_by: Reason
+    ended: Reason
 
 
 class Guidance:
@@ -95,7 +97,7 @@ class Guidance:
         self._touch = TOUCH_SHARE * robot.limits.max_effort
         self.velocity = self._wanted = np.zeros(robot.limits.dof)
 
-    def step(self, target: Array, position: Array, external: Array, step_s: float) -> tuple[Array, str]:
+    def step(self, target: Array, position: Array, external: Array, step_s: float) -> tuple[Array, Reason]:
         """The next target.
 
         Args:
@@ -116,7 +118,7 @@ class Guidance:
         low, high = self._bounds.min_position + JOINT_ROOM, self._bounds.max_position - JOINT_ROOM
         return np.clip(target + step_s * self.velocity, low, high), near or why
 
-    def _within_limits(self, asked: Array, position: Array) -> tuple[Array, str]:
+    def _within_limits(self, asked: Array, position: Array) -> tuple[Array, Reason]:
         """The velocities, reduced near the joint limits. A joint that is pushed beyond its limit moves
         back.
         """
@@ -128,23 +130,27 @@ class Guidance:
         beyond = np.abs(asked - allowed)
         joint = int(beyond.argmax())
         if beyond[joint] <= 0.0:
-            return allowed, ""
+            return allowed, NO_REASON
         end = bounds.max_position[joint] if asked[joint] > 0.0 else bounds.min_position[joint]
         unit, name = bounds.unit(joint), bounds.names[joint]
-        return allowed, f"{name} is at {position[joint]:.2f} {unit}, near its limit of {end:.2f} {unit}"
+        return allowed, _at_limit(name, position[joint], end, unit, f"near its limit of {end:.2f} {unit}")
 
 
-def outside(limits: JointLimits, position: Array) -> str:
+def _at_limit(name: str, value: float, limit: float, unit: str, where: str) -> Reason:
+    words = f"{name} is at {value:.2f} {unit}, {where}"
+    return Reason(words, ReasonCode.JOINT_LIMIT, (name,), float(value), float(limit), unit)
+
+
+def outside(limits: JointLimits, position: Array) -> Reason:
     """The joint that is furthest outside its limits, and what to do; "" if all are within them."""
     past = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(past.argmax())
     if not past[joint] > 0.0:
-        return ""
+        return NO_REASON
     low, high, unit = limits.min_position[joint], limits.max_position[joint], limits.unit(joint)
-    return (
-        f"{limits.names[joint]} is at {position[joint]:.2f} {unit}, outside its limits of {low:.2f} to "
-        f"{high:.2f} {unit}: guide it back"
-    )
+    where = f"outside its limits of {low:.2f} to {high:.2f} {unit}: guide it back"
+    end = high if position[joint] > high else low
+    return _at_limit(limits.names[joint], position[joint], end, unit, where)
 
 
 class FreedriveService:
@@ -159,14 +165,15 @@ class FreedriveService:
         self._number = 0
         self._until_s = 0.0
         self._timeout_s = TIMEOUT_S
-        self._limited_by = self._ended = ""
+        self._limited_by = self._ended = NO_REASON
         self._task: asyncio.Task[None] | None = None
 
     @property
     def state(self) -> FreedriveState:
         """The current state of freedrive."""
         if self._session is None or self._session.over:
-            return FreedriveState(None, 0.0, "", self._ended if self._session is None else self._session.over)
+            ended = self._ended if self._session is None else Reason.of_text(self._session.over)
+            return FreedriveState(None, 0.0, NO_REASON, ended)
         left_s = max(self._until_s - self._link.clock.now_s(), 0.0)
         return FreedriveState(self._session.number, left_s, self._limited_by, self._ended)
 
@@ -194,7 +201,7 @@ class FreedriveService:
         request["stiffness"] = info["stiffness"] / SOFTNESS
         request["damping_ratio"] = 1.0
         session = await self._streams.open(request, name, answer_s)
-        self._session, self._number, self._limited_by = session, session.number, ""
+        self._session, self._number, self._limited_by = session, session.number, NO_REASON
         self._client = CLIENT.get()
         self._hold(timeout_s)
         guidance = None if by_device else Guidance(self._robot, request["stiffness"])
@@ -213,7 +220,8 @@ class FreedriveService:
         if session != self._number:
             raise ConflictError(f"there is no freedrive session {session}: start one without `session`")
         if self.state.session is None:
-            raise ConflictError(f"freedrive has ended: {self.state.ended}")
+            ended = self.state.ended
+            raise ConflictError(f"freedrive has ended: {ended}", details=ended.fields())
         if not CLIENT.get().same(self._client):  # the client that guides the arm has to be connected
             raise ConflictError(f"freedrive was started by {self._client}; no other client may renew it")
         self._streams.require_control()
@@ -263,7 +271,8 @@ class FreedriveService:
         if by_device and force > PUSHED_N:
             raise ConflictError(
                 f"freedrive: the TCP already feels {force:.1f} N, allowed: {PUSHED_N:g} N: let go of the "
-                "arm, and see that its tool is set (POST /robot/tool)"
+                "arm, and see that its tool is set (POST /robot/tool)",
+                details={"cause": "pushed"},
             )
         external = state.record["external_effort"]
         shares = np.abs(external) / limits.max_effort
@@ -272,7 +281,8 @@ class FreedriveService:
             raise ConflictError(
                 f"freedrive: {limits.names[joint]} already feels {external[joint]:.1f} N·m, allowed: "
                 f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m: let go of the arm, and see that its "
-                "tool is set (POST /robot/tool)"
+                "tool is set (POST /robot/tool)",
+                details={"cause": "pushed"},
             )
 
     async def _run(self, session: StreamSession, guidance: Guidance | None) -> None:

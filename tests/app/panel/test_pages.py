@@ -34,7 +34,7 @@ REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
-MADE += ("change_", "check_", "conflict_", "error_", "notice_", "reason_")
+MADE += ("change_", "check_", "conflict_", "error_", "notice_", "reason_", "says_")
 MADE += ("kind_", "part_", "role_", "say_", "step_", "study_", "test_")
 """So begin names of words that are put together."""
 
@@ -213,14 +213,37 @@ def test_each_cause_in_the_details_of_an_error_has_words_and_is_documented() -> 
     }
     assert documented["stopped"] == {*get_args(StopCause)}
     assert documented["conflict"] == words_of("conflict_")
-    sources = "".join(file.read_text(encoding="utf-8") for file in (REPOSITORY / "app").rglob("*.py"))
+    files = [file for folder in ("app", "cobot") for file in (REPOSITORY / folder).rglob("*.py")]
+    sources = "".join(file.read_text(encoding="utf-8") for file in files)
     made = set(re.findall(r'details=\{"cause": "(\w+)"', sources))
     assert made | {"scene_changed", "tool_changed"} == documented["conflict"]
 
 
-def test_each_word_for_an_error_a_check_or_a_notice_belongs_to_one() -> None:
-    codes = {*BY_CODE, *OF_HTTP}
-    assert words_of("error_") <= codes
+NOT_MET = {
+    "header": "the panel sends no such header",
+    "http": "the panel sends valid HTTP",
+    "layout": "processes of two versions, which do not start together",
+    "media_type": "the panel sends the right Content-Type",
+    "method_not_allowed": "the panel uses the right methods",
+    "misdirected": "a wrong host name, for which the page itself is not served either",
+}
+"""Codes that no user of the panel meets, with the reason."""
+
+
+def test_each_code_of_an_error_has_words_unless_no_user_of_the_panel_meets_it() -> None:
+    """Oracle: the tree of errors. Each word has three languages (see above)."""
+    whole, introduced = words_of("error_"), words_of("says_")
+    assert not whole & introduced
+    assert whole | introduced | {*NOT_MET} == {*BY_CODE, *OF_HTTP}
+    assert not {*NOT_MET} & (whole | introduced)
+    catalogue = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))
+    for language, words in catalogue.items():
+        texts = [words[f"says_{code}"] for code in sorted(introduced)]
+        assert all(text.endswith("{says}") for text in texts), "the sentence has the field and the value"
+        assert len({*texts}) == (1 if language == "en" else len(texts)), "it is English itself"
+
+
+def test_each_word_for_a_check_or_a_notice_belongs_to_one() -> None:
     assert words_of("change_") == {*get_args(Kind)}
     checks = {*get_args(Check)}
     assert checks <= words_of("check_")

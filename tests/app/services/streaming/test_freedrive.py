@@ -118,6 +118,12 @@ def test_a_joint_is_held_before_its_limit_and_says_so(run: VirtualService) -> No
     found = state(run)
     assert "joint1 is at" in found["limited_by"]
     assert "near its limit of 2.97 rad" in found["limited_by"]
+    assert (found["reason_code"], found["reason_of"], found["reason_unit"]) == (
+        "joint_limit",
+        "joint1",
+        "rad",
+    )
+    assert found["reason_values"] == pytest.approx([run.joints()[0], 2.97], abs=0.01)
     assert near < run.joints()[0] < run.rig.robot.limits.max_position[0] - ROOM_RAD / 2
     assert found["session"] == session
 
@@ -129,7 +135,10 @@ def test_it_is_held_before_an_obstacle_and_can_be_pulled_away(run: VirtualServic
         run.rig.simulation.push[1] = PUSH_N
         run.sleep(4.0)
         held = tcp(run)
-        assert "wall" in state(run)["limited_by"]
+        found = state(run)
+        assert "wall" in found["limited_by"]
+        assert found["reason_code"] == "near_obstacle"
+        assert "wall" in found["reason_of"]
         run.rig.simulation.push[1] = -PUSH_N
         run.sleep(2.0)
         assert tcp(run)[1] < held[1] - 0.05
