@@ -114,7 +114,11 @@ export class Log {
   }
 
   translate() {
-    for (const row of element("log").children) row.replaceWith(this.row(row.told));
+    for (const row of element("log").children) {
+      const made = this.row(row.told);
+      made.firstChild.open = row.firstChild.open;
+      row.replaceWith(made);
+    }
   }
 
   row(event) {

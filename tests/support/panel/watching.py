@@ -145,6 +145,10 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
     fields = "document.querySelector('#log [data-type=refused] pre')?.textContent"
     panel.until(fields)
     assert f"reason: {named.json()['detail']}" in panel.page.run(fields), "a line opens to all its fields"
+    set_to(panel, "#language", "de")
+    panel.until(f"document.querySelector('#log [data-type=refused] details').open && {fields}")
+    assert panel.page.run(f"{refused}.children[1].innerText") == "abgelehnt"
+    set_to(panel, "#language", "en")
     shown = "[...document.querySelectorAll('#log li')].filter((each) => each.checkVisibility())"
     for nth, kept in (
         (2, "'problem' in each.dataset"),
