@@ -3,7 +3,9 @@ import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { ID, idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
-import { reasonOf, whyOf } from "./reasons.js";
+import { described, gained, isSearched } from "./plan-words.js";
+import { reasonOf } from "./reasons.js";
+import { rehearsed } from "./rehearsal.js";
 import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
@@ -11,16 +13,9 @@ import { inEachLanguage, word } from "./words.js";
 const LATCHED = ["ESTOP", "FAULT"];
 const SAMPLES = 100;
 const SAMPLES_OF_MANY = 400;
-const SELF_NEAR_M = 0.01; // an arm is always near to itself: only this little is worth a sentence
+const IMPROVE_S = 1.0;
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
-
-// How a plan differs from the request, in words. That the direct way is free is no news.
-function noticed({ notices, note }) {
-  const kinds = notices.filter(({ kind, values }) => kind !== "auto" || values.planner !== "ptp");
-  if (!notices.length && note) return [word("notice_other")];
-  return kinds.map(({ kind, values }) => word(`notice_${kind === "auto" ? values.planner : kind}`, values, word("notice_other")));
-}
 
 export class Motions {
   constructor(api, preview, state, speeds) {
@@ -34,12 +29,14 @@ export class Motions {
     this.name = null;
     this.again = null;
     this.asked = 0;
-    this.rehearsing = this.latched = false;
+    this.busy = ""; // the word for what is computed for the plan
+    this.latched = false;
     this.made = keptList("sessionStorage", MADE);
     this.renew = oneAtATime(() => this.load());
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("rehearse").addEventListener("click", () => this.rehearse());
+    element("improve").addEventListener("click", () => this.improve());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
     element("position-teach").addEventListener("click", () => this.teach());
@@ -136,7 +133,7 @@ export class Motions {
     this.discard();
     this.looked = true;
     this.preview(plan);
-    this.say(() => this.described(plan));
+    this.say(() => described(plan, this.name));
     this.mark();
   }
 
@@ -150,12 +147,13 @@ export class Motions {
     this.choose(name, label);
   }
 
+  // The direct way, and only if that is blocked a way around.
   choose(name, label = name) {
-    return this.ask(label, () => this.planned("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
+    return this.ask(label, () => this.planned("/plan/named", { name, planner: "auto", speed: this.speed, samples: SAMPLES }));
   }
 
   toJoints(name, joints) {
-    return this.ask(name, () => this.planned("/plan/joints", { joints, speed: this.speed, samples: SAMPLES }));
+    return this.ask(name, () => this.planned("/plan/joints", { joints, planner: "auto", speed: this.speed, samples: SAMPLES }));
   }
 
   toPose(name, pose, planner = "lin") {
@@ -177,9 +175,28 @@ export class Motions {
 
   async planned(path, body) {
     const plan = await this.api.post(path, body);
-    this.made = [...this.made, plan.plan_id].slice(-1000);
+    if (!this.own(plan.plan_id)) this.made = [...this.made, plan.plan_id].slice(-1000);
     keep("sessionStorage", MADE, JSON.stringify(this.made));
     return { ...plan, ids: [plan.plan_id] };
+  }
+
+  // Searches for a faster motion. Nothing moves; this plan can be executed meanwhile, or another one made.
+  async improve() {
+    const { asked, plan } = this;
+    const isShown = () => asked === this.asked && this.plan === plan;
+    this.turn("improving");
+    this.say(() => `${word("improving")} ${described(plan, this.name)}`);
+    try {
+      const found = await this.planned(`/plans/${plan.plan_id}/improve`, { budget_s: IMPROVE_S, samples: SAMPLES });
+      if (!isShown()) return;
+      this.plan = found;
+      if (found.plan_id !== plan.plan_id) this.preview(found);
+      const gain = gained(found) ? "" : found.planning.quality === "final" ? "why_fastest" : "improved_not";
+      this.say(() => `${gain && word(gain)} ${described(found, this.name)}`.trim(), found.note);
+    } catch (error) {
+      if (isShown()) this.say(() => reasonOf(error), error.message);
+    }
+    this.turn("");
   }
 
   // Returns the plan; null if planning failed, or the user has asked for another plan meanwhile.
@@ -197,24 +214,12 @@ export class Motions {
       if (asked !== this.asked) return null;
       this.plan = plan;
       this.preview(plan);
-      this.say(() => this.described(plan), plan.note);
+      this.say(() => described(plan, this.name), plan.note);
     } catch (error) {
       if (asked === this.asked) this.say(() => reasonOf(error), error.message);
     }
     this.mark();
     return plan;
-  }
-
-  described(plan) {
-    if (!plan.duration_s) return word("there_already");
-    const { closest_environment: around, closest_self: own } = plan;
-    const self = own && own.distance_m < SELF_NEAR_M ? own : null; // farther away it says nothing to a person
-    const nearest = [around, self].filter(Boolean).sort((one, other) => one.distance_m - other.distance_m)[0];
-    const distance = nearest
-      ? word("closest", { mm: Math.round(1000 * nearest.distance_m), between: nearest.between.join(" – ") })
-      : word("closest_none");
-    const name = this.name ? word("plan_to", { name: this.name }) : "";
-    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, ...noticed(plan)].filter(Boolean).join(" ");
   }
 
   async execute() {
@@ -231,33 +236,24 @@ export class Motions {
     this.say(() => (why ? reasonOf(why) : word("arrived")), why?.detail ?? why?.message);
   }
 
-  // On a simulated copy of the robot, each motion after the other. Nothing moves, and the plan stays.
+  // Nothing moves, and the plan stays.
   async rehearse() {
     const { asked, plan } = this;
     const say = (words, title) => asked === this.asked && this.say(words, title);
-    this.rehearsing = true;
-    this.mark();
+    this.turn("rehearsing");
     say(() => word("rehearsing"));
     try {
-      let [seconds, effort] = [0, 0];
-      for (const id of plan.ids) {
-        const found = await this.api.post(`/plans/${id}/rehearse`);
-        if (!found.runs_through) {
-          const { problem } = found;
-          const says = () => whyOf({ ...problem, reason: problem.says });
-          say(() => word("rehearsed_not", { seconds: (seconds + problem.time_s).toFixed(1), says: says() }), problem.says);
-          return;
-        }
-        seconds += found.duration_s;
-        effort = Math.max(effort, ...found.effort);
-      }
-      say(() => `${word("rehearsed", { seconds: seconds.toFixed(1), percent: Math.round(100 * effort) })} ${this.described(plan)}`);
+      const { words, problem } = await rehearsed(this.api, plan.ids);
+      say(() => (problem ? words() : `${words()} ${described(plan, this.name)}`), problem);
     } catch (error) {
       say(() => reasonOf(error), error.message);
-    } finally {
-      this.rehearsing = false;
-      this.mark();
     }
+    this.turn("");
+  }
+
+  turn(busy) {
+    this.busy = busy;
+    this.mark();
   }
 
   discard() {
@@ -281,7 +277,9 @@ export class Motions {
     const planned = this.plan?.duration_s ? "" : "why_no_plan";
     const latched = this.latched ? "why_latched" : "";
     allow(element("execute"), latched || planned || (this.plan.plan_id ? "" : "why_shown_only"));
-    allow(element("rehearse"), this.rehearsing ? "rehearsing" : planned);
+    allow(element("rehearse"), this.busy || planned);
+    element("improve").hidden = Boolean(planned) || !isSearched(this.plan);
+    allow(element("improve"), this.busy || (this.plan?.planning?.quality === "final" ? "why_fastest" : ""));
     allow(element("discard"), this.plan || this.looked ? "" : "why_no_plan");
     allow(element("position-forget"), this.labelled?.taught ? "" : "why_not_taught");
     for (const button of element("positions").children) {

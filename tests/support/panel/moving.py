@@ -263,6 +263,50 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
         forget(panel, "409")
 
 
+WALL = {"shape": "box", "size": [0.8, 0.04, 0.9], "x": 0.6, "y": 0.0, "z": 0.45}
+ASIDE = [0.6, 0.0, -1.4, 0.0, 1.1416, 0.0]
+"""Joints 2 to 7 next to the wall, low enough that the arm has to go over it."""
+
+
+def test_a_way_around_an_obstacle_is_found_and_made_faster(panel: Panel) -> None:
+    """Oracle: the plans as the service keeps them, with the duration of the first motion."""
+    text = "document.querySelector('#plan').innerText"
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        try:
+            body = {"joints": [-0.9, *ASIDE], "speed": 1.0}
+            assert http.post("/robot/move/joints", json=body).json()["success"]
+            position = {"name": "behind", "joints": [0.9, *ASIDE]}
+            http.post("/robot/positions", json=position).raise_for_status()
+            panel.until("document.querySelector('[data-position=behind]')")
+            planned(panel, "behind")
+            assert panel.page.run("document.querySelector('#improve').hidden"), "it goes the direct way"
+            http.post("/scene", json={"objects": {"wall": WALL}}).raise_for_status()
+            planned(panel, "behind")
+            assert "the motion goes around it" in panel.text("#plan")
+            first = panel.page.run("cobotPanel.motions.plan.plan_id")
+            panel.page.click("#improve")
+            panel.until(f"{text}.includes('% faster than the first motion found')")
+            shown = panel.page.run("cobotPanel.motions.plan.plan_id")
+            before, after = (http.get(f"/robot/plans/{each}").json()["duration_s"] for each in (first, shown))
+            assert after < 0.99 * before
+            gain = f"{100 * (1 - after / before):.0f} % faster than the first motion found ({before:.1f} s)."
+            assert f"Takes {after:.1f} s. {gain}" in panel.text("#plan")
+            set_to(panel, "#language", "de")
+            assert "% schneller als" in panel.text("#plan")
+            set_to(panel, "#language", "en")
+            panel.until("!document.querySelector('#execute').disabled && !cobotPanel.motions.busy")
+            http.post("/scene", json={"clear": True}).raise_for_status()
+            panel.page.click("#improve")
+            panel.until(f"{text} === 'The surroundings have changed since it was planned. Plan again.'")
+            np.testing.assert_allclose(panel.run.joints(), [-0.9, *ASIDE], atol=5e-3)
+            panel.page.click("#discard")
+            assert panel.page.run("document.querySelector('#improve').hidden")
+            forget(panel, "409")
+        finally:
+            http.post("/scene", json={"clear": True}).raise_for_status()
+            http.delete("/robot/positions/behind").raise_for_status()
+
+
 def taught_in_any_language(panel: Panel, http: httpx.Client) -> None:
     """Enter saves; people see the label, programs the id."""
     panel.page.write("#position-name", "Über Kiste 1")
