@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ POLL_S = 0.2
 """Interval at which a device is polled, s, unless it has a `report_period_s`."""
 MIN_POLL_S = 0.001
 NO_SIMULATION = "only the simulation of cobot can do this, and the backend is another one"
+ENABLING = "a reset is enabling the robot"
 FIRST_SHARE = 0.1
 """Share of the planned speed at which real hardware moves until its first contact is acknowledged."""
 
@@ -43,6 +45,7 @@ class DeviceWatch:
         drives_off: whether a stop of category 1 has switched the drives off.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
         unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
+        is_enabling: whether a reset that takes several cycles is in progress.
     """
 
     def __init__(self, memory: RobotMemory, backend: Backend) -> None:
@@ -63,6 +66,7 @@ class DeviceWatch:
         self.drives_off = bool(known and record["drives_off"])
         self._acknowledged = bool(known and record["hardware"] and not record["unacknowledged"])
         self.unacknowledged = ""
+        self.is_enabling = False
         self._scaling = self._slowed = 1.0
         self.t1_share: float | None = None
         fill_capabilities(record, self.capabilities)
@@ -128,6 +132,8 @@ class DeviceWatch:
             raise ForeignError(
                 f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number of 0 or more"
             )
+        if self.is_enabling:
+            status = replace(status, text="; ".join(filter(None, (ENABLING, status.text))))
         fill_status(self._block.data, status)
         if not self.capabilities.trajectories:  # otherwise the device slows down by itself
             self._scaling = min(float(scaling), 1.0)

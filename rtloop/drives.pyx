@@ -65,6 +65,7 @@ cdef class Drives:
         """
         if self._stepwise:
             self._number, self._stops, self._reset = number, stops, RECOVERING
+            self._device.is_enabling = True
             return LATER
         try:
             self._backend.enable()
@@ -92,8 +93,16 @@ cdef class Drives:
         return self._take_over(measured)
 
     def end_reset(self):
-        """End the reset, with any result. Returns the number of its command."""
+        """End the reset, with any result. Drives that were off before it are off after it, unless it was
+        accepted. Returns the number of its command.
+        """
         self._reset = NO_RESET
+        self._device.is_enabling = False
+        if self._power == OFF:
+            try:
+                self._backend.disable()
+            except BackendError:
+                self._set_power(ON)  # It is unknown, so they count as on.
         return self._number
 
     def _take_over(self, Measured measured):

@@ -461,8 +461,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/robot/acknowledge", json=body)
 
     def reset(self) -> Json:
-        """Clear an e-stop or a fault."""
-        return self._json("POST", "/robot/reset")
+        """Clear an e-stop or a fault. Switching a robot on may take seconds."""
+        return self._json("POST", "/robot/reset", timeout=self._motion_timeout_s)
 
     def health(self) -> Json:
         """Processes, cycle times, versions."""

@@ -1,15 +1,17 @@
 """A driver that makes a `Backend` of a device that takes whole motions. rtloop's cycle never waits for the
 device.
 
-A thread polls the device's position and progress some times a second, and passes motions and stops to it in
-between. The cycle reads the last answer.
+A thread polls the device's position and progress some times a second, enables it, and passes motions and
+stops to it in between. The cycle reads the last answer.
 """
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import cast
 
@@ -33,12 +35,17 @@ from rtloop.backends.protocols import (
     capabilities_of,
     require_accepted,
 )
+from rtloop.backends.threaded_enabling import ThreadedEnabling
 from rtloop.results import ACCEPTED, Accepted, Rejected
+
+log = logging.getLogger("cobot.rtloop")
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
 """Default periods of a device, s."""
 SILENCE_S = 2.0
 """Time without an answer after which a device counts as lost, s."""
+TURN_S = 0.5
+"""Timeout for the end of a poll before a request that cannot be left to the thread, s."""
 REST_S, REST_RAD = 3.0, 1e-4
 """Timeout for an arm that moves at `open` to stop, s, and the maximum motion between two polls of an arm at
 rest, rad.
@@ -99,7 +106,7 @@ class Motion:
 
 
 class TrajectoryDriver:
-    """A `Backend` and `MovesByItself`, with the optional protocols of its device.
+    """A `Backend`, `Stepwise` and `MovesByItself`, with the optional protocols of its device.
 
     Attributes:
         device: the driven device.
@@ -126,6 +133,7 @@ class TrajectoryDriver:
             self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
         self._turn = threading.RLock()  # its holder may call the device
+        self._enabling = ThreadedEnabling(self.enable, self._switch_off)
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._threaded, self._ending = threaded, False
@@ -159,6 +167,17 @@ class TrajectoryDriver:
             self._ask()
         self.require()
 
+    def recover_step(self) -> bool:
+        """Let the thread enable the device, which may take seconds."""
+        self._enabling.begin()
+        self._wake.set()
+        return True
+
+    def enable_step(self) -> bool:
+        if not self._threaded:
+            self._enabling.perform()
+        return self._enabling.is_done()
+
     def read(self, measured: Measured) -> None:
         if not self._threaded:
             self._cycles += 1
@@ -173,8 +192,9 @@ class TrajectoryDriver:
         """Nothing to do: the device has the whole motion."""
 
     def disable(self) -> None:
-        with self._turn:
-            self.device.disable()
+        if not self._enabling.cancel():
+            with self._turn_soon():
+                self.device.disable()
 
     def close(self) -> None:
         self._ending = True
@@ -228,8 +248,29 @@ class TrajectoryDriver:
             if not moved.max() > REST_RAD:
                 return
 
-    def _set_tool(self, tool: Tool) -> None:
+    @contextlib.contextmanager
+    def _turn_soon(self) -> Iterator[None]:
+        """
+        Raises:
+            BackendError: the thread still waits for the device.
+        """
+        if not self._turn.acquire(timeout=TURN_S):
+            raise BackendError(f"the device has not answered for {TURN_S:g} s")
+        try:
+            yield
+        finally:
+            self._turn.release()
+
+    def _switch_off(self) -> None:
+        """Switch the drives off after a reset that a stop has ended."""
         with self._turn:
+            try:
+                self.device.disable()
+            except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+                log.error("the drives could not be switched off after a stop: %s", plain_text(exc))
+
+    def _set_tool(self, tool: Tool) -> None:
+        with self._turn_soon():
             cast(CarriesTool, self.device).set_tool(tool)
 
     def _keep_asking(self) -> None:
@@ -237,6 +278,7 @@ class TrajectoryDriver:
         while not self._ending:
             self._wake.wait(self._state_period_s)
             self._wake.clear()
+            self._enabling.perform()
             with self._turn:
                 if not self._ending:
                     self._ask()

@@ -24,9 +24,10 @@ from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
 from cobot.robot.io_points import IoKind, IoPoint
+from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
-from rtloop.backends import BackendError, Measured, make_backend
+from rtloop.backends import BackendError, CarriesTool, Measured, make_backend
 from rtloop.backends.trajectory_driver import TrajectoryDriver, as_backend
 from rtloop.contract.toy_trajectory import STATE_PERIOD_S, ToyArm, ToyDevice
 
@@ -243,6 +244,125 @@ def test_a_device_that_cannot_be_asked_is_a_fault_and_one_that_hangs_keeps_nobod
         until(silent)
     finally:
         hangs.clear()
+        going.set()
+        backend.close()
+
+
+class SlowToEnable(ToyArm):
+    """It is enabled as soon as `may_go` is set, and notes what its drives are told."""
+
+    capabilities = replace(ToyArm.capabilities, stops={1: False, 2: False})
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        super().__init__(settings, limits)
+        self.calls: list[str] = []
+        self.may_go = threading.Event()
+        self.may_go.set()
+
+    def enable(self) -> None:
+        self.calls.append("enable")
+        self.may_go.wait(60.0)
+        super().enable()
+        self.calls.append("enabled")
+
+    def disable(self) -> None:
+        self.calls.append("disable")
+
+
+def test_the_cycle_goes_on_while_a_device_hangs_in_a_reset_and_a_stop_ends_it(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    """Oracle: the device. In the cycle it would have waited to its end before the cycle went on."""
+    arm = SlowToEnable(settings, robot.limits)
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
+
+    try:
+        rig.loop.controller.fault("drive 3 is hot")
+        rig.step(300)
+        arm.may_go.clear()
+        reset = rig.send(Command.RESET)
+        until(lambda: rig.step() or arm.calls[-1] == "enable")
+        rig.step(300)
+        assert arm.calls == ["enable", "enabled", "enable"]
+        assert "a reset is enabling the robot" in device_of(rig.memory.device.data).status.text
+        rig.request()
+        assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+        assert rig.mode is LoopMode.FAULT
+        again = rig.send(Command.RESET)
+        rig.step(10)
+        arm.may_go.set()
+        until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
+        assert rig.answer(again) == ""
+        assert arm.calls == ["enable", "enabled"] * 3
+    finally:
+        arm.may_go.set()
+        rig.loop.close()
+        rig.close()
+
+
+def test_drives_that_a_hanging_reset_switches_on_after_an_estop_are_switched_off_again(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    arm = SlowToEnable(settings, robot.limits)
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
+    try:
+        rig.loop.controller.fast_stop("fast stop requested")
+        until(lambda: rig.step() or rig.loop.controller.drives.off)
+        assert arm.calls == ["enable", "enabled", "disable"]
+        arm.may_go.clear()
+        reset = rig.send(Command.RESET)
+        until(lambda: rig.step() or arm.calls[-1] == "enable")
+        rig.request("estops")
+        assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+        arm.may_go.set()
+        until(lambda: arm.calls == ["enable", "enabled", "disable", "enable", "enabled", "disable"])
+        rig.step(10)
+        assert rig.loop.controller.drives.off
+        assert rig.mode is LoopMode.ESTOP
+    finally:
+        arm.may_go.set()
+        rig.loop.close()
+        rig.close()
+
+
+def test_a_tool_is_refused_in_words_while_the_device_hangs(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    hangs, going = threading.Event(), threading.Event()
+
+    class Carrying(ToyArm):
+        tool: Tool | None = None
+
+        def state(self, measured: Measured) -> None:
+            if hangs.is_set():
+                going.wait(60.0)
+            super().state(measured)
+
+        def set_tool(self, tool: Tool) -> None:
+            self.tool = tool
+
+    arm = Carrying(settings, robot.limits)
+    backend = as_backend(arm, robot.limits.dof, 0.001)
+    assert isinstance(backend, CarriesTool)
+    backend.open(np.array(robot.positions["home"].joints))
+    try:
+        backend.set_tool(BARE)
+        arm.tool = None
+        hangs.set()
+
+        def refused() -> str:
+            try:
+                backend.set_tool(BARE)
+            except BackendError as exc:
+                return str(exc)
+            arm.tool = None
+            return ""
+
+        assert until(refused) == "the device has not answered for 0.5 s"
+        assert arm.tool is None
+        with pytest.raises(BackendError, match="has not answered for"):
+            backend.disable()
+    finally:
         going.set()
         backend.close()
 

@@ -123,7 +123,7 @@ async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: H
     return await _move(Call(request), body, gone, how)
 
 
-@router.endpoint("POST /robot/reset", Role.OPERATOR, timeout_s=5.0, responses=responses(409, 503))
+@router.endpoint("POST /robot/reset", Role.OPERATOR, timeout_s=25.0, responses=responses(409, 503))
 async def reset(request: Request) -> ResetAnswer:
     """Leave an e-stop or a fault, once its cause is gone. Nothing moves; a sequence that was running ends."""
     call = Call(request)

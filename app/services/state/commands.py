@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 ACKNOWLEDGE_S = 3.0
 """Timeout for an acknowledgement, s. rtloop verifies the largest trajectory in about a second."""
+STATE_S = 1.5
+"""Maximum time to wait for a state before a reset, s."""
 POLL_S = 0.001
 IN_THREAD_SEGMENTS = 2000
 """Maximum number of segments that are copied in the event loop. A thread copies a longer trajectory."""
@@ -245,12 +247,15 @@ class Commands:
     async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT. Earlier requests that still wait cannot move the arm any more.
 
+        Args:
+            timeout_s: timeout for the robot to be enabled.
+
         Raises:
             ConflictError: the arm moves, so there is nothing to reset.
             NotReadyError: the cause persists; the error has rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
-        state = await self._link.await_fresh_state(timeout_s)
+        state = await self._link.await_fresh_state(min(timeout_s, STATE_S))
         if state.mode in (LoopMode.TRAJECTORY, LoopMode.STOPPING):
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):

@@ -4,13 +4,14 @@ Commands go to a forward command controller, which passes each position on when 
 own cycle must be as fast as the joint states.
 
 The cycle exchanges datagrams with the process that speaks DDS and never waits for it. A thread polls that
-process several times a second for all other facts.
+process several times a second for all other facts, and enables the arm for a reset.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from types import MappingProxyType
 from typing import Any, Protocol, cast
@@ -29,6 +30,7 @@ from rtloop.backends.ros2_control.link import ControllerLink
 from rtloop.backends.ros2_control.options import Ros2ControlOptions, client_settings, ros_names
 from rtloop.backends.ros2_control.stream_link import StreamProcess
 from rtloop.backends.ros2_control.stream_rig import StreamRig
+from rtloop.backends.threaded_enabling import ThreadedEnabling
 
 log = logging.getLogger("cobot.rtloop")
 CLOSE_S = 2.0
@@ -63,7 +65,7 @@ class StreamLink(ControllerLink, Protocol):
 
 
 class Ros2ControlStream(ControllerClient):
-    """See the module; a `Backend` with `status`."""
+    """See the module; a `Backend`, `Stepwise`, with `status`."""
 
     Options = StreamOptions
     capabilities = Capabilities(
@@ -88,7 +90,7 @@ class Ros2ControlStream(ControllerClient):
         self._problem = ""
         self._enabled = False
         self._wanted: deque[tuple[str, float]] = deque()
-        self._turn = threading.Lock()
+        self._enabling = ThreadedEnabling(self._make_ready, lambda: None)
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -114,12 +116,23 @@ class Ros2ControlStream(ControllerClient):
 
     def enable(self) -> None:
         """Check again for faults. No drive is switched on: the driver does that."""
-        with self._turn:
-            self._stream.open()
-            self._stream.forget()
-            self._await()
-            self._problem = ""
-        self._enabled = True
+        self.recover_step()
+        while not self.enable_step():
+            time.sleep(LOOK_S)
+
+    def recover_step(self) -> bool:
+        """Send no more commands, and let the thread check for faults, which may take seconds."""
+        self._enabled = False
+        self._enabling.begin()
+        return True
+
+    def enable_step(self) -> bool:
+        if not self._stream.threaded:
+            self._enabling.perform()
+        if not self._enabling.is_done():
+            return False
+        self._problem, self._enabled = "", True
+        return True
 
     def read(self, measured: Measured) -> None:
         if not self._stream.threaded:
@@ -154,11 +167,16 @@ class Ros2ControlStream(ControllerClient):
             self._thread = None
         self._stream.close()
 
+    def _make_ready(self) -> None:
+        self._stream.open()
+        self._stream.forget()
+        self._await()
+
     def _keep_looking(self) -> None:
         leave_real_time()
         while not self._ending.wait(LOOK_S):
-            with self._turn:
-                self._look()
+            self._enabling.perform()
+            self._look()
 
     def _set(self, interface: str, value: float) -> None:
         try:

@@ -55,6 +55,7 @@ class StreamProcess(ClientProcess):
         return time.monotonic() - float(self._values[0])
 
     def command(self, position: Array) -> None:
-        if self._socket is not None:
+        connection = self._socket
+        if connection is not None:
             with contextlib.suppress(OSError):  # its buffer is full, or it has ended: its silence is a fault
-                self._socket.send(np.ascontiguousarray(position).data)
+                connection.send(np.ascontiguousarray(position).data)
