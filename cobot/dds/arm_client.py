@@ -360,6 +360,7 @@ class ArmClient:
         others = [each["goal_info"]["goal_id"] for each in self._running()]
         ids = [*active, *(each for each in others if each not in active), ALL]
         timeout_s = self._settings["answer_timeout_s"]
+        deadline_s = time.monotonic() + timeout_s
         try:
             answers = await asyncio.wait_for(
                 asyncio.gather(*(action.cancel(each) for each in ids)), timeout_s
@@ -368,7 +369,6 @@ class ArmClient:
             return f"{self._name} has not answered a cancel within {timeout_s:g} s"
         if active and goal is not None and answers[0]["return_code"] == REJECTED and goal.is_active:
             return f"{self._name} has rejected the cancel of the motion"
-        deadline_s = time.monotonic() + timeout_s
         while self._running() and time.monotonic() < deadline_s:
             await asyncio.sleep(0.002)
         return ""

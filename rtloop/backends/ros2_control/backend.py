@@ -123,6 +123,8 @@ class Ros2ControlArm(ControllerClient):
         return progress.look(goal.running_s, None if place is None else np.array(place), 0.0)
 
     def stop(self) -> None:
+        """Cancel all goals. A process that has ended is started again for that."""
+        self._link.open()
         if failed := self._link.cancel():
             raise BackendError(f"{failed}: the arm may still move; press the emergency stop of the robot")
 

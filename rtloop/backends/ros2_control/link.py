@@ -23,10 +23,10 @@ from rtloop.backends.protocols import BackendError
 CLOSE_S = 2.0
 START_S = 10.0
 """Timeout for the first answer of the process, s: a slow computer needs seconds to start it."""
-MARGIN_S = 1.0
-"""Time for the answer of the process, in addition to the time that the driver has, s."""
+ANSWER_S = 3.0
+"""Timeout for an answer of the process, in addition to the time that the driver has, s."""
 MAX_LINE = 1 << 20
-ENDED = "the process that speaks ROS 2 has ended; a reset starts it again"
+ENDED = "the process that speaks ROS 2 has ended or does not answer; a reset starts it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +162,7 @@ class ClientProcess:
     def __init__(self, settings: dict[str, Any]) -> None:
         self._settings = settings
         self._process: subprocess.Popen[bytes] | None = None
-        self._rest = b""
+        self._rest, self._begins = b"", True
 
     @property
     def _runs(self) -> bool:
@@ -187,8 +187,7 @@ class ClientProcess:
             pass_fds=descriptors,
             start_new_session=True,  # Ctrl-C is the service's
         )
-        self._rest = b""
-        self._answer_s = START_S
+        self._rest, self._begins = b"", True
 
     def close(self) -> None:
         process, self._process = self._process, None
@@ -211,10 +210,10 @@ class ClientProcess:
         self._ask({"ask": "load", "points": len(times_s), "bytes": len(content)}, content)
 
     def start(self) -> None:
-        self._ask({"ask": "start"})
+        self._ask({"ask": "start"}, driver_s=self._settings["answer_timeout_s"])
 
     def cancel(self) -> str:
-        return str(self._ask({"ask": "cancel"})["failed"])
+        return str(self._ask({"ask": "cancel"}, driver_s=self._settings["answer_timeout_s"])["failed"])
 
     def forget(self) -> None:
         self._ask({"ask": "forget"})
@@ -225,29 +224,36 @@ class ClientProcess:
     def pause(self, duration_s: float) -> None:
         time.sleep(duration_s)
 
-    def _ask(self, question: dict[str, Any], content: bytes = b"") -> dict[str, Any]:
+    def _ask(
+        self, question: dict[str, Any], content: bytes = b"", *, driver_s: float = 0.0
+    ) -> dict[str, Any]:
+        """
+        Args:
+            driver_s: time that the process waits for the driver.
+        """
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             raise BackendError(ENDED)
         try:
             process.stdin.write(json.dumps(question).encode() + b"\n" + content)
             process.stdin.flush()
-            answer: dict[str, Any] = json.loads(self._line(process.stdout.fileno()))
+            timeout_s = (START_S if self._begins else ANSWER_S) + driver_s
+            answer: dict[str, Any] = json.loads(self._line(process.stdout.fileno(), timeout_s))
         except (OSError, ValueError) as exc:
             self.close()
             raise BackendError(ENDED) from exc
-        self._answer_s = self._settings["answer_timeout_s"] + MARGIN_S
+        self._begins = False
         if answer.get("error"):
             raise BackendError(answer["error"])
         return answer
 
-    def _line(self, descriptor: int) -> bytes:
+    def _line(self, descriptor: int, timeout_s: float) -> bytes:
         """The next line of the process.
 
         Raises:
             OSError: the line does not arrive in time.
         """
-        deadline_s = time.monotonic() + self._answer_s
+        deadline_s = time.monotonic() + timeout_s
         with selectors.DefaultSelector() as selector:
             selector.register(descriptor, selectors.EVENT_READ)
             while b"\n" not in self._rest:

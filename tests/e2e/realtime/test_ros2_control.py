@@ -7,6 +7,7 @@ The real controller has not run here.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -528,6 +530,64 @@ def test_a_fault_of_the_joint_states_stops_the_arm(service: Run, double: Double,
     assert np.abs(np.array(double.seen()["position"]) - begun).max() < 0.35
     double.be("good")
     reset(service)
+
+
+def cycle(run: Run) -> int:
+    return int(httpx.get(f"{run.url}/robot/state", timeout=WAIT_S).json()["cycle"])
+
+
+def device_text(run: Run) -> str:
+    (robot,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).json()
+    return str(robot["device"]["status"]["text"])
+
+
+@pytest.mark.parametrize("frozen", ["driver", "process"])
+def test_the_cycle_goes_on_and_a_stop_is_obeyed_while_another_process_hangs(
+    service: Run, double: Double, frozen: str
+) -> None:
+    """The driver, or the process that speaks DDS. A motion that it can no longer be told to stop is cancelled
+    by a new process. Oracle: where rclpy's controllers have the arm.
+    """
+    double.be("good")
+    reset(service)
+    begun = np.array(double.seen()["position"])
+    way = np.array([1.2 if begun[0] < 0.5 else -1.2, *[0.0] * 6])
+    far = {"joints": (begun + way).tolist(), "speed": 0.05}
+    httpx.post(f"{service.url}/robot/move/joints?wait=false", json=far, timeout=WAIT_S).raise_for_status()
+    until(lambda: np.abs(np.array(double.seen()["position"]) - begun).max() > 0.01)
+    rtloop = service.child("rtloop")
+    assert rtloop is not None
+    victim = double.process.pid if frozen == "driver" else rtloop.children()[0].pid
+    os.kill(victim, signal.SIGSTOP)
+    try:
+        until(lambda: robot_health(service).get("mode") == "FAULT")
+        with ThreadPoolExecutor(1) as pool:
+
+            def waiting() -> Future[httpx.Response] | None:
+                """A reset that is not answered yet after some cycles. At first the arm is not at rest."""
+                asked = pool.submit(httpx.post, f"{service.url}/robot/reset", timeout=WAIT_S)
+                first = cycle(service)
+                until(lambda: cycle(service) > first + 50)
+                return None if asked.done() else asked
+
+            if frozen == "driver":
+                waits = until(waiting)
+                until(lambda: "a reset is enabling the robot" in device_text(service))
+                httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
+                assert "a stop was requested meanwhile" in waits.result().text
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(victim, signal.SIGCONT)
+
+    def rests() -> bool:
+        before = double.seen()["position"]
+        time.sleep(0.1)
+        return bool(before == double.seen()["position"])
+
+    until(rests)
+    assert np.abs(np.array(double.seen()["position"]) - begun - way).max() > 0.1, "not at the goal"
+    reset(service)
+    assert robot_health(service)["mode"] == "HOLD"
 
 
 @pytest.fixture(scope="module")
