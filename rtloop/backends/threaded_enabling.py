@@ -47,14 +47,12 @@ class ThreadedEnabling:
             BackendError: the device cannot be enabled, or does not answer.
         """
         attempt = self._attempt
-        if attempt is None:
-            return False
-        if attempt.result is not None:
+        if attempt is not None and attempt.result is not None:
             require_accepted(attempt.result)
             return True
-        if time.monotonic() - attempt.begun_s > ENABLE_S:
+        if attempt is not None and time.monotonic() - attempt.begun_s > ENABLE_S:
             raise BackendError(
-                f"the device has not answered for {ENABLE_S:g} s: check that its driver runs, then reset again"
+                f"the device has not answered for {ENABLE_S:g} s: check that its driver runs, then reset"
             )
         return False
 
@@ -63,10 +61,9 @@ class ThreadedEnabling:
         no current attempt.
         """
         attempt = self._attempt
-        if attempt is None:
-            return False
-        attempt.is_cancelled = True
-        return attempt.result is None
+        if attempt is not None:
+            attempt.is_cancelled = True
+        return attempt is not None and attempt.result is None
 
     def perform(self) -> None:
         """Perform the attempt, if one waits. Called by the thread."""
