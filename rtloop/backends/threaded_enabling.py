@@ -25,6 +25,10 @@ class _Attempt:
     result: Accepted | Rejected | None = None
     is_cancelled: bool = False
 
+    @property
+    def waits(self) -> bool:
+        return self.result is None and not self.is_cancelled
+
 
 class ThreadedEnabling:
     """The cycle begins an attempt and looks at it in each step; the thread that polls the device performs it.
@@ -68,7 +72,7 @@ class ThreadedEnabling:
     def perform(self) -> None:
         """Perform the attempt, if one waits. Called by the thread."""
         attempt = self._attempt
-        if attempt is None or attempt.result is not None or attempt.is_cancelled:
+        if attempt is None or not attempt.waits:
             return
         result: Accepted | Rejected = ACCEPTED
         try:
