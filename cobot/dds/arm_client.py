@@ -61,6 +61,8 @@ OWN = "/cobot"
 """Prefix of the names of cobot's own participants. Their actions do not count as those of an arm."""
 LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
 RATE_S = 1.0
+COMMAND_LIFESPAN_S = 0.1
+"""Age after which a lost command is not repeated, s: after a fault the arm may be somewhere else."""
 REJECTED = 1
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 """A cancel with this id and time stamp 0 cancels all goals."""
@@ -133,10 +135,8 @@ class ArmClient:
         node.subscription(settings["speed_scaling"], FLOAT, self._take_scaling, reliable=False)
         gpio = settings["gpio"]
         if interfaces := set(gpio["interfaces"]):
-            if gpio["driver"] == "ur":
-                self._io = UrIo(node, gpio["controller"], interfaces, settings["answer_timeout_s"])
-            else:
-                self._io = GpioIo(node, gpio["controller"], interfaces)
+            kind = UrIo if gpio["driver"] == "ur" else GpioIo
+            self._io = kind(node, gpio["controller"], interfaces, settings["answer_timeout_s"])
         if self._fixed:
             self._connect(self._name)
         if self._socket is not None:
@@ -309,9 +309,17 @@ class ArmClient:
         if self._socket is not None:
             if self._commands is not None:
                 self._commands.close()
-            self._commands = self._node.publisher(name, COMMANDS, depth=1)
+            self._commands = self._node.publisher(name, COMMANDS, depth=1, lifespan_s=COMMAND_LIFESPAN_S)
             return
-        self._action = ActionCaller(self._node, name, FOLLOW, self._take_feedback, None, self._take_statuses)
+        self._action = ActionCaller(
+            self._node,
+            name,
+            FOLLOW,
+            self._take_feedback,
+            None,
+            self._take_statuses,
+            goal_lifespan_s=self._settings["answer_timeout_s"],
+        )
         if self._state is not None:
             self._state.close()
         self._state = ControllerState(self._node, name.rpartition("/")[0])

@@ -17,6 +17,7 @@ from cobot.dds.caller import ServiceCaller
 from cobot.dds.gpio_values import GPIO, message_of, values_of
 from cobot.dds.node import DdsNode, Message
 from cobot.errors import CobotError
+from cobot.robot.sent_outputs import SentOutputs
 
 IO_STATES, SET_IO = "ur_msgs/msg/IOStates", "ur_msgs/srv/SetIO"
 SET_DIGITAL_OUT = 1
@@ -30,7 +31,8 @@ class ArmIo(Protocol):
     Attributes:
         values: last values of the used interfaces, by their names.
         heard_s: when they came, on the monotonic clock.
-        problem: reason why an output was not set although `set_output` has sent it; "" if none is known.
+        problem: reason why an output was not set although `set_output` has sent it, or was set late; "" if
+            none is known.
     """
 
     values: dict[str, float]
@@ -49,13 +51,15 @@ class ArmIo(Protocol):
 class GpioIo:
     """An `ArmIo` of a GPIO controller."""
 
-    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str]) -> None:
+    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
+        """timeout_s: timeout for the report of a value that was set, s."""
         self.values: dict[str, float] = {}
         self.heard_s, self.problem = -math.inf, ""
         self._controller, self._interfaces = controller, interfaces
         self._outputs: dict[str, float] = {}
+        self._sent = SentOutputs(timeout_s)
         node.subscription(f"{controller}/gpio_states", GPIO, self._take, reliable=False)
-        self._commands = node.publisher(f"{controller}/commands", GPIO)
+        self._commands = node.publisher(f"{controller}/commands", GPIO, lifespan_s=timeout_s)
 
     def set_output(self, interface: str, value: float) -> None:
         """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
@@ -66,13 +70,16 @@ class GpioIo:
                 f"{interface} cannot be set: {self._controller}/commands has no subscriber; activate the "
                 "GPIO controller, or correct robot.backend.gpio_controller"
             )
+        self.problem = ""
         self._outputs[interface] = value
+        self._sent.add(interface, value, time.monotonic())
         self._commands.publish(message_of(self._outputs))
 
     def _take(self, message: Message) -> None:
         found = values_of(message)
         self.values = {each: value for each, value in found.items() if each in self._interfaces}
         self.heard_s = time.monotonic()
+        self.problem = self._sent.explain(self.values, self.heard_s) or self.problem
 
 
 class UrIo:
@@ -83,8 +90,9 @@ class UrIo:
         self.values: dict[str, float] = {}
         self.heard_s, self.problem = -math.inf, ""
         self._name, self._interfaces, self._timeout_s = f"{controller}/set_io", interfaces, timeout_s
+        self._sent = SentOutputs(timeout_s)
         node.subscription(f"{controller}/io_states", IO_STATES, self._take, reliable=False)
-        self._service = ServiceCaller(node, self._name, SET_IO)
+        self._service = ServiceCaller(node, self._name, SET_IO, lifespan_s=timeout_s)
         self._calls: set[asyncio.Task[None]] = set()
 
     def set_output(self, interface: str, value: float) -> None:
@@ -95,17 +103,21 @@ class UrIo:
                 "robot.backend.gpio_controller"
             )
         self.problem = ""
-        call = asyncio.create_task(self._call(begin, int(interface.rpartition("/")[2]), value))
+        call = asyncio.create_task(self._call(begin, interface, value))
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
 
-    async def _call(self, begin: str, pin: int, value: float) -> None:
+    async def _call(self, begin: str, interface: str, value: float) -> None:
+        pin = int(interface.rpartition("/")[2])
         request: Message = {"fun": SET_DIGITAL_OUT, "pin": pin, "state": value}
+        sent = self._sent.add(interface, value, time.monotonic())
         try:
             answer = await asyncio.wait_for(self._service.call(request), self._timeout_s)
             if not answer["success"]:
+                self._sent.drop(interface, sent)
                 self.problem = f"{begin} has rejected it; see the driver's log"
         except TimeoutError:
+            sent.is_late = True
             self.problem = f"{begin} has not answered within {self._timeout_s:g} s"
         except CobotError as exc:
             self.problem = f"{begin}: {exc}"
@@ -118,3 +130,4 @@ class UrIo:
             if (name := f"{kind}/{each['pin']}") in self._interfaces
         }
         self.heard_s = time.monotonic()
+        self.problem = self._sent.explain(self.values, self.heard_s) or self.problem

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import math
 import uuid
 from collections.abc import Callable
 
@@ -20,11 +21,14 @@ ENDED = (4, 5, 6)
 class ServiceCaller:
     """Calls a service of another node.
 
+    Args:
+        lifespan_s: age after which a lost request is not repeated, s.
+
     Raises:
         InputError: the type is unknown.
     """
 
-    def __init__(self, node: DdsNode, name: str, type_: str) -> None:
+    def __init__(self, node: DdsNode, name: str, type_: str, *, lifespan_s: float = math.inf) -> None:
         self._node, self._type = node, type_
         self._waiting: dict[int, asyncio.Future[Message]] = {}
         self._inbox = SampleInbox(name, node.loop, self._take)
@@ -33,7 +37,7 @@ class ServiceCaller:
             reply_name(name), type_name(f"{type_}_Response"), SERVICE_QOS, self._inbox.put
         )
         self._writer = participant.create_writer(
-            request_name(name), type_name(f"{type_}_Request"), SERVICE_QOS
+            request_name(name), type_name(f"{type_}_Request"), SERVICE_QOS, lifespan_s=lifespan_s
         )
         node.graph.add(self._reader.guid, self._writer.guid)
 
@@ -89,6 +93,7 @@ class ActionCaller:
         on_last: called with the result of the last goal that had ended before this client connected; None:
             this result is not requested.
         on_status: called with the status list of the server's goals.
+        goal_lifespan_s: age after which a lost goal is not repeated, s.
     """
 
     def __init__(
@@ -99,9 +104,13 @@ class ActionCaller:
         on_feedback: Callable[[Message], None],
         on_last: Callable[[Message], None] | None,
         on_status: Callable[[list[Message]], None] | None = None,
+        *,
+        goal_lifespan_s: float = math.inf,
     ) -> None:
         below = f"{name}/_action"
-        self._send = ServiceCaller(node, f"{below}/send_goal", f"{type_}_SendGoal")
+        self._send = ServiceCaller(
+            node, f"{below}/send_goal", f"{type_}_SendGoal", lifespan_s=goal_lifespan_s
+        )
         self._result = ServiceCaller(node, f"{below}/get_result", f"{type_}_GetResult")
         self._cancel = ServiceCaller(node, f"{below}/cancel_goal", "action_msgs/srv/CancelGoal")
         self._on_feedback, self._on_last, self._on_status = on_feedback, on_last, on_status

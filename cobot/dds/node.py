@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from typing import Any
@@ -43,12 +44,16 @@ log = logging.getLogger("cobot.ros2")
 class NodePublisher:
     """Publishes on a topic. Made by `DdsNode.publisher`; thread safe."""
 
-    def __init__(self, node: DdsNode, topic: str, type_: str, qos: Qos) -> None:
+    def __init__(self, node: DdsNode, topic: str, type_: str, qos: Qos, lifespan_s: float = math.inf) -> None:
         self.topic = topic
         self.type = type_
         self._node = node
         self._writer = node.participant.create_writer(
-            topic_name(topic), type_name(type_), qos, type_hash(node.messages.type_hash(type_))
+            topic_name(topic),
+            type_name(type_),
+            qos,
+            type_hash(node.messages.type_hash(type_)),
+            lifespan_s=lifespan_s,
         )
         node.graph.add(self._writer.guid)
 
@@ -223,18 +228,28 @@ class DdsNode:
         self.messages.record(type_)  # only this thread may add types
         return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
 
-    def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> NodePublisher:
+    def publisher(
+        self,
+        topic: str,
+        type_: str,
+        *,
+        depth: int = 10,
+        latched: bool = False,
+        lifespan_s: float = math.inf,
+    ) -> NodePublisher:
         """Publish on a topic, reliably.
 
         Args:
             type_: "std_msgs/msg/String".
             depth: number of messages that are kept for slow readers.
             latched: whether late readers get the last message (transient local).
+            lifespan_s: age after which a lost message is not repeated, s.
 
         Raises:
             InputError: the type is unknown.
         """
-        return NodePublisher(self, topic, type_, LATCHED_QOS if latched else Qos(depth=depth))
+        qos = LATCHED_QOS if latched else Qos(depth=depth)
+        return NodePublisher(self, topic, type_, qos, lifespan_s)
 
     def subscription(
         self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True

@@ -41,7 +41,7 @@ class _LateStream:
         self._stream, self._late, self._way = stream, late, way
         self._held: deque[tuple[int, bytes]] = deque()
         self.local, self.is_connected = stream.local, stream.is_connected
-        self.send, self.close = stream.send, stream.close
+        self.send, self.close, self.abort = stream.send, stream.close, stream.abort
 
     def receive(self) -> bytes:
         data, now = self._stream.receive(), self._way.controller.steps

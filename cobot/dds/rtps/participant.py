@@ -9,6 +9,7 @@ waits belong elsewhere.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -110,15 +111,19 @@ class Participant:
         qos: Qos,
         user_data: bytes = b"",
         accepts: Callable[[RemoteEndpoint], bool] | None = None,
+        *,
+        lifespan_s: float = math.inf,
     ) -> Writer:
         """A writer of a keyless topic, announced to all participants at once.
 
         accepts: whether to write for a matching reader; None: for each.
+        lifespan_s: age after which a lost sample is not repeated, s. Readers do not learn of it, because
+            their clocks may differ.
         """
         with self._lock:
             guid = self._new_guid(_KEYLESS_WRITER)
             announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
-            writer = Writer(self._wire, announcement, self._discovery.remove, accepts)
+            writer = Writer(self._wire, announcement, self._discovery.remove, accepts, lifespan_s=lifespan_s)
             self._discovery.add(writer)
             return writer
 

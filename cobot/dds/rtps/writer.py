@@ -11,6 +11,7 @@ In this module only `write` and `close` acquire `Wire.lock`; all other methods a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -52,14 +53,16 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         accepts: Callable[[RemoteEndpoint], bool] | None = None,
         *,
         gathers: bool = False,
+        lifespan_s: float = math.inf,
     ) -> None:
         """
         Args:
             gathers: whether samples wait for others that are written at the same time.
+            lifespan_s: age after which a lost sample is not repeated, s.
         """
         super().__init__(wire, announcement)
         self.accepts = accepts or (lambda reader: True)
-        self._gathers = gathers
+        self._gathers, self._lifespan_s = gathers, lifespan_s
         self._entity = self.guid.entity
         self._on_close = on_close
         self._history = History(self.qos.depth, wire.limits)
@@ -305,7 +308,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
     def _repair(self, proxy: ReaderProxy, missing: list[int]) -> None:
         never, there = [], []
         for sequence in missing:
-            change = self._history.get(sequence)
+            change = self._repeatable(sequence)
             if sequence > proxy.sent:
                 break
             if change is None or not proxy.wants(change):
@@ -317,11 +320,17 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             body = proxy.gaps(never) + self._heartbeat(proxy, final=True)
             self._wire.send(proxy.enveloped(body), proxy.address)
 
+    def _repeatable(self, sequence: int) -> Change | None:
+        """The change with this number; None if it is gone or too old."""
+        change = self._history.get(sequence)
+        is_old = change is not None and time.monotonic() - change.written_s > self._lifespan_s
+        return None if is_old else change
+
     def on_fragments_wanted(self, guid: bytes, sequence: int, missing: list[int]) -> None:
         proxy = self._proxies.get(guid)
         if proxy is None or not proxy.reliable:
             return
-        change = self._history.get(sequence)
+        change = self._repeatable(sequence)
         if change is None or not proxy.wants(change):
             self._repair(proxy, [sequence])
             return

@@ -56,6 +56,7 @@ class ControllerClient:
             quality=f"joint states {facts.rate_hz:.0f} Hz" if facts.rate_hz else "",
             drives=f"{facts.controller} {state}".strip() if facts.controller else "",
             speed_scaling=min(max(share, 0.0), 1.0) if np.isfinite(share) else 0.0,
+            text=facts.gpio_problem,
         )
 
     def io(self) -> list[IoPoint]:
@@ -65,10 +66,10 @@ class ControllerClient:
         self._link.set_output(self._gpio.place_of(name), value)
 
     def _look_at_facts(self) -> Facts:
-        """Get the facts, and log an output that was not set."""
+        """Get the facts, and log an output that was not set, or was set late."""
         before, self._facts = self._facts, self._link.facts()
         if (problem := self._facts.gpio_problem) and problem != before.gpio_problem:
-            log.warning("an output of the device cannot be set: %s", problem)
+            log.warning("an output of the device: %s", problem)
         return self._facts
 
     def _full_speed(self, scaling: float) -> float:

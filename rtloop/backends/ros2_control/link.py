@@ -80,7 +80,8 @@ class Facts:
         held_age_s: age of this state, s.
         gpio: values of the inputs and outputs by GPIO/INTERFACE.
         gpio_age_s: age of these values, s; None before the first ones.
-        gpio_problem: reason why the driver has not set an output; "" if none is known.
+        gpio_problem: reason why the driver has not set an output, or that it was set late; "" if none is
+            known.
     """
 
     problem: str = ""

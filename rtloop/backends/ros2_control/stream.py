@@ -182,7 +182,7 @@ class Ros2ControlStream(ControllerClient):
         try:
             self._stream.set_output(interface, value)
         except BackendError as exc:
-            log.warning("an output of the device cannot be set: %s", exc)
+            log.warning("an output of the device: %s", exc)
 
     def _look(self) -> None:
         """Set outputs, and store the reason why the arm cannot be moved."""

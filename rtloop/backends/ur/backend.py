@@ -436,6 +436,7 @@ class UrBackend:
         elif self._enabled and isinstance(self._last_motion, Rejected):
             yield self._last_motion.reason
         yield f"software {self._link.version_text}"
+        yield self._outputs.problem
         if data["safety_mode"] == SafetyMode.REDUCED:
             yield "reduced mode: the controller permits less speed and force"
         if self._hand is _Hand.GUIDES:

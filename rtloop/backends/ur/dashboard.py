@@ -69,6 +69,8 @@ class Dashboard:
             raise self._make_error(f"no answer to {self._request!r} within {REPLY_S:g} s")
 
     def _make_error(self, why: str) -> BackendError:
+        if self._stream is not None:
+            self._stream.abort()  # or a request to release the brakes could arrive later
         self.close()
         return BackendError(
             f"the dashboard server at {self._address}, port {PORT}: {why}. Switch it on (Settings, Security, "

@@ -133,6 +133,8 @@ class RtdeLink:
         self._step = _Step.CONNECTING
 
     def _give_up(self, problem: str, *, lasting: bool = False) -> None:
+        if self._stream is not None:
+            self._stream.abort()
         self.close()
         self.problem, self.lasting = problem, lasting
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from cobot.robot.io_points import IoKind, IoPoint
+from cobot.robot.sent_outputs import SentOutputs
 from rtloop.backends import BackendError
+
+log = logging.getLogger("cobot.rtloop")
 
 ENFORCED_S = 1.0
 """Time for which an output is repeated until the controller reports it."""
@@ -83,7 +87,11 @@ class _Wanted:
 
 
 class UrOutputs:
-    """Outputs to be set: enforced until the controller reports them, then released."""
+    """Outputs to be set: enforced until the controller reports them, then released.
+
+    Attributes:
+        problem: sentence about an output that was not set, or was set late; "" if none is known.
+    """
 
     def __init__(self, send: Callable[[str, Mapping[str, Any]], bool]) -> None:
         """
@@ -92,6 +100,8 @@ class UrOutputs:
         """
         self._send = send
         self._wanted: dict[str, _Wanted] = {}
+        self._sent = SentOutputs(ENFORCED_S)
+        self.problem = ""
 
     def set(self, data: Mapping[str, Any], name: str, value: float, now_s: float) -> None:
         """
@@ -105,6 +115,8 @@ class UrOutputs:
         group, values = _request(point, value, data)
         wanted = IoPoint(name, point.kind, True, float(value))
         self._wanted[name] = _Wanted(group, values, wanted, now_s + ENFORCED_S)
+        self._sent.add(name, float(value), now_s)
+        self.problem = ""
 
     def follow(self, data: Mapping[str, Any], now_s: float) -> None:
         """Send waiting values, and release each output that has reached its value. Called once per cycle.
@@ -112,9 +124,13 @@ class UrOutputs:
         Only one output of a group is set at a time. If two packages arrive within one control period, the
         second one replaces the first.
         """
-        if not self._wanted:
+        if not self._sent and not self._wanted:
             return
         reported = {each.name: each for each in points(data)}
+        values = {name: each.value for name, each in reported.items()}
+        if problem := self._sent.explain(values, now_s):
+            self.problem = problem
+            log.warning("an output of the device: %s", problem)
         occupied = {each.group for each in self._wanted.values() if each.is_sent}
         for name, wanted in list(self._wanted.items()):
             if now_s > wanted.until_s or (wanted.is_sent and reported[name].has(wanted.point.value)):

@@ -143,6 +143,8 @@ class RobotApi:
         return "releasing" if self._request == "unlock protective stop" else "done"
 
     def _make_error(self, why: str) -> BackendError:
+        if self._stream is not None:
+            self._stream.abort()
         self.close()
         return BackendError(
             f"the Robot API at {self._address}, port {self._port}: {why}. It needs PolyScope X "

@@ -6,10 +6,13 @@ import contextlib
 import errno
 import select
 import socket
+import struct
 from collections.abc import Sequence
 from typing import Protocol
 
 READ_BYTES = 65_536
+RESET_AT_CLOSE = struct.pack("ii", 1, 0)
+"""`linger` of socket(7): on, 0 s."""
 STARTED = (0, errno.EINPROGRESS)
 
 
@@ -36,6 +39,10 @@ class ByteStream(Protocol):
         ...
 
     def close(self) -> None: ...
+
+    def abort(self) -> None:
+        """Close a connection that is lost. Data that have not arrived yet are not delivered later."""
+        ...
 
 
 class ByteListener(Protocol):
@@ -110,6 +117,11 @@ class TcpStream:
             raise ConnectionAbortedError("the other end does not read the data")
 
     def close(self) -> None:
+        self.socket.close()
+
+    def abort(self) -> None:
+        with contextlib.suppress(OSError):
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_AT_CLOSE)
         self.socket.close()
 
 

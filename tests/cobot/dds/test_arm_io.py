@@ -41,7 +41,7 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Callable[[Answer], tuple[UrIo, li
         class Service:
             is_ready = True
 
-            def __init__(self, *_: object) -> None: ...
+            def __init__(self, *_: object, **__: object) -> None: ...
 
             async def call(self, request: Message) -> Message:
                 asked.append(request)

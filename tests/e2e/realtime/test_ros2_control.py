@@ -324,6 +324,7 @@ def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) ->
     double.be("good")
     made = double.arm(
         connect_s=20.0,
+        answer_timeout_s=3.0,
         io="ur",
         inputs={"door": "digital_in/3", "light": "digital_in/4", "pressure": "analog_in/0"},
         outputs={"suction": "digital_out/16", "valve": "digital_out/8"},
@@ -357,10 +358,12 @@ def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) ->
         begun_s = time.monotonic()
         made.set_output("suction", 0.0)
         made.stop()
-        assert time.monotonic() - begun_s < 2.0, "a stop does not wait for the answer, which takes 10 s"
+        assert time.monotonic() - begun_s < 2.0, "a stop does not wait for the answer, which takes 3 s"
+        until(lambda: bool(points()) and "set_io has not answered within 3 s" in made._facts.gpio_problem)
         double.be("good")
-        made.set_output("suction", 0.0)
         until(lambda: points() == expected | {"valve": True})
+        until(lambda: bool(points()) and "digital_out/16 is 0 now, " in made.status().text)
+        assert "the device has carried it out late" in made.status().text
     finally:
         made.close()
 

@@ -35,7 +35,9 @@ MESSAGE_BYTES = 32
 
 
 class _Pipe:
-    """One end of a connection in this process. Data wait while the cable is pulled."""
+    """One end of a connection in this process. Data wait while the cable is pulled, unless the sender gives
+    the connection up.
+    """
 
     def __init__(self, cable: Cable) -> None:
         self._cable = cable
@@ -69,6 +71,11 @@ class _Pipe:
 
     def close(self) -> None:
         self.is_closed = True
+
+    def abort(self) -> None:
+        if self._cable.off and self.other is not None:
+            self.other.received.clear()
+        self.close()
 
 
 class Cable:

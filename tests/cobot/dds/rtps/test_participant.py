@@ -139,6 +139,33 @@ def test_both_ends_in_a_bad_network_lose_nothing(join: Join) -> None:
     assert [sample.payload for sample in samples] == contents
 
 
+def test_a_lost_sample_is_not_repeated_after_its_lifespan(join: Join) -> None:
+    """And the next ones arrive. Oracle: a writer without a lifespan repeats it."""
+    cut = threading.Event()
+    here, there = join(loss=cut.is_set), join()
+    old: list[int] = []
+    always: list[int] = []
+    short = here.create_writer("short", "Type", KEEP_ALL, lifespan_s=0.1)
+    there.create_reader("short", "Type", KEEP_ALL, lambda sample: old.append(number_of(sample)))
+    writer, _ = pair(here, there, lambda sample: always.append(number_of(sample)))
+    until(lambda: short.matched)
+    for number, is_cut in ((1, False), (2, True), (3, False)):
+        (cut.set if is_cut else cut.clear)()
+        short.write(payload(number))
+        writer.write(payload(number))
+        if is_cut:
+            time.sleep(0.2)
+        else:
+            until(lambda: old and old[-1] == number and always and always[-1] == number)  # noqa: B023
+    assert (old, always) == ([1, 3], [1, 2, 3])
+    cut.set()
+    short.write(HEAD + bytes(300_000))
+    time.sleep(0.2)
+    cut.clear()
+    short.write(payload(5))
+    until(lambda: old == [1, 3, 5])
+
+
 def test_a_callback_that_blocks_holds_up_neither_the_wire_nor_memory(join: Join) -> None:
     here, there = join(), join(limits=ParticipantLimits(undelivered=2000))
     go_on = threading.Event()

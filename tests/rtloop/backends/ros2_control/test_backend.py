@@ -254,5 +254,5 @@ def test_an_output_that_the_driver_has_not_set_is_logged_once(
     for _ in range(3):
         arm.state(Measured(7))
     assert [each.getMessage() for each in caplog.records] == [
-        "an output of the device cannot be set: set_io has rejected it"
+        "an output of the device: set_io has rejected it"
     ]

@@ -3,7 +3,10 @@ state says, and the arm behind it."""
 
 from __future__ import annotations
 
+import contextlib
 import math
+import re
+import socket
 import struct
 from collections.abc import Callable
 
@@ -22,9 +25,10 @@ from rtloop.backends import BackendError, Measured
 from rtloop.backends.ur import UrBackend
 from rtloop.backends.ur.fields import RuntimeState, SafetyMode, UrRobotMode
 from rtloop.backends.ur.rtde import Kind, encode, encode_inputs_setup
-from rtloop.backends.ur.simulator import rtde_session
+from rtloop.backends.ur.simulator import lockstep, rtde_session
 from rtloop.backends.ur.simulator.lockstep import UrLockStep, joined
 from rtloop.backends.ur.simulator.options import UrControllerOptions
+from rtloop.backends.ur.transport import TcpStream
 
 Joined = Callable[..., tuple[UrBackend, UrLockStep]]
 ON = UrControllerOptions(is_on=True)
@@ -408,6 +412,78 @@ def test_outputs_are_released_once_they_are_set(connect: Joined) -> None:
     way.controller.digital_in = 1 << 16
     hold(backend, way, 3)
     assert value(backend, "tool_in_0") == 1.0
+
+
+def send_and_lose(
+    backend: UrBackend, way: UrLockStep, monkeypatch: pytest.MonkeyPatch, *, relay: bool
+) -> None:
+    """An output that is sent just after the connection is interrupted, for 3 s."""
+    if relay:  # it has the data already, and passes them on later
+        monkeypatch.setattr(lockstep._Pipe, "abort", lockstep._Pipe.close)
+    hold(backend, way, 3)
+    backend.wait(0.1)
+    way.cable.off = True
+    backend.set_output("digital_out_3", 1.0)
+    backend.write(np.zeros((3, 6)))
+    for _ in range(30):
+        backend.wait(0.1)
+    assert not way.controller.digital_out
+    way.cable.off = False
+    for _ in range(2000):
+        backend.wait(0.002)
+        with contextlib.suppress(BackendError):  # the program has ended meanwhile
+            backend.write(np.zeros((3, 6)))
+
+
+def test_an_output_that_was_sent_before_a_lost_connection_is_not_set_later(
+    connect: Joined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The backend drops what has not arrived, and says that the output was not set."""
+    backend, way = opened(connect)
+    send_and_lose(backend, way, monkeypatch, relay=False)
+    assert way.controller.digital_out == 0
+    assert "digital_out_3 cannot be set: the device has not reported 1 within 1 s" in backend.status().text
+
+
+def test_an_output_that_a_relay_delivers_late_is_named(
+    connect: Joined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    backend, way = opened(connect)
+    send_and_lose(backend, way, monkeypatch, relay=True)
+    assert way.controller.digital_out == 1 << 3
+    text = backend.status().text
+    assert re.search(r"digital_out_3 is 1 now, 3\.\d s after the request: .* carried it out late", text), text
+    reset(backend)
+    backend.set_output("digital_out_3", 0.0)
+    assert "digital_out_3" not in backend.status().text
+    hold(backend, way, 5)
+    assert way.controller.digital_out == 0
+
+
+def test_data_of_a_connection_that_was_given_up_do_not_arrive_later() -> None:
+    """Oracle: the kernel. After `close` it would deliver all of them."""
+
+    def arrived(end: Callable[[TcpStream], None]) -> tuple[int, int]:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            stream = TcpStream(socket.create_connection(server.getsockname()), True)
+            other, _ = server.accept()
+        sent = 0
+        with contextlib.suppress(ConnectionAbortedError):
+            while True:
+                stream.send(bytes(1000))
+                sent += 1000
+        end(stream)
+        received = 0
+        with other, contextlib.suppress(ConnectionResetError):
+            while data := other.recv(65536):
+                received += len(data)
+        return sent, received
+
+    sent, received = arrived(TcpStream.close)
+    assert received >= sent
+    sent, received = arrived(TcpStream.abort)
+    assert received < sent
 
 
 def test_analog_outputs_have_the_unit_of_their_domain(connect: Joined) -> None:

@@ -1,0 +1,69 @@
+"""Values that were sent to the outputs of a device and that it has not reported yet.
+
+A value that takes effect late, for example after a lost connection, does not go unnoticed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+SAME = 1e-6
+"""Maximum difference between a set and a reported value."""
+
+
+@dataclass(slots=True, eq=False)
+class SentOutput:
+    """Attributes:
+    is_late: whether a person has been told that it was not set.
+    """
+
+    value: float
+    sent_s: float
+    is_late: bool = False
+
+
+class SentOutputs:
+    """The newest value of each output, until the device reports it."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """timeout_s: timeout for the report of a value, s."""
+        self._timeout_s = timeout_s
+        self._sent: dict[str, SentOutput] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._sent)
+
+    def add(self, name: str, value: float, now_s: float) -> SentOutput:
+        """A value that is sent now. It replaces an earlier one."""
+        self._sent[name] = sent = SentOutput(value, now_s)
+        return sent
+
+    def drop(self, name: str, sent: SentOutput) -> None:
+        """Forget a value that the device has rejected, unless a newer one was sent."""
+        if self._sent.get(name) is sent:
+            del self._sent[name]
+
+    def explain(self, reported: Mapping[str, float], now_s: float) -> str:
+        """Compare with the values that the device reports now. Returns a sentence about a value that it has
+        not reported in time, or reports late; "" if there is nothing new.
+        """
+        problem = ""
+        for name, sent in list(self._sent.items()):
+            after_s = now_s - sent.sent_s
+            in_time = after_s <= self._timeout_s and not sent.is_late
+            if abs(reported.get(name, math.nan) - sent.value) <= SAME:
+                del self._sent[name]
+                if not in_time:
+                    problem = (
+                        f"{name} is {sent.value:g} now, {after_s:.1f} s after the request: the device has "
+                        "carried it out late, or another client has set it"
+                    )
+            elif not in_time and not sent.is_late:
+                sent.is_late = True
+                problem = (
+                    f"{name} cannot be set: the device has not reported {sent.value:g} within "
+                    f"{self._timeout_s:g} s and may still carry the request out"
+                )
+        return problem
