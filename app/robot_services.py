@@ -238,7 +238,12 @@ def _services(
         equipment=equipment,
         force=force,
         force_motions=ForceMotionService(robot, link, ownership, streams, goals, planning),
-        freedrive=FreedriveService(robot, link, streams),
+        freedrive=FreedriveService(
+            robot,
+            link,
+            streams,
+            is_switched_off=settings.robot.backend.options.get("freedrive") is False,
+        ),
         io=IoService(link),
         gripper=gripper,
         path_gripper=path_gripper,

@@ -59,6 +59,7 @@ pushing.
 MAX_LEAD_RAD = 0.05
 """Maximum distance of a target from rtloop's command, which may lag behind it, rad or m."""
 OFF = "freedrive was switched off"
+SWITCHED_OFF = "robot.backend.freedrive is false: set it to true to guide this arm by hand"
 NO_REASON = Reason("")
 
 
@@ -156,8 +157,17 @@ def outside(limits: JointLimits, position: Array) -> Reason:
 class FreedriveService:
     """Freedrive of one robot."""
 
-    def __init__(self, robot: RobotDescription, link: RobotLink, streams: StreamService) -> None:
+    def __init__(
+        self,
+        robot: RobotDescription,
+        link: RobotLink,
+        streams: StreamService,
+        *,
+        is_switched_off: bool = False,
+    ) -> None:
+        """is_switched_off: whether `robot.backend.freedrive` is false in the settings."""
         self._robot = robot
+        self._is_switched_off = is_switched_off
         self._link = link
         self._streams = streams
         self._session: StreamSession | None = None
@@ -261,7 +271,7 @@ class FreedriveService:
         backend, device = named
         refusal = device.capabilities.lacks(backend, "guiding the arm by hand", "freedrive")
         if refusal:
-            raise NotSupportedError(refusal)
+            raise NotSupportedError(SWITCHED_OFF if self._is_switched_off else refusal)
         return not device.capabilities.impedance
 
     def _require_untouched(self, by_device: bool) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Mapping
+from dataclasses import replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
@@ -115,6 +116,7 @@ class UrBackend:
                 "robot.backend: type ur needs address, the IP address or name of the controller"
             )
         self._options, self._limits, self._robot = options, limits, settings.robot
+        self.capabilities = replace(type(self).capabilities, freedrive=options.freedrive)
         self._period_s = settings.rt.period_s
         self._transport: UrTransport = transport or TcpTransport()
         self._link = RtdeLink(

@@ -6,8 +6,10 @@ distances between geoms.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -15,8 +17,16 @@ import numpy as np
 import pytest
 from virtual_service import VirtualService
 
-from app.services.streaming.freedrive import MAX_LEAD_RAD, PUSHED_SHARE, ROOM_RAD, Guidance, outside
+from app.services.streaming.freedrive import (
+    MAX_LEAD_RAD,
+    PUSHED_SHARE,
+    ROOM_RAD,
+    FreedriveService,
+    Guidance,
+    outside,
+)
 from app.services.streaming.jog_limits import TCP_M_S
+from cobot.errors import NotSupportedError
 from cobot.ipc.device_record import fill_capabilities
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
@@ -230,6 +240,15 @@ def test_a_backend_that_cannot_is_refused_by_its_name(run: VirtualService) -> No
     assert detail.startswith(
         "guiding the arm by hand needs freedrive, which the backend mujoco does not have; "
     )
+
+
+def test_freedrive_that_the_settings_switch_off_is_refused_with_the_setting(run: VirtualService) -> None:
+    backend = SimpleNamespace(capabilities=replace(MujocoBackend.capabilities, freedrive=False))
+    link: Any = SimpleNamespace(device=lambda: ("ur", backend))
+    streams: Any = None
+    service = FreedriveService(run.rig.robot, link, streams, is_switched_off=True)
+    with pytest.raises(NotSupportedError, match=r"robot\.backend\.freedrive is false: set it to true"):
+        asyncio.run(service.begin("Ada", 1.0, 1.0))
 
 
 @pytest.mark.parametrize(
