@@ -4,7 +4,7 @@ from libc.math cimport INFINITY, fabs
 
 import numpy as np
 
-from cobot.arrays cimport doubles
+from cobot.arrays cimport bytes_of, doubles
 
 
 cdef double _edge(
@@ -46,6 +46,103 @@ def cheapest(rows, costs, start, weights, int window, double step_rad):
     for place in range(n - 1, 0, -1):
         indices[place - 1] = int(sources[place, indices[place]])
     return indices, reached
+
+
+def link(rows, costs, before, costs_before, weights, double step_rad):
+    """See lattice.pyi."""
+    given, earlier = np.ascontiguousarray(rows, dtype=np.float64), np.ascontiguousarray(before, dtype=np.float64)
+    cdef Py_ssize_t n = given.shape[0], m = earlier.shape[0]
+    cdef int dof = given.shape[1]
+    own, spent = np.array(costs, dtype=np.float64), np.array(costs_before, dtype=np.float64)
+    scales, parents = np.array(weights, dtype=np.float64), np.zeros(n, dtype=np.float64)
+    if n == 0:
+        return parents.astype(np.intp), own
+    cdef double* node = doubles(given, n * dof)
+    cdef double* last = doubles(earlier, m * dof)
+    cdef double* cost = doubles(own, n)
+    cdef double* way = doubles(spent, m)
+    cdef double* scale = doubles(scales, dof)
+    cdef double* parent = doubles(parents, n)
+    cdef Py_ssize_t each, other
+    cdef double least, total
+    with nogil:
+        for each in range(n):
+            least = INFINITY
+            for other in range(m):
+                if way[other] >= least:
+                    continue
+                total = way[other] + _edge(&last[other * dof], &node[each * dof], scale, dof, step_rad)
+                if total < least:
+                    least, parent[each] = total, other
+            cost[each] += least
+    return parents.astype(np.intp), own
+
+
+def leads(rows, good, start, int window, double step_rad):
+    """See lattice.pyi."""
+    given = np.ascontiguousarray(rows, dtype=np.float64)
+    cdef Py_ssize_t n = given.shape[0], m = given.shape[1]
+    cdef int dof = given.shape[2]
+    first, flags = np.array(start, dtype=np.float64), np.array(good, dtype=np.uint8, order="C")
+    cdef double* node = doubles(given, n * m * dof)
+    cdef double* begin = doubles(first, dof)
+    cdef char* flag = bytes_of(flags, n * m)
+    cdef Py_ssize_t reached = 0
+    window = min(max(window, 0), m // 2)
+    with nogil:
+        reached = _lead(node, flag, begin, n, m, dof, window, step_rad)
+    return reached
+
+
+cdef Py_ssize_t _lead(
+    const double* node, char* good, const double* begin, Py_ssize_t n, Py_ssize_t m, int dof, int window,
+    double step_rad
+) noexcept nogil:
+    """Unmark the nodes to which no way leads. Returns the number of places that are reached."""
+    cdef Py_ssize_t place, angle
+    cdef bint any
+    for place in range(n):
+        any = False
+        for angle in range(m):
+            if not good[place * m + angle]:
+                continue
+            if place == 0:
+                good[angle] = _is_step(begin, &node[angle * dof], dof, step_rad)
+            else:
+                good[place * m + angle] = _has_step(
+                    &node[(place - 1) * m * dof], &good[(place - 1) * m], m, angle, window,
+                    &node[(place * m + angle) * dof], dof, step_rad
+                )
+            any = any or good[place * m + angle]
+        if not any:
+            return place
+    return n
+
+
+cdef bint _has_step(
+    const double* row, const char* good, Py_ssize_t m, Py_ssize_t angle, int window, const double* end,
+    int dof, double step_rad
+) noexcept nogil:
+    """Whether a step leads to the joints `end` from a good node of the row, the nearest arm angles first."""
+    cdef int shift
+    cdef Py_ssize_t other
+    for shift in range(window + 1):
+        other = (angle + shift) % m
+        if good[other] and _is_step(&row[other * dof], end, dof, step_rad):
+            return True
+        other = (angle - shift + m) % m
+        if good[other] and _is_step(&row[other * dof], end, dof, step_rad):
+            return True
+    return False
+
+
+cdef bint _is_step(const double* begin, const double* end, int dof, double step_rad) noexcept nogil:
+    """Whether no joint turns further than `step_rad`."""
+    cdef int joint
+    for joint in range(dof):
+        if not fabs(end[joint] - begin[joint]) <= step_rad:
+            return False
+    return True
 
 
 cdef Py_ssize_t _search(

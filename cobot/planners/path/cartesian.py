@@ -21,7 +21,7 @@ from cobot.planners.path.joint_path import (
     through,
 )
 from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
-from cobot.planners.path.redundancy import MESHES, Profile, RedundancyGraph
+from cobot.planners.path.redundancy import ENCLOSING, MESHES, Profile, RedundancyGraph
 from cobot.planners.path.tcp_path import PLACES, TcpPath
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
@@ -149,6 +149,13 @@ def _plan_redundancy(
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
+    enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
+    if not enclosing.has_way(free=False):  # it may lead a little farther than any of the meshes
+        finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
+        finest.has_way(free=False)
+        return None, finest.reached
+    if not enclosing.has_way(free=True):
+        return None, 1.0
     for mesh in MESHES[:meshes]:
         graph = RedundancyGraph(robot, start, path, mesh, end)
         for free in (False, True):
@@ -159,8 +166,6 @@ def _plan_redundancy(
             if graph.reached < 1.0:
                 break
         reached = max(reached, graph.reached)
-        if graph.is_cut():
-            break
     return None, reached
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from cobot.planners.lattice import link
 from cobot.planners.path.joint_path import POSE_SHARE
 from cobot.planners.path.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
@@ -85,14 +86,12 @@ class Particles:
             found = self._around(rows, costs, pose, len(self.shares) - place)
             if len(found) == 0:
                 return None
-            steps = found[:, None] - rows
-            total = costs + ((steps / self._robot.limits.max_velocity) ** 2).sum(axis=2)
-            total[np.abs(steps).max(axis=2) > STEP_RAD] = np.inf
-            parent = total.argmin(axis=1)
-            reached = np.isfinite(total.min(axis=1))
+            weights = 1.0 / self._robot.limits.max_velocity
+            parent, total = link(found, self._nearness(found), rows, costs, weights, STEP_RAD)
+            reached = np.isfinite(total)
             if not reached.any():
                 return None
-            rows, costs = found[reached], (total.min(axis=1) + self._nearness(found))[reached]
+            rows, costs = found[reached], total[reached]
             history.append(rows)
             parents.append(parent[reached])
             self.reached = float(share)
@@ -110,17 +109,14 @@ class Particles:
         if self._end is not None and left == 1:
             return self._end[None]
         order = np.argsort(costs)[: self._count // 3]
-        found = []
-        for index in range(self._count):
-            near = rows[order[index % len(order)]]
-            if self._end is not None and index % 2 == 0:
-                near = near + (self._end - near) / left
-            if index >= len(order):
-                near = near + SPREADS_RAD[index % len(SPREADS_RAD)] * self._random.normal(size=len(near))
-            joints, solved, _, _ = self._descend(pose, near)
-            if solved:
-                found.append(joints)
-        kept = np.array(found).reshape(-1, rows.shape[1])
+        indices = np.arange(self._count)
+        near = rows[order[indices % len(order)]]
+        if self._end is not None:
+            near[::2] += (self._end - near[::2]) / left
+        drawn = indices[len(order) :]
+        spreads = np.take(SPREADS_RAD, drawn % len(SPREADS_RAD))
+        near[drawn] += spreads[:, None] * self._random.normal(size=(len(drawn), rows.shape[1]))
+        kept = self._arm.descend_all(pose, near, STEPS, (self._low, self._high), POSE_SHARE)
         return kept[self._robot.collision.clearance.are_free(kept)] if len(kept) else kept
 
     def _descend(self, pose: Array, near: Array) -> tuple[Array, bool, float, float]:

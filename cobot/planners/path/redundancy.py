@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cobot.planners.lattice import cheapest
+from cobot.planners.lattice import cheapest, leads
 from cobot.planners.path.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import SrsArm
@@ -60,6 +60,15 @@ class Mesh:
 
 
 MESHES = Mesh(1, 72, 6, 0.6), Mesh(2, 180, 12, 0.5), Mesh(4, 360, 20, 0.4)
+ENCLOSING = Mesh(
+    1,
+    max(mesh.angles for mesh in MESHES),
+    max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
+    max(mesh.step_rad * mesh.factor for mesh in MESHES),
+)
+"""A mesh that every way through one of `MESHES` fits: it has all their arm angles, and its places are in all
+of them. If it has no way, neither have they.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +109,12 @@ class RedundancyGraph:
         path: TcpPath,
         mesh: Mesh,
         end: Array | None = None,
+        leading_on: bool = False,
     ) -> None:
         """
         Args:
             end: joints in which all paths end, shape (dof,), at the end of the TCP path; None: any.
+            leading_on: leave out the nodes to which no way leads from the start.
         """
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
@@ -114,7 +125,17 @@ class RedundancyGraph:
         self.shares = np.linspace(0.0, 1.0, count + 1)
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
         self._branches = self._branches_at(start)
-        self._rows = arm.grid(path.poses(self.shares[1:]), self._angles, self._branches)
+        self._rows: dict[int, Array]
+        """Joints of each branch at n places and m arm angles, shape (n, m, dof); NaN where no node is."""
+        poses = path.poses(self.shares[1:])
+        if leading_on:
+            self._rows = {
+                branch: arm.leading_on(poses, self._angles, start, branch, mesh.window, mesh.step_rad)
+                for branch in self._branches
+            }
+        else:
+            rows = arm.grid(poses, self._angles, self._branches)
+            self._rows = {branch: rows[:, :, index] for index, branch in enumerate(self._branches)}
         self._end: tuple[float, int] | None = None
         if end is not None:
             self._end = arm.of(end)
@@ -138,20 +159,26 @@ class RedundancyGraph:
                     spline = BSpline(*curve, DEGREE)
                     yield Profile(self._arm, self._path, branch, spline)
 
-    def is_cut(self) -> bool:
-        """Whether some place has no arm angle at all, so that no finer graph reaches the end."""
-        poses = self._path.poses(self.shares[1:])
-        return all(
-            any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches
-        )
+    def has_way(self, free: bool) -> bool:
+        """Whether some way reaches the end; with `free`, through nodes that are free of collisions."""
+        for branch in self._branches:
+            rows, mesh = self._rows[branch], self._mesh
+            good = self._are_free(branch) if free else ~np.isnan(rows[:, :, 0])
+            reached = leads(rows, good, self._start, mesh.window, mesh.step_rad)
+            self.reached = max(self.reached, float(self.shares[reached]))
+            if reached == len(rows):
+                return True
+        return False
 
     def _lead_to(self, end: Array) -> None:
         """Move the node nearest to the end to the end, and remove all others there."""
         assert self._end is not None
         angle, branch = self._end
-        self._rows[-1] = np.nan
         step = self._angles[1] - self._angles[0]
-        self._rows[-1, round((angle + np.pi) / step) % len(self._angles), branch] = end
+        for each, rows in self._rows.items():
+            rows[-1] = np.nan
+            if each == branch:
+                rows[-1, round((angle + np.pi) / step) % len(self._angles)] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
         """The lowest and highest arm angles, shape (2, n), with only valid nodes from the given angle to
@@ -180,12 +207,13 @@ class RedundancyGraph:
 
         free: use only nodes that are free of collisions.
         """
-        rows = self._rows[:, :, branch]
         costs = self._costs(branch)
         if free:
             costs = np.where(self._are_free(branch), costs, np.inf)
         weights, mesh = 1.0 / self._robot.limits.max_velocity, self._mesh
-        indices, reached = cheapest(rows, costs, self._start, weights, mesh.window, mesh.step_rad)
+        indices, reached = cheapest(
+            self._rows[branch], costs, self._start, weights, mesh.window, mesh.step_rad
+        )
         self.reached = max(self.reached, float(self.shares[reached]))
         if len(indices) == 0:
             return None
@@ -195,7 +223,7 @@ class RedundancyGraph:
     def _costs(self, branch: int) -> Array:
         """The cost of the nodes of a branch, shape (n, m); infinite where there are no joints."""
         if branch not in self._cost:
-            limits, rows = self._robot.limits, self._rows[:, :, branch]
+            limits, rows = self._robot.limits, self._rows[branch]
             margin = np.minimum(rows - limits.min_position, limits.max_position - rows)
             near = np.clip(1.0 - margin / NEAR_LIMIT_RAD, 0.0, None)
             cost = AT_LIMIT / len(rows) * (near**2).sum(axis=2)
@@ -205,8 +233,8 @@ class RedundancyGraph:
 
     def _are_free(self, branch: int) -> npt.NDArray[np.bool_]:
         if branch not in self._free:
-            rows = self._rows[:, :, branch]
-            there = np.asarray(~np.isnan(rows).any(axis=2))
+            rows = self._rows[branch]
+            there = np.asarray(~np.isnan(rows[:, :, 0]))
             there[there] = self._robot.collision.clearance.are_free(rows[there])
             self._free[branch] = there
         return self._free[branch]

@@ -13,7 +13,7 @@ from libc.string cimport memcpy
 
 import numpy as np
 
-from cobot.arrays cimport MAX_DOF, doubles
+from cobot.arrays cimport MAX_DOF, bytes_of, doubles
 from cobot.robot.chain cimport Chain
 from cobot.robot.inverse_kinematics.vectors cimport (
     dot3,
@@ -528,6 +528,28 @@ cdef class Arm:
             solved = self.c_descend(&problem, self.c_found, steps, True, distance)
         self.refresh()
         return self._found.copy(), bool(solved), distance[0], distance[1]
+
+    def descend_all(self, pose, seeds, int steps, within, double share=1.0):
+        """The joints, (k, dof), of those descents to a pose from seeds, (n, dof), that lead to it; for the
+        other arguments see `descend`."""
+        cdef Problem problem
+        cdef double distance[2]
+        cdef Py_ssize_t row, count = len(seeds)
+        if count == 0:
+            return np.empty((0, self.dof))
+        rows = np.array(seeds, dtype=np.float64, order="C")
+        solved = np.zeros(count, dtype=np.uint8)
+        cdef double* joints = doubles(rows, count * self.dof)
+        cdef char* flag = bytes_of(solved, count)
+        self._prepare(pose, rows[0], NEAREST, &problem)
+        self._low[...], self._high[...] = within
+        if self.lacking:
+            problem.accepted_m, problem.accepted_rad = share * NEAR_M, share * NEAR_RAD
+        with nogil:
+            for row in range(count):
+                flag[row] = self.c_descend(&problem, joints + row * self.dof, steps, True, distance)
+        self.refresh()
+        return rows[solved.astype(bool)]
 
     def carry(self, poses, seed, int steps, double step, double share=1.0):
         """Descend from pose to pose, (n, 7), each time from the joints at the last pose. Returns the joints,

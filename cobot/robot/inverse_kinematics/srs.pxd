@@ -98,5 +98,14 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, double angle, Candidate* candidate, double* joints
     ) noexcept nogil
     cdef void _grid(
-        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, int wanted, double* out
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, const double* only,
+        int count, double* out
+    ) noexcept nogil
+    cdef void _lead_on(
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, const double* start,
+        int branch, int window, double step_rad, char* near, double* out
+    ) noexcept nogil
+    cdef void _fill(
+        self, const Problem* problem, const Elbow* elbow, const double* angles, Py_ssize_t m, int branch,
+        const char* near, double* out, int every
     ) noexcept nogil

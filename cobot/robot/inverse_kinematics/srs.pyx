@@ -21,7 +21,7 @@ from libc.string cimport memcpy, memmove
 
 import numpy as np
 
-from cobot.arrays cimport doubles
+from cobot.arrays cimport bytes_of, doubles
 from cobot.robot.inverse_kinematics.arm cimport (
     LIMITS,
     NEAREST,
@@ -72,6 +72,8 @@ cdef extern from *:
     static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_MIN_STEP = 2e-12;
     /* An interval is also examined this close to its ends, rad. */
     static const double COBOT_SRS_EDGE = 1e-10;
+    /* Distance from a break, rad, below which rounding decides whether an arm angle is feasible. */
+    static const double COBOT_SRS_AT_BREAK = 1e-6;
     /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest
        ratio of the arc between two neighbours to its chord. */
     /* The search for the best arm angle ends when its bracket is smaller than this share of the first one,
@@ -84,6 +86,7 @@ cdef extern from *:
     const double MAX_TURN "COBOT_SRS_TURN"
     const double MIN_STEP "COBOT_SRS_MIN_STEP"
     const double EDGE "COBOT_SRS_EDGE"
+    const double AT_BREAK "COBOT_SRS_AT_BREAK"
     const double NEARLY_STRAIGHT_RAD "COBOT_NEARLY_STRAIGHT"
     const double SAME_COST "COBOT_SAME_COST"
     const double MIN_TOLERANCE "COBOT_MIN_TOLERANCE"
@@ -770,53 +773,183 @@ cdef class SrsArm(Arm):
         return np.array(sorted(rows), dtype=np.float64).reshape(-1, 2)
 
     def grid(self, poses, angles, only=range(8)):
-        """Joints, shape (n, m, 8, 7), for poses (n, 7) at arm angles (m,) in all branches, or in those of
-        `only`; NaN if there are none within the limits.
+        """Joints, shape (n, m, k, 7), for poses (n, 7) at arm angles (m,) in the k branches of `only`; NaN if
+        there are none within the limits.
         """
         rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
         columns = np.array(angles, dtype=np.float64).reshape(-1)
-        out = np.full((len(rows), len(columns), 8, 7), np.nan)
+        branches = np.array([checked(branch) for branch in only], dtype=np.float64)
+        out = np.full((len(rows), len(columns), len(branches), 7), np.nan)
+        if out.size == 0:
+            return out
+        self.refresh()
+        cdef Py_ssize_t n = len(rows), m = len(columns)
+        cdef int count = len(branches)
+        cdef double* pose = doubles(rows, 7 * n)
+        cdef double* angle = doubles(columns, m)
+        cdef double* joints = doubles(out, n * m * count * 7)
+        cdef double* wanted = doubles(branches, count)
+        with nogil:
+            self._grid(pose, n, angle, m, wanted, count, joints)
+        return out
+
+    cdef void _grid(
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, const double* only,
+        int count, double* out
+    ) noexcept nogil:
+        """`only` has the `count` branches, which are the columns of `out`."""
+        cdef Problem problem
+        cdef Elbow elbow
+        cdef double* joints
+        cdef double* first
+        cdef Py_ssize_t row, column
+        cdef int branch, index
+        for row in range(n):
+            self.c_state(poses + 7 * row, NULL, LIMITS, &problem)
+            problem.slack = 2.0 * SLACK
+            for index in range(count):
+                branch = <int>only[index]
+                if not self._elbow(&problem, (branch & ELBOW) != 0, &elbow):
+                    continue
+                first = out + (row * m * count + index) * 7
+                self._fill(&problem, &elbow, angles, m, branch, NULL, first, count)
+                for column in range(m):
+                    joints = first + column * count * 7
+                    if not isnan(joints[0]) and not self.c_verify(&problem, joints):
+                        set_nan(joints)
+
+    def leading_on(self, poses, angles, start, int branch, int window, double step_rad):
+        """Those joints of `grid` in one branch, shape (n, m, 7), to which a way leads from `start`, shape
+        (7,); NaN elsewhere. They are those of the closed form, without the descent that makes them exact.
+
+        Along a way no joint turns further than `step_rad` from pose to pose, and from the second pose on the
+        index of the arm angle changes by at most `window`; the last angle is next to the first.
+        """
+        rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
+        columns = np.array(angles, dtype=np.float64).reshape(-1)
+        begin = np.array(start, dtype=np.float64)
+        out = np.full((len(rows), len(columns), 7), np.nan)
         if out.size == 0:
             return out
         self.refresh()
         cdef Py_ssize_t n = len(rows), m = len(columns)
         cdef double* pose = doubles(rows, 7 * n)
         cdef double* angle = doubles(columns, m)
-        cdef double* joints = doubles(out, n * m * 56)
-        cdef int wanted = 0
-        for branch in only:
-            wanted |= 1 << checked(branch)
+        cdef double* joints = doubles(out, n * m * 7)
+        cdef double* first = doubles(begin, 7)
+        flags = np.ones(m, dtype=np.uint8)
+        cdef char* near = bytes_of(flags, m)
+        checked(branch)
+        window = min(max(window, 0), m // 2)
         with nogil:
-            self._grid(pose, n, angle, m, wanted, joints)
+            self._lead_on(pose, n, angle, m, first, branch, window, step_rad, near, joints)
         return out
 
-    cdef void _grid(
-        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, int wanted, double* out
+    cdef void _lead_on(
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, const double* start,
+        int branch, int window, double step_rad, char* near, double* out
     ) noexcept nogil:
-        """`wanted` has a bit for each branch."""
+        """`near` has, for each arm angle, whether the row before has joints within the window."""
         cdef Problem problem
         cdef Elbow elbow
-        cdef Turned turned
-        cdef double joints[7]
+        cdef double* joints
         cdef Py_ssize_t row, column
-        cdef int branch, minus
+        cdef bint any
         for row in range(n):
             self.c_state(poses + 7 * row, NULL, LIMITS, &problem)
             problem.slack = 2.0 * SLACK
-            for minus in range(2):
-                if not wanted & (0xCC if minus else 0x33) or not self._elbow(&problem, minus, &elbow):
+            if not self._elbow(&problem, (branch & ELBOW) != 0, &elbow):
+                return
+            if row > 0:
+                mark_near(out + (row - 1) * m * 7, m, window, near)
+            self._fill(&problem, &elbow, angles, m, branch, near, out + row * m * 7, 1)
+            any = False
+            for column in range(m):
+                joints = out + (row * m + column) * 7
+                if isnan(joints[0]):
                     continue
-                for column in range(m):
-                    self._turn(&problem, &elbow, angles[column], &turned)
-                    for branch in range(8):
-                        if not wanted >> branch & 1 or (1 if branch & ELBOW else 0) != minus or not (
-                            turned.shoulder_fits[branch & SHOULDER]
-                            and turned.wrist_fits[1 if branch & WRIST else 0]
-                        ):
-                            continue
-                        self._assemble(&elbow, &turned, branch, joints)
-                        if self.c_verify(&problem, joints):
-                            memcpy(out + ((row * m + column) * 8 + branch) * 7, joints, sizeof(joints))
+                if is_step(start, joints, step_rad) if row == 0 else has_step(
+                    out + (row - 1) * m * 7, m, column, window, joints, step_rad
+                ):
+                    any = True
+                else:
+                    set_nan(joints)
+            if not any:
+                return
+
+    cdef void _fill(
+        self, const Problem* problem, const Elbow* elbow, const double* angles, Py_ssize_t m, int branch,
+        const char* near, double* out, int every
+    ) noexcept nogil:
+        """Set the joints of one pose and branch at the arm angles that are feasible and `near` (NULL: all), each
+        `every` times seven numbers after the one before.
+        """
+        cdef Turned turned
+        cdef double breaks[MAX_BREAKS + 1]
+        cdef int count = self._breaks(elbow, breaks)  # between two of them all angles are feasible, or none
+        cdef int segment = 0, known = -1
+        cdef bint feasible = False
+        cdef double angle, begin = -0.5 * TURN
+        cdef Py_ssize_t column
+        breaks[count] = 0.5 * TURN
+        for column in range(m):
+            if near != NULL and not near[column]:
+                continue
+            angle = wrapped(angles[column], 0.0)
+            if angle < begin:
+                segment, begin = 0, -0.5 * TURN
+            while segment < count and breaks[segment] <= angle:
+                segment, begin = segment + 1, breaks[segment]
+            if segment != known:
+                self._turn(problem, elbow, 0.5 * (begin + breaks[segment]), &turned)
+                known, feasible = segment, fits(&turned, branch)
+            if not feasible and begin + AT_BREAK < angle < breaks[segment] - AT_BREAK:
+                continue
+            self._turn(problem, elbow, angles[column], &turned)
+            if fits(&turned, branch):
+                self._assemble(elbow, &turned, branch, out + column * every * 7)
+
+
+cdef inline void set_nan(double* joints) noexcept nogil:
+    cdef int joint
+    for joint in range(7):
+        joints[joint] = NAN
+
+
+cdef inline bint is_step(const double* begin, const double* end, double step_rad) noexcept nogil:
+    """Whether no joint turns further than `step_rad`; not if the joints at the beginning are NaN."""
+    cdef int joint
+    for joint in range(7):
+        if not fabs(end[joint] - begin[joint]) <= step_rad:
+            return False
+    return True
+
+
+cdef void mark_near(const double* row, Py_ssize_t m, int window, char* near) noexcept nogil:
+    """Mark the columns with joints within `window` columns of a row."""
+    cdef Py_ssize_t i, ahead = m, behind = m
+    for i in range(m):
+        near[i] = 0
+    for i in range(2 * m):
+        ahead = ahead + 1 if isnan(row[7 * (i % m)]) else 0
+        behind = behind + 1 if isnan(row[7 * (m - 1 - i % m)]) else 0
+        if ahead <= window:
+            near[i % m] = 1
+        if behind <= window:
+            near[m - 1 - i % m] = 1
+
+
+cdef bint has_step(
+    const double* row, Py_ssize_t m, Py_ssize_t column, int window, const double* joints, double step_rad
+) noexcept nogil:
+    """Whether a row has joints within `window` columns from which a step leads to `joints`."""
+    cdef int shift
+    for shift in range(window + 1):
+        if is_step(row + 7 * ((column + shift) % m), joints, step_rad) or is_step(
+            row + 7 * ((column - shift + m) % m), joints, step_rad
+        ):
+            return True
+    return False
 
 
 cdef bint parabola(

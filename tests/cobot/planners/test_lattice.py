@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cobot.planners.lattice import cheapest
+from cobot.planners.lattice import cheapest, leads, link
 from cobot.types import Array
 
 DOF = 7
@@ -53,3 +53,34 @@ def test_no_way_is_cheaper(seed: int, window: int) -> None:
     assert np.minimum(turned, m - turned).max() <= window
     total = costs[np.arange(n), indices].sum() + ((steps * weights) ** 2).sum()
     assert total == pytest.approx(expected[-1].min(), rel=1e-12)
+
+
+@pytest.mark.parametrize("window", [0, 1, 4, 40])
+@pytest.mark.parametrize("seed", range(10))
+def test_ways_lead_as_far_as_the_cheapest_ones(seed: int, window: int) -> None:
+    random = np.random.default_rng(seed)
+    n, m = 12, 9
+    rows, start = random.uniform(-0.6, 0.6, (n, m, DOF)), np.zeros(DOF)
+    good = random.uniform(size=(n, m)) < 0.7
+    costs = np.where(good, 0.0, np.inf)
+    expected = np.isfinite(costs_of_all_ways(rows, costs, start, np.ones(DOF), min(window, m // 2)))
+    leads_on = expected.any(axis=1)
+    reached = n if leads_on.all() else int(leads_on.argmin())
+    assert leads(rows, good, start, window, STEP_RAD) == reached
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_each_node_is_linked_to_the_cheapest_way_before_it(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rows, before = random.uniform(-0.7, 0.7, (20, DOF)), random.uniform(-0.7, 0.7, (30, DOF))
+    rows[:3] += 5.0  # out of reach
+    costs, spent = random.uniform(size=20), random.uniform(size=30)
+    weights = random.uniform(0.5, 2.0, DOF)
+    steps = rows[:, None] - before
+    totals = spent + ((steps * weights) ** 2).sum(axis=2)
+    totals[np.abs(steps).max(axis=2) > STEP_RAD] = np.inf
+    parents, found = link(rows, costs, before, spent, weights, STEP_RAD)
+    reached = np.isfinite(totals.min(axis=1))
+    assert reached.tolist() == 3 * [False] + 17 * [True]
+    assert (parents[reached] == totals.argmin(axis=1)[reached]).all()
+    np.testing.assert_allclose(found, totals.min(axis=1) + costs, rtol=1e-14)

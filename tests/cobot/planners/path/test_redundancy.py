@@ -7,10 +7,11 @@ import pytest
 from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
 
-from cobot.errors import CobotError, UnreachableError
+from cobot.errors import CobotError, CollisionError, UnreachableError
 from cobot.planners import MotionRequest, plan
 from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.lin import straight_line
+from cobot.planners.path.redundancy import ENCLOSING, MESHES, RedundancyGraph
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -93,6 +94,36 @@ def test_the_hand_turns_on_where_its_own_joint_is_at_its_limit(robot: RobotDescr
     turned = quaternion.product(quaternion.exp((0.0, 0.0, -0.8)), here.quaternion.tolist())
     motion = lin(robot, start, Pose(here.position, np.array(turned)))
     assert (motion.extrema(0)[1] <= robot.limits.max_position).all()
+
+
+def test_a_mesh_that_has_a_way_is_in_the_enclosing_one(robot: RobotDescription) -> None:
+    ways = 0
+    for start, goal in problems(robot, 12):
+        line = straight_line(robot.model.forward(start), goal)
+        enclosing = RedundancyGraph(robot, start, line, ENCLOSING, leading_on=True)
+        for mesh in MESHES:
+            if RedundancyGraph(robot, start, line, mesh).has_way(free=True):
+                ways += 1
+                assert enclosing.has_way(free=False), start
+                assert enclosing.has_way(free=True), start
+    assert ways >= 10
+
+
+def test_a_line_without_any_way_is_refused_before_a_way_is_smoothed(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So a refusal takes no longer than an answer."""
+    monkeypatch.setattr(RedundancyGraph, "profiles", lambda *_: pytest.fail("no way is there to be smoothed"))
+    start = np.array(robot.positions["work"].joints)
+    here = robot.model.forward(start)
+    down = Pose(np.array([here.position[0], here.position[1], 0.0]), here.quaternion)
+    with pytest.raises(CollisionError, match="collision of floor and link7"):
+        lin(robot, start, down)
+    start[6] = 2.9
+    here = robot.model.forward(start)
+    turned = quaternion.product(quaternion.exp((0.0, 0.0, -2.5)), here.quaternion.tolist())
+    with pytest.raises(UnreachableError, match="joint7 reaches its limit"):
+        lin(robot, start, Pose(here.position, np.array(turned)))
 
 
 def test_a_refusal_says_how_far_any_arm_angle_leads(robot: RobotDescription) -> None:

@@ -113,6 +113,41 @@ def test_the_grid_is_at_the_poses(model: RobotModel) -> None:
     assert arm_of(model).grid(np.zeros((0, 7)), ANGLES).shape == (0, 360, 8, 7)
 
 
+def test_the_grid_has_the_joints_of_each_arm_angle(model: RobotModel) -> None:
+    """Oracle: one arm angle at a time, which does not look for the intervals of feasible ones."""
+    arm, angles = arm_of(model), np.append(ANGLES[::7], [-3.0, 4.0, 0.1])
+    for row in model.poses(drawn(model, 3)):
+        for branch, nodes in zip((5, 2), arm.grid(row[None], angles, [5, 2])[0].swapaxes(0, 1), strict=True):
+            for angle, node in zip(angles, nodes, strict=True):
+                joints = arm.joints(row, float(angle), branch)
+                assert np.array_equal(node, np.full(7, np.nan) if joints is None else joints, equal_nan=True)
+
+
+@pytest.mark.parametrize(("window", "step_rad"), [(3, 0.3), (20, 0.8), (400, 7.0)])
+def test_the_nodes_that_lead_on_are_those_that_steps_reach(
+    model: RobotModel, window: int, step_rad: float
+) -> None:
+    """Oracle: the whole grid, searched place by place in numpy."""
+    arm, angles = arm_of(model), ANGLES[::3]
+    apart = np.abs(np.subtract.outer(np.arange(len(angles)), np.arange(len(angles))))
+    near = np.minimum(apart, len(angles) - apart) <= window
+    reached = []
+    for start in drawn(model, samples(8)):
+        end = start + 0.3 * np.random.default_rng(SEED).normal(size=7)
+        poses = model.poses(np.linspace(start, end, 9)[1:])
+        branch = arm.of(start)[1]
+        nodes = arm.grid(poses, angles, [branch])[:, :, 0]
+        before, may = start[None], np.ones((len(angles), 1), bool)
+        for row in nodes:
+            steps = np.abs(row[:, None] - before).max(axis=2) <= step_rad
+            row[~(steps & may).any(axis=1)] = np.nan
+            before, may = row, near
+        found = arm.leading_on(poses, angles, start, branch, window, step_rad)
+        np.testing.assert_allclose(found, nodes, atol=1e-7)
+        reached.append(int((~np.isnan(nodes[:, :, 0])).any(axis=1).sum()))
+    assert max(reached) > 0
+
+
 def test_the_angle_moves_smoothly_through_a_straight_elbow_and_over_the_shoulder(
     robot: RobotDescription,
 ) -> None:
@@ -207,7 +242,7 @@ def least_distance(arm: SrsArm, row: Array, seed: Array) -> float:
         for begin, end in arm.intervals(row, branch):
             angles = np.linspace(begin, end, 200)
             angles = np.sort(np.append(angles, [begin + 1e-11, end - 1e-11]))
-            joints = arm.grid(row[None], angles, only=[branch])[0, :, branch]
+            joints = arm.grid(row[None], angles, only=[branch])[0, :, 0]
             while True:
                 turns = np.abs(np.diff(joints, axis=0))
                 turns = np.nan_to_num(np.minimum(turns, 2.0 * np.pi - turns), nan=1.0).max(axis=1)
@@ -215,7 +250,7 @@ def least_distance(arm: SrsArm, row: Array, seed: Array) -> float:
                 if len(coarse) == 0 or len(angles) > 4000:
                     break
                 between = 0.5 * (angles[coarse + 1] + angles[coarse])
-                found = arm.grid(row[None], between, only=[branch])[0, :, branch]
+                found = arm.grid(row[None], between, only=[branch])[0, :, 0]
                 angles = np.insert(angles, coarse + 1, between)
                 joints = np.insert(joints, coarse + 1, found, axis=0)
             away = np.nan_to_num(np.linalg.norm(joints - seed, axis=1), nan=np.inf)
@@ -232,7 +267,7 @@ def lowest(arm: SrsArm, row: Array, seed: Array, branch: int, low: float, high: 
     least = np.inf
     for _ in range(4):
         angles = np.linspace(low, high, 41)
-        away = np.linalg.norm(arm.grid(row[None], angles, only=[branch])[0, :, branch] - seed, axis=1)
+        away = np.linalg.norm(arm.grid(row[None], angles, only=[branch])[0, :, 0] - seed, axis=1)
         if np.isnan(away).all():
             break
         place = int(np.nanargmin(away))

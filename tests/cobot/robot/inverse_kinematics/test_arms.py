@@ -248,6 +248,9 @@ def test_a_descent_slides_along_what_it_shall_stay_within(tmp_path: Path) -> Non
         if solved:
             assert arm.off(joints, Pose(pose[:3], pose[3:])) < 1e-9
             along += bool(((joints == low) | (joints == high)).any())
+        several = kinematics.descend_all(pose, np.stack([seed, low, high]), 60, (low, high))
+        alone = [kinematics.descend(pose, each, 60, within=(low, high)) for each in (seed, low, high)]
+        assert several.tolist() == [each.tolist() for each, is_solved, _, _ in alone if is_solved]
         beyond, _, _, _ = kinematics.descend(pose, limits.max_position + 1.0, 0)
         assert np.array_equal(beyond, limits.max_position)
     assert along > 3
