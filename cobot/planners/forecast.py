@@ -12,7 +12,7 @@ from cobot.polynomials import greatest_rates
 from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
-from cobot.robot.nearest import Nearest
+from cobot.robot.nearest import NEAR_M, Nearest
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -49,7 +49,7 @@ def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Arra
         robot.model.poses(joints),
         peaks,
         {name: peak / bound for (name, peak), bound in zip(peaks.items(), most, strict=True)},
-        *_closest(robot, looked_at, robot.collision.nearest.distances(looked_at)),
+        *_closest(robot, looked_at),
     )
 
 
@@ -65,7 +65,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
 
 def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
     """The shortest distances of a simulated run; a contact is a flaw."""
-    distances = robot.collision.nearest.distances(run.positions)
+    distances = robot.collision.nearest.distances(run.positions, NEAR_M)
     flaw = run.flaw
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
     if len(touching) and (flaw is None or run.times_s[touching[0]] < flaw.time_s):
@@ -73,10 +73,10 @@ def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
         pair = robot.collision.names(int(distances[first].argmin()))
         says = Reason(f"{' and '.join(pair)} touch", ReasonCode.OBSTACLE, of=pair)
         flaw = Flaw(float(run.times_s[first]), None, says)
-    return Rehearsal(run, flaw, *_closest(robot, run.positions, distances))
+    return Rehearsal(run, flaw, *_closest(robot, run.positions))
 
 
-def _closest(robot: RobotDescription, rows: Array, distances: Array) -> tuple[Closest | None, Closest | None]:
+def _closest(robot: RobotDescription, rows: Array) -> tuple[Closest | None, Closest | None]:
     """The closest pair of the robot's own bodies, and that of the robot and its surroundings."""
     last = max(len(rows) - 1, 1)
 
@@ -86,5 +86,5 @@ def _closest(robot: RobotDescription, rows: Array, distances: Array) -> tuple[Cl
         share = nearest.row / last
         return Closest(nearest.first, nearest.second, nearest.distance_m, share, nearest.points)
 
-    own, around = robot.collision.nearest.among(rows, distances)
+    own, around = robot.collision.nearest.among(rows)
     return along(own), along(around)

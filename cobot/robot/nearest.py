@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 1.0
 """Largest distance that is computed; farther objects do not matter."""
+NEAR_M = 0.1
+"""Parts nearer than this are looked for first. Bounds then show of most pairs that they are farther apart."""
 TURNS = 17
 """Number of angles at which a pair that one joint moves is compared. It is a prime, so few symmetric shapes
 look the same at all of them.
@@ -57,34 +59,36 @@ class NearestParts:
 
     def at(self, joints: Array) -> tuple[Nearest | None, Nearest | None]:
         """The result of `among` for one configuration, shape (dof,)."""
-        rows = np.asarray(joints, dtype=float)[None]
-        return self.among(rows, self.distances(rows))
+        return self.among(np.asarray(joints, dtype=float)[None])
 
-    def distances(self, rows: Array) -> Array:
-        """The distance of each pair at each row of joints, shape (n, pairs), m, at most `FARTHEST_M`."""
+    def distances(self, rows: Array, farthest_m: float = FARTHEST_M) -> Array:
+        """The distance of each pair at each row of joints, shape (n, pairs), m, at most `farthest_m`."""
         if not self._checker.pairs:
             return np.zeros((len(rows), 0))
-        return self._checker.clearance.distances(rows, FARTHEST_M)
+        return self._checker.clearance.distances(rows, farthest_m)
 
-    def among(self, rows: Array, distances: Array) -> tuple[Nearest | None, Nearest | None]:
-        """The nearest parts of the robot itself, and those of the robot and its surroundings.
-
-        Args:
-            rows: joints, shape (n, dof).
-            distances: the result of `distances` for these rows.
-
-        Returns:
-            None in place of each pair that is farther apart than `FARTHEST_M`.
+    def among(self, rows: Array) -> tuple[Nearest | None, Nearest | None]:
+        """The nearest parts of the robot itself, and those of the robot and its surroundings, at rows of
+        joints, shape (n, dof); None in place of each pair that is farther apart than `FARTHEST_M`.
         """
-        return self._least(rows, distances, self._own), self._least(rows, distances, self._around)
+        own = around = None
+        for farthest_m in (NEAR_M, FARTHEST_M):
+            distances = self.distances(rows, farthest_m)
+            own = own or self._least(rows, distances, self._own, farthest_m)
+            around = around or self._least(rows, distances, self._around, farthest_m)
+            if (own or not len(self._own)) and (around or not len(self._around)):
+                break
+        return own, around
 
-    def _least(self, rows: Array, distances: Array, chosen: npt.NDArray[np.intp]) -> Nearest | None:
+    def _least(
+        self, rows: Array, distances: Array, chosen: npt.NDArray[np.intp], farthest_m: float
+    ) -> Nearest | None:
         if not len(chosen):
             return None
         row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(rows), len(chosen)))
         pair = int(chosen[column])
         distance_m = float(distances[row, pair])
-        if not distance_m < FARTHEST_M:
+        if not distance_m < farthest_m:
             return None
         return Nearest(
             *self._checker.names(pair), distance_m, self._points(rows[row], pair, distance_m), int(row)

@@ -18,7 +18,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners.forecast import forecast
 from cobot.robot.collision import geom_pairs
 from cobot.robot.description import RobotDescription
-from cobot.robot.nearest import FARTHEST_M, NearestParts
+from cobot.robot.nearest import FARTHEST_M, NEAR_M, NearestParts
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
@@ -86,6 +86,23 @@ def test_the_closest_distances_are_those_of_mujoco(
             here = distances(model, there, [pairs[column] for column in chosen])[0]
             assert closest.distance_m == pytest.approx(here.min(), abs=1e-5)
             assert named(model, pairs[chosen[int(here.argmin())]], closest)
+
+
+def test_the_nearest_parts_are_found_near_and_far(robot: RobotDescription) -> None:
+    """Near parts are looked for first. Oracle: all of MuJoCo's distances."""
+    model = mujoco.MjModel.from_xml_path(str(MJCF))
+    nearest, pairs = robot.collision.nearest, geom_pairs(model)
+    world = np.array([0 in (model.geom_bodyid[first], model.geom_bodyid[second]) for first, second in pairs])
+    drawn = np.random.default_rng(64).uniform(*model.jnt_range.T, (400, model.nq))
+    changes = np.ptp(distances(model, drawn[:20], pairs), axis=0) > 1e-9
+    kinds = set()
+    for joints in drawn[robot.collision.clearance.are_free(drawn)][:40]:
+        all_m = distances(model, joints[None], pairs)[0]
+        for found, chosen in zip(nearest.at(joints), (~world & changes, world & changes), strict=True):
+            assert found is not None
+            assert found.distance_m == pytest.approx(all_m[chosen].min(), abs=1e-5)
+            kinds.add(found.distance_m < NEAR_M)
+    assert kinds == {True, False}
 
 
 def named(model: mujoco.MjModel, pair: tuple[int, int], closest: Closest) -> bool:
