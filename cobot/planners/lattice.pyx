@@ -50,7 +50,8 @@ def cheapest(rows, costs, start, weights, int window, double step_rad):
 
 def link(rows, costs, before, costs_before, weights, double step_rad):
     """See lattice.pyi."""
-    given, earlier = np.ascontiguousarray(rows, dtype=np.float64), np.ascontiguousarray(before, dtype=np.float64)
+    given = np.ascontiguousarray(rows, dtype=np.float64)
+    earlier = np.ascontiguousarray(before, dtype=np.float64)
     cdef Py_ssize_t n = given.shape[0], m = earlier.shape[0]
     cdef int dof = given.shape[1]
     own, spent = np.array(costs, dtype=np.float64), np.array(costs_before, dtype=np.float64)

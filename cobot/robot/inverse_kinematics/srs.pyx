@@ -881,8 +881,8 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, const double* angles, Py_ssize_t m, int branch,
         const char* near, double* out, int every
     ) noexcept nogil:
-        """Set the joints of one pose and branch at the arm angles that are feasible and `near` (NULL: all), each
-        `every` times seven numbers after the one before.
+        """Set the joints of one pose and branch at the arm angles that are feasible and `near` (NULL: all),
+        each `every` times seven numbers after the one before.
         """
         cdef Turned turned
         cdef double breaks[MAX_BREAKS + 1]
