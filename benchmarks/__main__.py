@@ -25,6 +25,7 @@ from benchmarks.planning import (
     explanations,
     inverse,
     lines,
+    plan_requests,
     planning_time,
     problem_sets,
     repeats,
@@ -35,7 +36,7 @@ from benchmarks.ros import dds, ros2_control
 from benchmarks.streams import latency, overshoot, policy, servo, smoothness, stopping
 from benchmarks.stress import run as stress
 from benchmarks.table import HEADER, Row
-from benchmarks.web import answers, events, fleet, floods, memory, pages, panel, steady
+from benchmarks.web import answers, events, fleet, floods, memory, pages, panel, preview, steady
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
@@ -67,6 +68,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
     "planning": lambda quick: planning_time.planning_time(30 if quick else 300),
     "corners": lambda quick: corners.corners(),
+    "plan_requests": lambda quick: plan_requests.plan_requests(20 if quick else 100),
     "lines": lambda quick: lines.lines(40 if quick else 500),
     "explanations": lambda quick: explanations.explanations(40 if quick else 200),
     "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 6, 0.5)),
@@ -82,6 +84,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "request_path": lambda quick: request_path.passed(50 if quick else 300),
     "stop": lambda quick: answers.stop(10 if quick else 100),
     "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
+    "preview": lambda quick: preview.preview(5 if quick else 20),
     "panel": lambda quick: panel.panel(*(2, 5.0, 20.0) if quick else (20, 30.0, 600.0)),
     "fanuc": lambda quick: fanuc.fanuc(*(2000, 4, 1) if quick else (20_000, 20, 5)),
     "fri": lambda quick: fri.fri(*(2000, 4, 2) if quick else (20_000, 40, 10)),

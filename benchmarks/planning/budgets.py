@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, archive, panda, problems
+from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, archive, problems, robot_of
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -35,7 +35,7 @@ def budgets(every: int) -> Iterator[Row]:
     if source is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        robot = panda(source, Path(folder))
+        robot = robot_of(source, Path(folder), "panda")
         found = [ratios(robot, each) for each in problems(Path(folder), "panda", every)]
     rows = np.array([each for each in found if each])
     for name, share in (("median", 50.0), ("p95", 95.0)):

