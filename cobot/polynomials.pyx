@@ -30,14 +30,14 @@ cdef double[ORDER][ORDER] FROM_ENDS = [
     [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
 ]
 
-# Of degrees up to 4: a Bezier curve's control points from the coefficients, binomials by binomials.
+# For degrees up to 4: the control points of a Bezier curve from its coefficients, as quotients of binomials.
 cdef double[5][5][5] BERNSTEIN
 for _degree in range(5):
     for _row in range(_degree + 1):
         for _column in range(_row + 1):
             BERNSTEIN[_degree][_row][_column] = comb(_row, _column) / comb(_degree, _column)
 
-# What numpy works with, in `cobot.trajectory` and in the tests: see polynomials.pyi.
+# For numpy code, in `cobot.trajectory` and in the tests: see polynomials.pyi.
 FACTORS = np.array(FACTOR)
 EXPONENTS = np.array([[max(power - order, 0) for power in range(ORDER)] for order in range(DERIVATIVES)])
 HERMITE = np.array(FROM_ENDS)
@@ -115,7 +115,7 @@ cdef void quintic_peaks(
         _basis(order, place / <double>(places - 1), duration_s, basis)
         for i in range(n):
             amount = fabs(_sum(order, basis, coefficients + i, n))
-            if amount > peaks[i] or amount != amount:  # what is no number stays
+            if amount > peaks[i] or amount != amount:  # NaN stays NaN
                 peaks[i] = amount
 
 

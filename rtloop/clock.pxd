@@ -11,13 +11,13 @@ cdef inline long long monotonic_ns() noexcept nogil:
 cdef class CycleClock:
     cdef public long long overruns
 
-    # By how many nanoseconds the cycle begins too late; below 0 the negative errno of a sleep that failed.
+    # Delay of the cycle in nanoseconds; if the sleep failed, its negative errno.
     cdef long long c_wait(self, bint moving) noexcept nogil
 
 
 cdef class RealtimeClock(CycleClock):
     cdef long long _period_ns
-    cdef readonly long long _deadline_ns  # of the next cycle; 0 before the first wait
+    cdef readonly long long _deadline_ns  # deadline of the next cycle; 0 before the first wait
 
 
 cdef class FastClock(CycleClock):
@@ -26,8 +26,8 @@ cdef class FastClock(CycleClock):
 
 cdef class Pace:
     cdef long long _period_ns, _last_ns, _since_ns
-    cdef long long _ahead_ns  # of the clock, by the device's beats
-    # Since they were not ahead of the clock: how many there were, and in how long.
+    cdef long long _ahead_ns  # lead of the device's beats over the clock
+    # Number of beats since they were last not ahead of the clock, and the time for them.
     cdef readonly long long beats, beats_ns
 
     cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil

@@ -5,11 +5,11 @@ import os
 from libc.errno cimport EINTR
 from posix.time cimport CLOCK_MONOTONIC, TIMER_ABSTIME, clock_nanosleep, nanosleep, timespec
 
-# After a pause a device's beats may come at once until so much of it is made up for.
+# After a pause, beats of a device may come at once until this much time has been made up.
 cdef long long CATCH_UP_NS = 100_000_000
-# Additional scatter of the times that is allowed.
+# Additional permitted scatter of the times.
 cdef long long SCATTER_NS = 50_000_000
-# A device's clock and the computer's may differ by one part in so many.
+# The clocks of the device and the computer may differ by 1 / DRIFT.
 cdef int DRIFT = 100
 
 
@@ -51,7 +51,8 @@ cdef class RealtimeClock(CycleClock):
         self._deadline_ns += self._period_ns
         deadline.tv_sec = self._deadline_ns // 1_000_000_000
         deadline.tv_nsec = self._deadline_ns % 1_000_000_000
-        while error == EINTR:  # A signal ends the sleep early: sleep on, the deadline is absolute.
+        # A signal ends the sleep early. The deadline is absolute, so the sleep is repeated.
+        while error == EINTR:
             error = clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &deadline, NULL)
         if error != 0:
             return -error
@@ -73,7 +74,7 @@ cdef class FastClock(CycleClock):
 
     cdef long long c_wait(self, bint moving) noexcept nogil:
         if moving:
-            self._real._deadline_ns = 0  # at the next rest it counts from then on
+            self._real._deadline_ns = 0  # at the next rest, deadlines are counted from that time
             return 0
         return min(self._real.c_wait(False), 0)
 
@@ -85,7 +86,7 @@ cdef class Pace:
 
     def __init__(self, double period_s):
         self._period_ns = round(period_s * 1e9)
-        self._ahead_ns = -CATCH_UP_NS  # before the first beat there may have been a pause
+        self._ahead_ns = -CATCH_UP_NS  # there may have been a pause before the first beat
 
     def early_ns(self, long long now_ns, bint beaten):
         """Like `c_early`, for Python."""

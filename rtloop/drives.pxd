@@ -9,7 +9,8 @@ cdef enum Power:
 
 cdef enum Reset:
     NO_RESET = 0
-    # Both: the arm may be anywhere, so it is commanded to be where it is; no other command is taken.
+    # In both, the arm may be anywhere. So its current position is commanded, and no other command is
+    # accepted.
     RECOVERING = 1
     ENABLING = 2
 

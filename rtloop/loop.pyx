@@ -25,9 +25,10 @@ from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
 from rtloop.last_state import last_state
 
-# Robot time that an arm is given to come to rest before the process ends.
+# Robot time in which an arm must come to rest before the process ends.
 END_LIMIT_S = 3.0
-# A beat of the device is waited for so many periods; after one that has not come, the next is due in one.
+# Maximum number of periods to wait for a beat of the device. After a missing beat, the next one is due in one
+# period.
 BEAT_PATIENCE = 1.5
 
 cdef int WAKEUP = Phase.WAKEUP
@@ -48,9 +49,9 @@ cdef class ControlLoop:
         self._pause_to_stop_ns = round(settings.rt.pause_to_stop_s * 1e9)
         self._late_in_a_row = 0
         self._frozen_to_fault = round(settings.rt.frozen_after_s / settings.rt.period_s)
-        self._frozen = 0  # Cycles in which the arm was moved and nothing measured has changed.
+        self._frozen = 0  # Number of cycles in which the arm was moved and no measured value changed.
         self._moving_rad_s = settings.rt.settle_velocity_rad_s
-        self._square = 0.0  # Of all that was measured last: a fingerprint.
+        self._square = 0.0  # A fingerprint of the last measured values.
         self._unwritten = 0  # Cycles in a row.
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
@@ -58,10 +59,10 @@ cdef class ControlLoop:
         self._backend, self._model = backend, model
         self._clock = clock
         self._is_paced = isinstance(backend, Paced)
-        # In robot time a device may be as fast as it can.
+        # With a clock of robot time, a device may be as fast as it can.
         self._pace = Pace(settings.rt.period_s) if isinstance(clock, RealtimeClock) else None
-        self._beatless = 0  # Cycles in a row without a beat of the device.
-        self._begun_ns = 0  # The last cycle, by the device's beat.
+        self._beatless = 0  # Number of consecutive cycles without a beat of the device.
+        self._begun_ns = 0  # Time of the last cycle that a beat has started.
         self._device = DeviceWatch(memory, backend)
         theirs = device_limits(backend, model.limits)
         if theirs is not None:
@@ -103,7 +104,7 @@ cdef class ControlLoop:
         known = last is not None and np.isfinite(last["position"]).all()
         self._backend.open(last["position"] if last is not None and known else start_position)
         self._backend.read(self._measured)
-        if not self.controller.drives.c_off():  # by a stop that the last rtloop has seen
+        if not self.controller.drives.c_off():  # through a stop that an earlier rtloop has read
             self._backend.enable()
         if self._device.capabilities.hardware:
             self._device.meet(first_contact(self._model, self._measured.position))

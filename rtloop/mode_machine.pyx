@@ -297,7 +297,7 @@ cdef class ModeMachine:
     cdef void _go_with_hand(self, Measured measured, double robot_time_s, bint fresh) except *:
         """Command the measured position while a person guides the arm, and until it is at rest after that."""
         if fresh:
-            # The command is the last position, so a jump shows when the cycle compares both again.
+            # The command is the last measured position, so the next comparison of both shows a jump.
             self.settling.c_tracks(measured.c_values, self._yield_rad)
             self._desired_rows[:] = 0.0
             self._desired_rows[0] = measured.position
@@ -404,8 +404,8 @@ cdef class ModeMachine:
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
         """Count how long the arm has been at rest, and check whether a motion or a session may have ended."""
-        # In a session the arm is compliant, in contact it is pushed aside, in FAULT it follows no command:
-        # then it may be at rest anywhere.
+        # The arm may be at rest at any position in a session, where it is compliant; in contact, where it may
+        # be pushed aside; and in FAULT, where it follows no command.
         cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT or self.signals.met
         self.settling.c_settle(
             velocity, fresh and self._guide != PATH and not self.safety.pursuing, anywhere

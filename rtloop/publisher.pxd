@@ -24,10 +24,10 @@ cdef class StatePublisher:
     cdef double* _effort_rate
     cdef uint64_t* _interventions
     cdef int64_t* _intervened_ns
-    cdef Block _gripper  # of the service
-    cdef double* _gripper_values  # in the block's private copy
+    cdef Block _gripper  # the gripper's block, written by the service
+    cdef double* _gripper_values  # its values in the block's private copy
     cdef uint64_t _gripper_seen  # sequence of the reading that is published
-    # For `publish`, which asks Python objects.
+    # For `publish`, which uses Python objects.
     cdef object _reason
     cdef long long _counted
 
@@ -37,9 +37,9 @@ cdef class StatePublisher:
     cdef void c_publish(
         self, const StateScalars* scalars, const double* measured, const double* command
     ) noexcept nogil
-    # Put the newest reading of the gripper into the numbers of the state.
+    # Copy the newest reading of the gripper into the numbers of the state.
     cdef void c_heed_gripper(self, StateScalars* scalars) noexcept nogil
-    # What the safety layer has counted, a number for each kind of intervention; to be called when it changes.
+    # Copy the counts of the safety layer, one for each kind of intervention. Call it when they change.
     cdef void c_heed(self, Safety safety, object reason) except *
     cdef void _find_tcp(self) noexcept nogil
     cdef void _smooth_effort_rate(self) noexcept nogil

@@ -46,7 +46,7 @@ cdef class StatePublisher:
         self._smoothing = memory.period_s / EFFORT_RATE_S
         self._per_period = 1.0 / memory.period_s
         self.scalars = <StateScalars*>block.c_unsigned("cycle")
-        # What is measured stands together, and so do the three commanded rows.
+        # The measured values are adjacent in the block, and so are the three commanded rows.
         self._measured = block.c_doubles("position")
         self._velocity, self._effort = block.c_doubles("velocity"), block.c_doubles("effort")
         self._commanded = block.c_doubles("commanded_position")
@@ -64,7 +64,7 @@ cdef class StatePublisher:
         if sequence == self._gripper_seen or not self._gripper.c_try_read():
             return
         self._gripper_seen = sequence
-        # The fields of the gripper stand together, in the order of its block.
+        # The fields of the gripper are adjacent, in the order of its block.
         memcpy(&scalars.gripper_width, self._gripper_values, self._gripper.mapped.size)
         if scalars.gripper_monotonic_ns == 0:
             scalars.gripper_width = scalars.gripper_commanded_width = scalars.gripper_force = NAN

@@ -9,7 +9,7 @@ cdef enum:
     MAX_COPIES = 64
 
 cdef enum CopyKind:
-    COPY_WORDS  # 8 bytes each, as they are
+    COPY_WORDS  # 8 bytes each, unchanged
     COPY_SINGLES  # double to float
     COPY_UINT32  # of a uint64
     COPY_UINT8
@@ -34,11 +34,11 @@ cdef class CycleRecorder:
     cdef uint32_t* _interventions
     cdef uint32_t* _phases_ns
     cdef uint8_t* _is_fresh
-    cdef uint64_t* _counted_before  # a number for each kind of intervention
+    cdef uint64_t* _counted_before  # the last count of each kind of intervention
     cdef object _reason
     cdef long long _counted
 
-    # Note why the mode is what it is, and what the safety layer counted; to be called in each cycle.
+    # Note the reason for the mode and the counts of the safety layer. Call it in each cycle.
     cdef void c_heed(self, Safety safety, object reason, int mode, uint64_t cycle, int64_t now_ns) except *
     # Write the record of a cycle.
     #     state: a record of `cobot.ipc.state_fields.state_dtype`

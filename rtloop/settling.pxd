@@ -7,7 +7,7 @@ cdef class SettlingMonitor:
     cdef readonly double largest  # of a joint, rad
     cdef object _limits
     cdef Safety _safety
-    cdef double _error[MAX_DOF]  # Measured against commanded, rad.
+    cdef double _error[MAX_DOF]  # Difference of measured and commanded position, rad.
     cdef double _norm, _jump, _largest_step
     cdef double _settle_position_rad, _settle_velocity_rad_s
     cdef int _dof

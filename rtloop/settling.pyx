@@ -9,7 +9,7 @@ from rtloop.results import ACCEPTED, Rejected
 
 # Robot time after the end of a motion within which the arm has to settle.
 SETTLE_LIMIT_S = 2.0
-# A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
+# A measured position was misread if it moves in a cycle this many times as far as all joints at full speed.
 JUMP_FACTOR = 3.0
 
 

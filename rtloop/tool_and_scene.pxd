@@ -2,10 +2,11 @@ from rtloop.streaming.session cimport Session
 
 
 cdef enum Known:
-    # What streams know of what stands around the arm.
-    ALL = 0  # Or why not: then they are refused.
-    CHANGED = 1  # It is read as soon as the arm rests; whatever moves it may go on.
-    BEING_READ = 2  # By a thread: whatever would move the arm waits.
+    # The state of the surroundings that streaming sessions use.
+    ALL = 0  # Known completely; or an error is known, and sessions are rejected.
+    # Changed, and not read yet. The scene is read when the arm is at rest; a motion may continue.
+    CHANGED = 1
+    BEING_READ = 2  # A thread reads it. Requests for motions wait.
 
 
 cdef class ToolAndScene:

@@ -60,7 +60,7 @@ cdef class ToolAndScene:
             if tool.version != version:
                 return Rejected(f"shared memory has version {tool.version} of the tool, not {version}")
             self.carry(tool, mounted)
-            self.hear_of(scene_version)  # Its shapes stand in its file.
+            self.hear_of(scene_version)  # The shapes of the tool are in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return Rejected(str(exc))
         return ACCEPTED

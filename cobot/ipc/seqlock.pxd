@@ -2,7 +2,7 @@ from libc.stdint cimport int64_t, uint64_t
 
 
 cdef struct Mapped:
-    # A record: where it lies in shared memory, and the private copy of who reads or writes it.
+    # The location of a record in shared memory, and the private copy of its reader or writer.
     uint64_t* counter
     uint64_t* checksum
     char* shared
@@ -28,7 +28,7 @@ cdef class Block:
     cdef unsigned long long c_sequence(self) noexcept nogil
     cdef bint c_try_read(self) noexcept nogil
     cdef void c_publish(self) noexcept nogil
-    # The address of a field in the private copy; the other three also see to it that it is of that kind.
+    # The address of a field in the private copy. The other three also check the field's kind.
     cdef char* c_field(self, str name) except NULL
     cdef uint64_t* c_unsigned(self, str name) except NULL
     cdef int64_t* c_signed(self, str name) except NULL

@@ -37,7 +37,7 @@ cdef extern from * nogil:
     #define COBOT_P4 0x85EBCA77C2B2AE63ULL
     #define COBOT_P5 0x27D4EB2F165667C5ULL
     """
-    # The primes of XXH64, as constants of C: they stand in the code and not in memory.
+    # The primes of XXH64, as constants of C, so that they are in the code and not in memory.
     const uint64_t P1 "COBOT_P1"
     const uint64_t P2 "COBOT_P2"
     const uint64_t P3 "COBOT_P3"
@@ -141,7 +141,7 @@ cdef class SharedCounter:
             ValueError: beyond the mapping, or not at a multiple of 8 bytes.
         """
         if offset < 0 or offset % 8:
-            raise ValueError(f"a counter stands at a multiple of 8 bytes, not at {offset}")
+            raise ValueError(f"a counter begins at a multiple of 8 bytes, not at {offset}")
         # The view keeps the mapping alive.
         self._shared = memoryview(memory)[offset : offset + 8]
         self.place = <uint64_t*>bytes_of(self._shared, 8)
@@ -176,7 +176,7 @@ cdef bint try_read(const Mapped* record) noexcept nogil:
     cdef uint64_t found
     if before & 1:
         return False
-    # A plain copy between two fences is what C can say of a record that may be torn.
+    # A plain copy between two fences is the most that C can express for a record that may be torn.
     memcpy(record.copy, record.shared, record.size)
     found = atomic_load(record.checksum, RELAXED)
     fence(ACQUIRE)  # the copy is complete before the counter is looked at again

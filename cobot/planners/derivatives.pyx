@@ -7,7 +7,7 @@ import numpy as np
 from cobot.arrays cimport doubles
 from cobot.robot.chain cimport Chain
 
-cdef double NONE = 1e-12  # What is shorter has no direction.
+cdef double NONE = 1e-12  # A shorter vector has no direction.
 
 
 cdef inline double _dot(const double* a, const double* b) noexcept nogil:

@@ -83,7 +83,7 @@ cdef extern from *:
                 + v[2][l] * basis[6 + i][l];
     }
 
-    /* Compute the slacks at the coefficients `at` and their terms of the system, in `out`. The duals go on by
+    /* Compute the slacks at the coefficients `at` and their terms of the system, in `out`. The duals advance by
        a share of their change; with `fresh`, the slacks determine new duals. */
     FOR_EACH_PROCESSOR
     static void assemble_block(const Block *block, const Lanes *at, double barrier, int fresh, double share,
@@ -233,17 +233,17 @@ cdef extern from *:
     void step_block(const Block*, const Lanes*, const Lanes*, double, double, Lanes*) noexcept nogil
     void duration_block(const Lanes*, const Lanes*, const Lanes*, Lanes*, Lanes*) noexcept nogil
 
-cdef double BEGIN = 0.8  # Of the largest constant rate: there it begins.
-cdef double TO_THE_BOUND = 0.99  # A step goes so much of the way to the nearest bound.
-cdef double SHRINK = 0.2  # The barrier becomes so much smaller after a good step.
+cdef double BEGIN = 0.8  # The iteration begins at this share of the largest constant rate.
+cdef double TO_THE_BOUND = 0.99  # A step covers this share of the way to the nearest bound.
+cdef double SHRINK = 0.2  # Factor by which the barrier decreases after a good step.
 cdef double FIRST_GAP = 0.3
 
 
 cdef class Stations:
     """Places in cells, each with the same number of rows.
 
-    Of an acceleration or a torque:  low ≤ second b + first b' / 2 ≤ high.
-    Of a jerk, if there is a third:  |third b + 3/2 second b' + first b'' / 2| ≤ high b^(-1/2).
+    For an acceleration or a torque:  low ≤ second b + first b' / 2 ≤ high.
+    For a jerk, with a third:         |third b + 3/2 second b' + first b'' / 2| ≤ high b^(-1/2).
 
     Attributes:
         cells: the cell of each station, shape (n,).
@@ -253,7 +253,7 @@ cdef class Stations:
 
     cdef int _count, _rows, _blocks
     cdef object _kept
-    cdef int* _cell  # Of each station, the last one again until its block is full.
+    cdef int* _cell  # For each station; the last station is repeated until its block is full.
     cdef Block _first_block
 
     def __init__(self, cells, basis, first, second, third, low, high):
@@ -323,7 +323,7 @@ cdef class Stations:
     cdef double constant_rate(self) noexcept nogil:
         """The largest constant b that keeps all bounds; 0 if none does."""
         cdef double largest = 1e300
-        cdef double least = 1e300  # Of the bounds of b^(3/2).
+        cdef double least = 1e300  # The smallest bound of b^(3/2).
         cdef double high, low, second
         cdef Block block
         cdef int number, row, lane
@@ -347,7 +347,7 @@ cdef class Stations:
     cdef void assemble(
         self, const double* c, double barrier, bint fresh, double share, double* matrix, double* right
     ) noexcept nogil:
-        """Compute the slacks at c and add their terms to the system. The duals go on by a share of their
+        """Compute the slacks at c and add their terms to the system. The duals advance by a share of their
         change; with `fresh`, the slacks determine new duals."""
         cdef Lanes at[3]
         cdef Lanes terms[9]

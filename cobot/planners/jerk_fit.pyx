@@ -21,7 +21,7 @@ cdef enum:
     AT_REST = 3
     BAND = 4
 
-# Of the points in a difference of each order, the earliest one first.
+# Weights of the points in a difference of each order, the earliest point first.
 cdef double[ORDERS][ORDERS] BINOMIAL = [
     [1.0, 0.0, 0.0, 0.0],
     [-1.0, 1.0, 0.0, 0.0],

@@ -14,7 +14,7 @@ import numpy as np
 
 from cobot.arrays cimport doubles
 
-cdef double STILL = 1e-12  # What moves less along the path bounds no acceleration.
+cdef double STILL = 1e-12  # A coordinate with a smaller share does not bound the acceleration.
 
 
 cdef double _largest(

@@ -21,10 +21,11 @@ cdef struct Cloud:
     int count
     int dof
     int goals           # the last ones
-    double* edges       # their lengths; negative where one is proven free, infinite where one is not free
+    # their lengths; negative for an edge that is proven free, infinite for one that is not free
+    double* edges
     double* reached     # the length of the way to each node
-    double* left        # no way from it to a goal is shorter
-    int* before         # on that way
+    double* left        # a lower bound of the way from the node to a goal
+    int* before         # the previous node on that way
     char* settled
 
 

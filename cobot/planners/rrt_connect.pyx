@@ -18,8 +18,8 @@ from cobot.robot.clearance cimport Clearance
 
 cdef enum:
     GROWTH = 256
-    LOOK = 16    # draws between two looks at the clock
-    DRAWS = 50   # for each attempt, where most of them are too far away
+    LOOK = 16    # number of draws between two checks of the time
+    DRAWS = 50   # number of draws for each attempt, because most configurations are too far away
     TRAPPED = -1
     NO_MEMORY = -2
 

@@ -11,9 +11,9 @@ from cobot.planners.splitmix cimport uniform
 from cobot.robot.clearance cimport Clearance
 
 cdef enum:
-    CHOICES = 12    # of so many random cuts the one that would gain most is tried
+    CHOICES = 12    # number of random cuts, of which the one that would save most is tried
     TRIALS = 200
-    FAILURES = 50   # so many trials one after the other without a gain end it
+    FAILURES = 50   # number of consecutive trials without a gain after which the search ends
     HALVINGS = 5
 
 cdef double WORTH = 1e-3  # a cut that gains less than this share of the length is not tried

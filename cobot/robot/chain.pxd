@@ -7,10 +7,10 @@ cdef class Chain:
     cdef object _tail  # rotation and position from the last joint to the body of the TCP
     cdef readonly int dof
     cdef readonly object base_rotation
-    cdef int _count                       # joints on the way to the TCP; the others do not move it
-    cdef int _joint[MAX_DOF]              # of these, the column each has in the joint vector
+    cdef int _count                       # number of joints on the way to the TCP; the others do not move it
+    cdef int _joint[MAX_DOF]              # the column of each of these joints in the joint vector
     cdef bint _slides[MAX_DOF]
-    cdef double _rest[MAX_DOF]            # the joint's position at which the fixed parts are as they are
+    cdef double _rest[MAX_DOF]            # position of the joint in which the fixed parts were taken
     cdef double _turn[MAX_DOF + 1][9]     # fixed parts: rotation before each joint, and after the last one
     cdef double _offset[MAX_DOF + 1][3]
     cdef object _joints, _pose, _rotation, _jacobian

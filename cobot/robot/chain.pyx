@@ -60,7 +60,7 @@ cdef class Chain:
             for joint in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
                 aligned = with_z_along(mj.jnt_axis[joint])
                 self._add_joint(mj, joint, turn @ aligned, offset + turn @ mj.jnt_pos[joint])
-                # What follows is seen from the joint's frame, whose origin is the anchor.
+                # The following parts are given in the joint's frame, whose origin is the anchor.
                 turn, offset = aligned.T, -aligned.T @ mj.jnt_pos[joint]
         self._tail = turn, offset
         self.reach(mj, site)
@@ -132,8 +132,9 @@ cdef class Chain:
         joints: the joints and their first three derivatives, by time or another parameter; `apart` numbers
         lie between the beginnings of two of them.
         """
-        cdef double turning[9]  # The angular velocity and its derivatives of what hangs on the last joint.
-        cdef double moving[9]  # And the velocity of its origin.
+        # The angular velocity, and its derivatives, of the body behind the last joint.
+        cdef double turning[9]
+        cdef double moving[9]  # The velocity of the origin of that body.
         cdef double turn[9]
         cdef double arm[3]
         cdef double axis[3]

@@ -48,7 +48,7 @@ def cover(points, faces, double loss_m, double floor_m):
         points: corners, shape (k, 3), m.
         faces: corners of each face, as indices, in order around it.
         loss_m: a piece whose radii differ by no more is not cut.
-        floor_m: nor is one whose outer radius is no larger.
+        floor_m: a piece whose outer radius is no larger is not cut either.
     """
     cdef Body body
     cdef Tree tree

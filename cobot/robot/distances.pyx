@@ -30,7 +30,7 @@ from cobot.robot.mujoco cimport (
 from cobot.robot.shapes cimport between_axes
 
 cdef enum:
-    CAPSULES            # of which spheres are the shortest
+    CAPSULES            # both geoms are capsules; a sphere is a capsule of length 0
     PLANE_AND_CAPSULE   # the first one is the plane
     PLANE_AND_CYLINDER
     BOUNDED_BY_CAPSULES

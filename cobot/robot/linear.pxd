@@ -8,7 +8,7 @@ from libc.math cimport fabs, sqrt
 from cobot.arrays cimport MAX_DOF
 
 cdef enum:
-    # Of a matrix with MAX_DOF rows: two steps of the QR iteration for each eigenvalue are what it takes.
+    # For a matrix with MAX_DOF rows: the QR iteration needs about two steps for each eigenvalue.
     MAX_TURNS = 3 * MAX_DOF * MAX_DOF
 
 cdef struct Turn:

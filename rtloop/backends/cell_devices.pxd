@@ -17,7 +17,7 @@ cdef struct Ray:
 cdef struct Switch:
     int kind
     int point
-    int count  # the point that counts; negative: none
+    int count  # index of the point that counts; negative: none
     int body
     double force
     Ray ray
@@ -28,16 +28,16 @@ cdef class CellDevices:
     cdef mjData* _data
     cdef object _owners, _points, _indices, _reported
     cdef double _values[MAX_POINTS]
-    cdef int _drives  # of the hand: two that slide, or one that turns
+    cdef int _drives  # drives of the hand: two slides, or one hinge
     cdef int _finger_position[2]
     cdef int _finger_dof[2]
-    cdef double _travel[2]  # of each drive from closed to open, m or rad
+    cdef double _travel[2]  # travel of each drive from closed to open, m or rad
     cdef double _inertia[2]
-    cdef double _per_travel  # part of the opening for each metre or radian of a drive
+    cdef double _per_travel  # share of the opening for each metre or radian of a drive
     cdef int _last_width
-    cdef double _widths[MAX_WIDTHS]  # at equal steps of the opening, from closed to open
+    cdef double _widths[MAX_WIDTHS]  # widths at equal steps of the opening, from closed to open
     cdef object _gripping_array
-    cdef unsigned char* _gripping  # by body: whether it holds parts
+    cdef unsigned char* _gripping  # for each body: whether it is a part of the hand that grips
     cdef int _cup
     cdef double* _turning
     cdef object _turning_array

@@ -16,7 +16,7 @@ from cobot.cell.plant_hands import DRIVE_KG, FINGERS, LIPS, drive_inertia
 from rtloop.backends.cell_points import HAND_POINTS, cell_points
 from rtloop.backends.protocols import BackendError
 
-# Places of the hand's points, see `cell_points`.
+# Indices of the hand's points, see `cell_points`.
 cdef enum:
     WIDTH
     FINGER_SPEED
@@ -25,7 +25,7 @@ cdef enum:
     MEASURED_FORCE
     MOVING
 
-# Those of a cup, which a cell has instead.
+# Indices of a cup's points. A cell has either a hand or a cup.
 cdef enum:
     SUCTION
     VACUUM
@@ -38,13 +38,13 @@ cdef enum:
 # The drives of the fingers follow the width like springs of this frequency, critically damped.
 cdef double FINGER_FREQUENCY_RAD_S = 150.0
 cdef double DRIVE_MASS = DRIVE_KG
-# The fingers are still when the width changes more slowly than this, or is as near to the goal.
+# The fingers are at rest when the width changes more slowly than this, or is this close to the goal.
 cdef double STILL_M_S = 0.001
 cdef double REACHED_M = 0.0002
-# They rest after so long.
+# Time after which fingers without motion count as at rest.
 cdef double REST_S = 0.05
-# A cup that is not covered reaches only this share of its vacuum, because air flows in. It loses its vacuum
-# with this time constant.
+# A cup that is not covered reaches only this share of its vacuum, because air flows in. The time constant is
+# that of the loss of the vacuum.
 cdef double OPEN_SHARE = 0.1
 cdef double OPEN_S = 0.01
 
@@ -196,7 +196,7 @@ cdef class CellDevices:
         cdef double step = self._values[FINGER_SPEED] * self._period_s
         cdef double width = self._width()
         cdef int place = self._step_at(self._opening())
-        # Metres of width for the whole opening, were all of it like this place; and against the mean.
+        # The slope of the width here, in m for the whole opening; and its ratio to the mean slope.
         cdef double slope = (self._widths[place + 1] - self._widths[place]) * self._last_width
         cdef double steeper = slope / (self._stroke_m - self._closed_m)
         cdef double lead = (
@@ -331,9 +331,10 @@ cdef class CellDevices:
         middle of a step if the share is 1 - h b / 2.
         """
         cdef double step = self._model.opt.timestep
-        # b = 2 / (dmax timeconst), as MuJoCo computes it, whose time constant is never below two steps.
+        # b = 2 / (dmax timeconst) as in MuJoCo, which limits the time constant to at least two steps.
         cdef double share = 1.0 - step / (contact.solimp[1] * max(contact.solref[0], 2.0 * step))
-        cdef double left_out[6]  # of the second body against the first, in the world: linear, angular
+        # dJ/dt v of the second body relative to the first, in the world frame: linear, angular
+        cdef double left_out[6]
         cdef double* wanted = self._data.efc_aref + contact.efc_address
         cdef const double* axis
         cdef Py_ssize_t dofs = self._model.nv, row, dof

@@ -28,7 +28,7 @@ cdef class Measured:
             start = end
 
     def __setattr__(self, name: str, value: object) -> None:
-        # `measured.position += offset` assigns too: the array stays the part of the buffer that it is.
+        # `measured.position += offset` assigns too, so the array must stay the same part of the buffer.
         kept, given = getattr(self, name), np.asarray(value)
         if given.shape != kept.shape:
             raise ValueError(f"measured.{name} is given the shape {given.shape}, it has to be {kept.shape}")
@@ -37,7 +37,7 @@ cdef class Measured:
 
 cdef class CompiledBackend:
     def __cinit__(self, *_, **__) -> None:
-        # A subclass in Python that reads or writes in its own way is asked, each time.
+        # Whether a Python subclass overrides `read` or `write`; then its method is called in each cycle.
         self.read_in_python = isinstance(getattr(type(self), "read", None), FunctionType)
         self.write_in_python = isinstance(getattr(type(self), "write", None), FunctionType)
 

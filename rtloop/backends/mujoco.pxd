@@ -9,7 +9,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef int _tcp, _tcp_body
     cdef const mjModel* _c_model
     cdef mjData* _c_data
-    cdef mjData* _sensed  # whose sensors are read
+    cdef mjData* _sensed  # the data with the sensors that are read
     cdef object _robot, _base
     cdef readonly object _model, _data, _position
     cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
@@ -22,14 +22,15 @@ cdef class MujocoBackend(CompiledBackend):
     cdef object _losses  # damping and dry friction of the model's file, each of shape (dof,)
     cdef double _command[3 * MAX_DOF]
     cdef double _pull[MAX_DOF]
-    cdef bint _yielding  # an impedance is set
-    cdef bint _changing  # to another one, at the next command
+    cdef bint _yielding  # whether an impedance is set
+    cdef bint _changing  # whether another impedance takes effect with the next command
     cdef readonly object _transition
     cdef double* _c_transition
     cdef double _transition_from[MAX_DOF]
     cdef int _transition_cycles, _transition_left
     cdef Measured _reported
-    cdef int _force_address, _torque_address  # in MuJoCo's sensor readings; negative: the model has none
+    # index in MuJoCo's sensor readings; negative: the model has no such sensor
+    cdef int _force_address, _torque_address
     cdef double _from_sensors[36]
     cdef str _fail_read, _fail_write, _drive_fault
     cdef bint _read_fails, _write_fails
@@ -37,13 +38,14 @@ cdef class MujocoBackend(CompiledBackend):
     cdef double* _c_push
     cdef double* _c_jump
     cdef bint _pushing
-    cdef int _pull_body, _pull_left, _pull_cycles  # of the model that is stepped; cycles
+    # body of the stepped model; remaining and total number of cycles
+    cdef int _pull_body, _pull_left, _pull_cycles
     cdef double _pull_point[3]
     cdef double _pull_target[3]
     cdef double _pull_last[3]
     cdef bint _pull_begins
     cdef object _pull_effort
-    cdef double* _c_pull_effort           # of all joints of the model that is stepped
+    cdef double* _c_pull_effort           # efforts of all joints of the stepped model
     cdef object _max_effort
     cdef double* _c_max_effort
     cdef public bint stale, not_finite

@@ -53,17 +53,17 @@ from cobot.robot.device import Capabilities
 from cobot.robot.model import RobotModel
 from rtloop.backends import BackendError
 
-# Position control. 60 rad/s makes some 5000 N·m/rad of the inertias of the iiwa's large joints and 500 of the
-# small ones, the range of the LBR's own joint impedance. It is a hundredth of the rate of a 1 kHz cycle, far
-# from what a discrete controller would make unstable.
+# Position control. For the inertias of the iiwa, 60 rad/s corresponds to about 5000 N·m/rad at the large
+# joints and 500 at the small ones, the range of the LBR's own joint impedance. It is a hundredth of the rate
+# of a 1 kHz cycle, so a discrete controller is far from unstable.
 cdef double NATURAL_FREQUENCY_RAD_S = 60.0
 cdef double DAMPING_RATIO = 0.7
-# Share of the measured dry friction that is made up for: all of it would leave a joint without any.
+# Share of the measured dry friction that is compensated. If all of it were, a joint would have no friction.
 cdef double FRICTION_SHARE = 0.9
-# Time in which the arm goes over to another impedance.
+# Duration of the transition to another impedance.
 cdef double TRANSITION_S = 0.1
-# A pull at a link: a spring with a damper, like a hand's. It loads no joint with more than this share of its
-# effort.
+# A pull at a link acts like a spring with a damper, as a hand does. No joint is loaded with more than this
+# share of its effort limit.
 cdef double PULL_N_M = 300.0
 cdef double PULL_NS_M = 40.0
 cdef double MAX_PULL_N = 50.0
@@ -83,7 +83,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._model.opt.timestep = settings.rt.period_s
         self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
         self._data = mujoco.MjData(self._model)
-        mujoco.set_mjcb_time(None)  # MuJoCo's timers are not used, and cost a call of the clock each
+        mujoco.set_mjcb_time(None)  # MuJoCo's timers are not used, and each of them would read the clock.
         self._c_model, self._c_data = model_of(self._model), data_of(self._data)
         self._sensed = self._c_data
         self._position = self._data.qpos
@@ -136,14 +136,14 @@ cdef class MujocoBackend(CompiledBackend):
             raise BackendError(self._drive_fault)
 
     def set_tool(self, tool: object) -> None:
-        # Torque and motion of the next step follow from the same masses: the arm stays where it is.
+        # Torque and motion of the next step follow from the same masses, so the arm does not move.
         self._robot.carry(tool)
         mujoco.mj_kinematics(self._model, self._data)
         self._find_sensors()
 
     def set_impedance(self, impedance: object) -> None:
-        # The torque stays what it is: the difference of the springs, and of what is commanded next, goes into
-        # a term that fades. It does so even when an impedance is set in each cycle, only slower.
+        # The torque does not change: the difference between the springs, and between the commands, becomes a
+        # term that fades. It also fades if an impedance is set in each cycle, but more slowly.
         cdef int i
         if not self._changing:
             self._find_pull()
@@ -417,7 +417,7 @@ cdef class MujocoBackend(CompiledBackend):
         for i in range(dof):
             if fabs(effort[i]) > MAX_PULL_SHARE * self._c_max_effort[i]:
                 share = fmin(share, MAX_PULL_SHARE * self._c_max_effort[i] / fabs(effort[i]))
-        for i in range(dof):  # The drives of a hand's own joints apply theirs.
+        for i in range(dof):  # The joints of a hand have their own drives.
             data.qfrc_applied[i] = effort[i] * share
 
     cdef void _report(self) noexcept nogil:

@@ -17,10 +17,10 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.linear cimport cholesky_solve
 from cobot.robot.mujoco cimport data_of, mj_mulM, model_of
 
-# 1/s: 63 % of a push are seen after 10 ms, 99 % within 50.
+# 1/s: the estimate has 63 % of a push after 10 ms, 99 % within 50 ms.
 cdef double GAIN_HZ = 100.0
-# Singular value of the Jacobian at which half of a force is seen: what the joints' torques cannot tell is
-# left out rather than guessed.
+# Singular value of the Jacobian at which half of a force is estimated. The part that the joints' torques do
+# not show is omitted, not guessed.
 cdef double MIN_SINGULAR = 0.01
 
 
@@ -64,7 +64,7 @@ cdef class Observer:
             self._change[i] = data.qvel[i] - self._before[i]
             self._before[i] = data.qvel[i]
         mj_mulM(self._model, data, momentum, self._change)
-        # MuJoCo's forces of constraint: equalities, then dry friction, if a model does not switch it off.
+        # MuJoCo's constraint forces: equalities first, then dry friction, unless the model switches it off.
         for i in range(dof):
             self.c_friction[i] = 0.0
             if self._model.dof_frictionloss[i] > 0.0 and row < solved.ne + solved.nf:

@@ -7,14 +7,14 @@ cdef class Springs:
     cdef const mjModel* _model
     cdef mjData* _data
     cdef Chain _chain
-    cdef object _owners  # of what the addresses lead to
+    cdef object _owners  # the objects that own the memory at these addresses
     cdef int _dof
     cdef const double* _jacobian
     cdef object _unit
     cdef const double* _identity
     cdef readonly object joint_stiffness, tcp_stiffness
     cdef bint _cartesian
-    cdef double _stiffness[MAX_DOF]  # of the springs on the joints, N·m/rad
+    cdef double _stiffness[MAX_DOF]  # stiffness of the springs on the joints, N·m/rad
     cdef double _stiffness_roots[MAX_DOF]
     cdef double _damping_roots[MAX_DOF]
     cdef double _tcp_stiffness[6]

@@ -23,19 +23,19 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.linear cimport apply_inverse_root, cholesky_solve
 from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
 
-# The stiffest springs have this frequency on the least inertia that they meet. A 1 kHz cycle carries ten
-# times the stiffness and more before it becomes unstable.
+# The stiffest springs have this frequency with the smallest inertia that acts on them. A 1 kHz cycle becomes
+# unstable only above ten times that stiffness.
 NOMINAL_FREQUENCY_RAD_S = 100.0
-# How much heavier than with its neighbours free a joint may count.
+# Largest ratio between the inertia that counts for a joint, and its inertia while its neighbours are free.
 MAX_COUPLING = 2.0
-# Postures in which the least inertia is looked for.
+# Number of postures among which the smallest inertia is found.
 POSTURES = 200
-# What holds the null space has this share of the nominal frequency: soft, for near a singularity some of it
-# reaches the TCP.
+# The springs of the null space have this share of the nominal frequency. They are soft, because near a
+# singularity a part of their force reaches the TCP.
 NULL_FREQUENCY_SHARE = 0.2
 NULL_DAMPING_RATIO = 1.0
-# (rad/s)²: slower motions are damped no more than this one. Where the stiffest springs on the TCP are slower,
-# the arm is singular and its joints' own springs take over.
+# (rad/s)²: slower motions get no more damping than this one. If the stiffest springs on the TCP are slower,
+# the arm is singular, and the springs of its joints take over.
 cdef double MIN_SQUARED_FREQUENCY = 1.0
 
 
@@ -69,7 +69,7 @@ cdef class Springs:
         self._chain = robot.chain
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
         cdef int row
-        for row in range(6):  # an axis along which the TCP never moves may have any
+        for row in range(6):  # any stiffness is possible along an axis on which the TCP never moves
             stiffest = self.tcp_stiffness[row]
             self._min_mobility[row] = MIN_SQUARED_FREQUENCY / stiffest if stiffest > 0.0 else 1.0
 

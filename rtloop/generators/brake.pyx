@@ -6,7 +6,7 @@ from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 from rtloop.generators.otg cimport OTG_OK, Problem, otg_velocity, profile_at
 
-cdef double ROUNDING = 1e-9  # Rates no larger than this are rest, rad/s and rad/s².
+cdef double ROUNDING = 1e-9  # Rates up to these count as rest, rad/s and rad/s².
 
 
 cdef class Brake:

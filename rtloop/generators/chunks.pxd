@@ -4,9 +4,10 @@ from cobot.arrays cimport MAX_DOF
 from rtloop.generators.brake cimport Brake
 
 cdef enum:
-    MAX_CHUNK = 64  # Waypoints; as many of older chunks may still be ahead.
-    SUPPORT = 3  # Passed waypoints that the spline still runs through: a new chunk hardly moves its start.
-    MAX_WAYPOINTS = 131  # All of these.
+    MAX_CHUNK = 64  # Waypoints of a chunk; as many waypoints of older chunks may still be ahead.
+    # Passed waypoints that still belong to the spline, so that a new chunk hardly moves its start.
+    SUPPORT = 3
+    MAX_WAYPOINTS = 131  # The sum: MAX_CHUNK of both, and SUPPORT.
 
 cdef enum ChunkRefusal:
     CHUNK_TAKEN = 0
@@ -24,7 +25,7 @@ cdef class ChunkInterpolator:
     cdef double period_s
     cdef double[3][MAX_DOF] bounds
     cdef Brake brake
-    # The waypoints, some of them passed, and what the spline does there.
+    # The waypoints, some of them passed, and the state of the spline there.
     cdef int count
     cdef double[MAX_WAYPOINTS] times_s
     cdef object waypoints  # (MAX_WAYPOINTS, 3, n): position, velocity, acceleration.
@@ -35,7 +36,7 @@ cdef class ChunkInterpolator:
     cdef object quintics  # (MAX_WAYPOINTS, 6, n)
     cdef double* coefficients
     cdef bint braking
-    # What the sentence of a refusal tells.
+    # Values for the message of a rejection.
     cdef int refused
     cdef long long refused_count
     cdef double refused_s

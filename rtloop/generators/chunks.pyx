@@ -19,9 +19,9 @@ from cobot.errors import InputError
 from rtloop.results import ACCEPTED, Rejected
 
 cdef enum:
-    PLACES = 11  # In a blend, where velocity, acceleration and jerk are looked at.
+    PLACES = 11  # Places of a blend at which velocity, acceleration and jerk are checked.
 
-# Relative: the last two waypoints have the same acceleration, and rounding must not decide between them.
+# Relative. The last two waypoints have the same acceleration, and rounding must not decide between them.
 cdef double TIE = 1e-9
 
 
@@ -56,7 +56,7 @@ cdef class ChunkInterpolator:
             `CHUNK_TAKEN`, or the reason of a rejection as a number. After a rejection only `late` has
                 changed.
         """
-        # What is due within this period is past: nothing can lead there any more.
+        # A waypoint that is due within this period is past: no motion can reach it in time.
         cdef double soon_s = now_s + self.period_s
         cdef double step_s
         cdef int first = 0, end, ahead, begin, i, n = self.n
@@ -70,7 +70,7 @@ cdef class ChunkInterpolator:
             self.refused, self.refused_count = CHUNK_PAST, first
             self.refused_s = now_s - times_s[count - 1]
             return self.refused
-        # Old waypoints remain up to half a step before the first new one: two plans need not agree.
+        # Old waypoints remain up to half a step before the first new one, because two plans need not agree.
         step_s = times_s[first + 1] - times_s[first] if count - first > 1 else 2.0 * self.period_s
         end = self._index(times_s[first] - 0.5 * step_s)
         ahead = min(self._index(soon_s), end)
@@ -112,7 +112,7 @@ cdef class ChunkInterpolator:
             self.starved += 1
             self._start_brake()
         if self.brake.c_advance(self.ref):
-            self.count = 0  # no waypoint says any longer how the arm came here
+            self.count = 0  # no waypoint shows the way to the current position
 
     cdef const double* c_waypoint(self, int ahead) noexcept nogil:
         """The waypoint at the end of the current segment, or `ahead` waypoints further, (n,); NULL after the

@@ -11,7 +11,8 @@ import numpy as np
 
 from cobot.arrays cimport checked_dof, doubles
 
-cdef double EARLY = 1e-6  # What ends by this share of a cycle after it ends in it.
+# A period that ends at most this share of a cycle after the cycle counts as ending in the cycle.
+cdef double EARLY = 1e-6
 cdef double GRACE_SHARE = 0.25
 cdef double GRACE_S = 0.002
 
@@ -102,7 +103,7 @@ cdef class Hold(Interpolator):
         self.left_s -= self.period_s
         if self.left_s < -EARLY * self.period_s:
             for i in range(self.n, 3 * self.n):
-                self.ref[i] = 0.0  # a silent client does not move the arm
+                self.ref[i] = 0.0  # a silent client must not move the arm
 
 
 cdef class Linear(Interpolator):
@@ -125,7 +126,7 @@ cdef class Linear(Interpolator):
         self.cycle, self.cycles = 0, duration_s / self.period_s
 
     cdef void c_advance(self) noexcept nogil:
-        # A period that ends within a cycle: the reference arrives with that cycle, still moving.
+        # If a period ends within a cycle, the reference arrives with that cycle and is still moving.
         cdef bint moving = self.cycle < self.cycles - EARLY
         cdef double share
         cdef int i, n = self.n

@@ -8,7 +8,7 @@ cdef struct Motion:  # Of one axis: m or rad, and s.
 cdef struct Ladder:  # Shares of the jerk limit, the gentlest first.
     int count
     double share[4]
-    double patience_s  # How long the way may take on all rungs but the last.
+    double patience_s  # Maximum duration of the motion on all rungs except the last.
 
 
 cdef inline Motion moved(Motion motion, double time_s) noexcept nogil:

@@ -9,7 +9,7 @@ from libc.math cimport INFINITY, fmax, fmin
 
 from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_position, profile_extrema
 
-cdef double ROUNDING = 1e-9  # rad or m: this is no overshoot.
+cdef double ROUNDING = 1e-9  # rad or m: a smaller overshoot is none.
 
 
 cdef void to_rest_in_frame(

@@ -14,7 +14,7 @@ cdef class OnlineTrajectory(Interpolator):
     cdef Brake brake
     cdef double[MAX_DOF] max_velocity, max_acceleration, max_jerk
     cdef double[MAX_DOF] swing_s
-    cdef Motion[MAX_DOF] frame  # Of the target when it is due.
+    cdef Motion[MAX_DOF] frame  # The state of the target when it is due.
     cdef Problem[MAX_DOF] problems
     cdef Profile[MAX_DOF] profiles
     cdef bint braking, settling

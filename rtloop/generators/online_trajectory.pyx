@@ -9,15 +9,16 @@ from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, 
 from rtloop.generators.otg cimport profile_at
 from rtloop.generators.target_estimate cimport Estimate
 
-# The estimate is made of the targets of so long. At 100 Hz with 0.3 mrad of noise: with three the reference
-# strays by 0.1 rad, with these by 5 mrad. `Quintic` passes the noise anyway: three do.
+# The estimate uses the targets of this time. At 100 Hz with 0.3 mrad of noise, the reference deviates by 5
+# mrad; with only three targets it would deviate by 0.1 rad. `Quintic` follows the noise anyway, so three are
+# enough there.
 WINDOW_S = 0.1
-# A correction takes the first of these shares of the jerk limit with which it is done in time.
+# A correction uses the first of these shares of the jerk limit that is quick enough.
 cdef Ladder GENTLE
 GENTLE.count = 4
 GENTLE.share = [0.03, 0.1, 0.3, 1.0]
 GENTLE.patience_s = 0.25
-# A longer profile leads to a target beyond anything: rounding is all that would be left of it.
+# A longer profile leads to a target so far away that only rounding would be left of it.
 cdef double MAX_PROFILE_S = 7600.0
 
 
@@ -37,7 +38,8 @@ cdef class OnlineTrajectory(Interpolator):
         self.estimate = Estimate(max_velocity, max_acceleration, WINDOW_S)
         self.brake = Brake(period_s, max_acceleration, max_jerk)
         for i in range(n):
-            # Speed that a relative acceleration of the frame can add before it is taken back, per unit of it.
+            # The speed that a relative acceleration of the frame can add before it is reduced again, per unit
+            # of that acceleration.
             self.swing_s[i] = 1.5 * self.max_acceleration[i] / self.max_jerk[i]
         self._start_brake()
 
@@ -70,7 +72,8 @@ cdef class OnlineTrajectory(Interpolator):
         duration_s = max(duration_s, self.period_s)
         self.estimate.c_update(target, velocity, duration_s)
         for i in range(self.n):
-            # As much acceleration as leaves room to both sides: it must end before the limits do.
+            # An acceleration that leaves room to both sides, because it must end before the limits are
+            # reached.
             room = self.max_velocity[i] - fabs(estimated[i])
             bound = fmin(0.8 * self.max_acceleration[i], room / (2.0 * (self.swing_s[i] + duration_s)))
             self.frame[i].position, self.frame[i].velocity = target[i], estimated[i]
@@ -91,7 +94,7 @@ cdef class OnlineTrajectory(Interpolator):
             return
         self.time_s += self.period_s
         if self.settling and self.time_s >= self.duration_s:
-            # Bit for bit, and without the rounding of the profile's end.
+            # Equal bit for bit, without the rounding of the profile's end.
             for i in range(n):
                 self.ref[i], self.ref[n + i], self.ref[2 * n + i] = self.frame[i].position, 0.0, 0.0
             self.estimate.c_forget()

@@ -1,11 +1,12 @@
 """Declarations for other compiled modules: jerk-limited, time-optimal motion of single axes. See otg.pyx."""
 
 cdef enum:
-    MAX_PHASES = 9  # Two that brake to within the limits, and seven.
+    MAX_PHASES = 9  # Two phases that bring the state within the limits, and seven of the motion.
 
 cdef enum OtgResult:
     OTG_OK = 0
-    OTG_INVALID = 1  # A number is not finite, a limit is not of its sign, the target's velocity is beyond it.
+    # A number is not finite, a limit has the wrong sign, or the target's velocity is beyond its limit.
+    OTG_INVALID = 1
     OTG_NO_SOLUTION = 2  # The target cannot be reached within the limits.
 
 cdef struct Problem:  # Of one axis: m or rad, and s.
@@ -15,7 +16,7 @@ cdef struct Problem:  # Of one axis: m or rad, and s.
     double min_acceleration, max_acceleration
     double max_jerk
 
-cdef struct Profile:  # Phases of constant jerk, each from a state.
+cdef struct Profile:  # Phases of constant jerk, each with its initial state.
     int count
     double duration
     double duration_s[MAX_PHASES]
@@ -23,7 +24,7 @@ cdef struct Profile:  # Phases of constant jerk, each from a state.
     double position[MAX_PHASES]
     double velocity[MAX_PHASES]
     double acceleration[MAX_PHASES]
-    double end_position, end_velocity  # It goes on from here with this velocity.
+    double end_position, end_velocity  # After the end, the motion continues with this velocity.
 
 cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil
 cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil

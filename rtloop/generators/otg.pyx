@@ -42,11 +42,13 @@ from libc.math cimport INFINITY, cbrt, fabs, fmax, fmin, isfinite, sqrt
 
 
 cdef enum:
-    MAX_ITERATIONS = 80  # Newton's method takes about six, bisection alone would take 60.
+    MAX_ITERATIONS = 80  # Newton's method needs about six, bisection alone would need 60.
 
-cdef double ROUNDING = 1e-13  # Relative deviation from a plan of an axis that follows it and plans again.
-cdef double END_TOLERANCE = 1e-9  # Relative, of a profile's end: more than rounding is a failure.
-cdef double COLLINEAR = 1e-9  # Relative: what a vector may have across a line, as rounding.
+# Relative deviation between an axis that follows its plan and a new plan from there.
+cdef double ROUNDING = 1e-13
+# Relative error of a profile's end. A larger error than by rounding is a failure.
+cdef double END_TOLERANCE = 1e-9
+cdef double COLLINEAR = 1e-9  # Relative: the part of a vector across a line that counts as rounding.
 
 
 # --- Profile ---
@@ -139,12 +141,14 @@ cdef void profile_extrema(const Profile* profile, double* out) noexcept nogil:
 
 cdef struct Family:
     double start_acceleration  # a0
-    double start_velocity  # At acceleration zero, if jerk +1 led from there to the start: v0 − a0²/2.
+    # Velocity at acceleration zero, if jerk +1 led from there to the start: v0 − a0²/2.
+    double start_velocity
     double lead  # The displacement from there to the start.
     double end_velocity
     double max_acceleration, max_deceleration  # Both positive.
     double kappa
-    bint falls  # Whether the shortest change of velocity begins with the fall; else it ends with it.
+    # Whether the shortest change of velocity begins with the fall. Otherwise it ends with the fall.
+    bint falls
 
 
 cdef struct Shape:
@@ -267,13 +271,13 @@ cdef inline double _first_maximum(const Family* family, double low, double high)
         free_from = high
     else:
         free_from = fmax(low, limit - sqrt(limit * limit + kappa))
-    # The least acceleration is held up to free_from: H = start_velocity + rise² + rise · limit / 2.
+    # The minimum acceleration is held up to free_from: H = start_velocity + rise² + rise · limit / 2.
     root = limit * limit / 16.0 - family.start_velocity
     if low < free_from and root > 0.0:
         sigma = 0.75 * limit - sqrt(root)
         if low < sigma <= free_from:
             return sigma
-    # Then free: H = mean + 3/8 sigma² + kappa² / (8 sigma²).
+    # Then it is not held: H = mean + 3/8 sigma² + kappa² / (8 sigma²).
     mean = family.start_velocity + 0.5 * kappa
     root = mean * mean - 0.1875 * kappa * kappa
     if mean < 0.0 and root > 0.0:
@@ -619,7 +623,8 @@ cdef struct Ramp:  # The fastest change of velocity to or from a cruise.
 cdef struct Cruise:  # A motion of two ramps with a cruise in between.
     Ramp first, last
     double velocity, duration
-    double displacement, slope  # The latter by the velocity, for the same duration of the whole.
+    # `slope`: derivative of the displacement by the velocity, at a constant total duration.
+    double displacement, slope
 
 
 cdef inline Ramp _ramp_to(double change, const Limits* limits) noexcept nogil:
@@ -642,14 +647,15 @@ cdef inline void _cruise_at(
     """
     cdef double v = state.velocity, a = state.acceleration, cruise = out.velocity
     cdef double side = 1.0 if cruise >= v + 0.5 * a * fabs(a) else -1.0
-    cdef double lead = side * a  # How long the first ramp would have gone on before the start.
+    cdef double lead = side * a  # The time for which the first ramp would have lasted before the start.
     cdef double change = cruise - (v - side * 0.5 * a * a), first, last
     out.first = _ramp_to(side * fmax(side * change, 0.0), limits)
     out.first.side = side
     out.last = _ramp_to(target - cruise, limits)
     first, last = 2.0 * out.first.peak + out.first.hold, 2.0 * out.last.peak + out.last.hold
     out.duration = duration_s - first + lead - last
-    # That of a cruise all the time, less what the ramps lack of it: each, in the mean, half of its change.
+    # The displacement of a cruise for the whole time, minus the parts that the ramps lack. On average, each
+    # ramp lacks half of its change of velocity.
     out.displacement = (
         cruise * duration_s - 0.5 * change * first + change * lead - a * a * a / 6.0
         + 0.5 * (target - cruise) * last

@@ -22,7 +22,7 @@ from rtloop.generators.interpolation cimport plain
 
 from rtloop.generators.factory import make_interpolator
 
-cdef double MIN_DURATION_S = 1e-3  # A move that is to take less, or no time at all, takes this long.
+cdef double MIN_DURATION_S = 1e-3  # Minimum duration of a move, also if a shorter one or none is requested.
 
 
 cdef class PoseInterpolator:

@@ -12,23 +12,26 @@ from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
 from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_step, otg_velocity, profile_at
 from rtloop.generators.target_range cimport PoseRange
 
-cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions are rounded.
-cdef double MIN_SHARE = 0.25  # An axis across the motion has this share of a limit.
-cdef double MIN_SPREAD = 0.35  # And each of the base's axes this share, before they are norm 1.
-cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
-cdef double SHARE = 0.9  # While it catches up it uses this share of the limits.
-cdef double ALONG = 0.9  # What is pursued may use this share of that.
-# The axes turn when the request has strayed this share of the way that was left from where it was expected.
+# Relative excess that passes unchanged, because differences of positions are rounded.
+cdef double TOLERANCE = 1e-3
+cdef double MIN_SHARE = 0.25  # Minimum share of an axis across the motion in a limit.
+# Minimum share of each axis of the base frame, before the shares are scaled to norm 1.
+cdef double MIN_SPREAD = 0.35
+# Time by which the remaining distance is divided to give a velocity, when the direction is chosen.
+cdef double LEAD_S = 0.2
+cdef double SHARE = 0.9  # Share of the limits that the TCP uses while it catches up.
+cdef double ALONG = 0.9  # Share of these limits that the pursued request may use.
+# The axes turn when the request deviates from its expected place by this share of the distance that remained.
 cdef double TURN = 0.25
-cdef double TURNING = 2.0  # An axis across the motion can do so much of the request's acceleration.
+cdef double TURNING = 2.0  # An axis across the motion can reach this multiple of the request's acceleration.
 cdef double REST = 1e-9
-cdef double BOUND = 1e-7  # m or rad: a stop this far beyond a bound is one at the bound.
+cdef double BOUND = 1e-7  # m or rad: a stop at most this far beyond a bound counts as at the bound.
 cdef double NO_WAY = 1e-12
 cdef int HALVINGS = 8
 cdef double FULL = 1e3  # The need of an axis that has no room.
-cdef double MIN_NEED = 0.1  # Of the largest need: an axis brakes at least so much with the others.
+cdef double MIN_NEED = 0.1  # Share of the largest need; each axis brakes at least as if it had this need.
 cdef double[9] BASE = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of less is rounding.
+cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of a smaller velocity is rounding.
 
 
 cdef class PoseLimiter:
@@ -98,14 +101,15 @@ cdef class PoseLimiter:
             velocity[i] = step[i] / period_s
             rate[i] = (velocity[i] - self.c_twist[i]) / period_s
             change[i] = (rate[i] - self.c_acceleration[i]) / period_s
-            own[i], own_rate[i] = velocity[i], rate[i]  # of the requests, where the last ones have passed
+            # velocity of the requests, if the last ones have passed
+            own[i], own_rate[i] = velocity[i], rate[i]
         if self.differing:
             self.differing -= 1
             _way(self.last, pose, own)
             for i in range(6):
                 own[i] /= period_s
                 own_rate[i] = (own[i] - self.own[i]) / period_s
-                # A TCP that goes over to the request takes over its rates in the next cycles.
+                # A TCP that reaches the request takes over its rates in the next cycles.
                 gap = (velocity[i] - own[i]) / period_s
                 change[i] = fmax(fabs(change[i]), fabs(rate[i] - own_rate[i]) / period_s)
                 change[i] = fmax(change[i], fabs(rate[i] - own_rate[i] + gap) / period_s)
@@ -174,7 +178,7 @@ cdef class PoseLimiter:
         self.square[part] = False
         _look_along(direction, gap, self.axes[part])
         self._share(part, gap, moving_rate + first)
-        # The range of the targets has the base's axes.
+        # The range of the targets is given along the axes of the base frame.
         if self.ranged and _norm(moving + first) > REST:
             self.square[part] = True
             memcpy(self.axes[part], BASE, sizeof(BASE))
@@ -284,7 +288,7 @@ cdef class PoseLimiter:
         state.velocity = _dot(axis, self.c_speed + 3 * part)
         state.acceleration = _dot(axis, self.c_acceleration + 3 * part)
         frame.position = _dot(axis, step)
-        # A step of the request is its mean velocity of a period, which it had half a period ago.
+        # A step of the request gives its mean velocity in a period, which is the velocity half a period ago.
         frame.velocity = _dot(axis, own) + 0.5 * self.period_s * _dot(axis, own_rate)
         frame.velocity = clipped(frame.velocity, ALONG * max_velocity)
         frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)
@@ -384,12 +388,13 @@ cdef class PoseLimiter:
         memcpy(wanted + 6, rate, 3 * sizeof(double))
         if self._load(part, wanted, low + 3 * part, high + 3 * part, needs) <= 1.0:
             return
-        for i in range(3):  # What is too late anyway takes nothing from what is not.
+        for i in range(3):  # An axis that is too late anyway takes nothing from the other axes.
             weights[i] = fmin(fmax(needs[i], MIN_NEED), 1.0)
             if needs[i] > 1.0:
                 weights[i] = fmax(fmin(1.0, fabs(self.c_speed[3 * part + i]) / most_speed), MIN_NEED)
         self._find_brake(part, weights, stop)
-        for _half in range(HALVINGS):  # `least` of the braking does not do, `most` does, or nothing does.
+        # The share `least` of the braking is not enough, and `most` is, unless no share is.
+        for _half in range(HALVINGS):
             for i in range(9):
                 mixed[i] = wanted[i] + share * weights[i % 3] * (stop[i] - wanted[i])
             if self._load(part, mixed, low + 3 * part, high + 3 * part, needs) <= 1.0:

@@ -9,8 +9,8 @@ from rtloop.generators.target_estimate cimport Estimate
 
 from rtloop.generators.online_trajectory import WINDOW_S
 
-# So far ahead a quintic meets the stream, if that goes on as it does: the longer, the less jerk it takes to
-# put right what a sender's noise has put wrong.
+# A quintic meets the stream this far ahead, if the stream continues as it is. A longer time needs less jerk
+# to correct the effects of a sender's noise.
 cdef double HORIZON_S = 0.2
 
 

@@ -9,7 +9,7 @@ cdef enum:
 
 cdef class Estimate:
     cdef int n
-    cdef int known  # Number of the newest targets of this stream, up to the number that the fit takes.
+    cdef int known  # Number of known targets of this stream, at most the number that the fit uses.
     cdef double window_s
     cdef double[MAX_TARGETS][MAX_DOF] targets  # The newest last.
     cdef double* newest

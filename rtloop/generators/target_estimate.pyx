@@ -8,7 +8,7 @@ import numpy as np
 from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 
-cdef double CRUISE = 0.99  # A target is passed at this share of the limit; the rest is to catch up.
+cdef double CRUISE = 0.99  # Share of the limit at which a target is passed. The rest is for catching up.
 
 
 def fit(int count):

@@ -15,10 +15,10 @@ FADING_S = 2.0
 STILL_S = 0.1
 STILL_PERIODS = 2.5
 
-cdef double ROUNDING = 1e-9  # rad: a turn by less is none.
+cdef double ROUNDING = 1e-9  # rad: a smaller turn counts as none.
 cdef double STILL_AFTER_S = STILL_S, STILL_AFTER_PERIODS = STILL_PERIODS
-# The longer the memory, the faster a steady stream may be until it is followed with a lag: 2 rad/s at
-# 3 rad/s² need 0.73 rad to stop.
+# With a longer memory, faster steady streams are followed without a lag: a stream at 2 rad/s and 3 rad/s²
+# needs 0.73 rad to stop.
 cdef double FADING = FADING_S
 
 
@@ -91,7 +91,7 @@ cdef class TargetRange:
                 self.still_s[i] = 0.0
             if self.free:
                 continue
-            if self.c_low[i] == -INFINITY:  # The sender states no motion any more.
+            if self.c_low[i] == -INFINITY:  # The sender no longer states a motion.
                 self.c_low[i] = self.c_high[i] = before
             add_step(step, fade, &self.rise[i], &self.longest_rise[i])
             add_step(-step, fade, &self.fall[i], &self.longest_fall[i])

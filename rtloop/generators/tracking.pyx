@@ -14,15 +14,15 @@ from rtloop.generators.otg cimport (
 )
 from rtloop.generators.rates cimport Rates, take_rates
 
-# A target is passed at this share of the velocity limit: at the limit itself there is no room for rounding.
+# Share of the velocity limit at which a target is passed. At the limit itself there is no room for rounding.
 cdef double TARGET_VELOCITY = 0.99
-# What is pursued may use this share of the limits: the rest is for the pursuit.
+# Share of the limits that the pursued request may use. The rest is for the pursuit.
 cdef double ALONG = 0.9
-cdef double ROUNDING = 1e-9  # rad/s and rad/s²: this is rest.
-cdef double BOUND_RAD = 1e-7  # A stop this far beyond a bound is one at the bound.
-cdef int AIMS = 8  # Each aim before a bound leaves less than half of the way beyond it.
-# A pursuit along with a request takes the first of these shares of the jerk limit that is quick enough.
-# The rest of the limit is for the request's own jerk.
+cdef double ROUNDING = 1e-9  # rad/s and rad/s²: smaller rates count as rest.
+cdef double BOUND_RAD = 1e-7  # A stop at most this far beyond a bound counts as at the bound.
+cdef int AIMS = 8  # Each new target before a bound leaves less than half of the overshoot.
+# The pursuit of a moving request uses the first of these shares of the jerk limit that is quick enough. The
+# rest of the limit is for the request's own jerk.
 cdef Ladder GENTLENESS
 GENTLENESS.count = 4
 GENTLENESS.share = [0.03, 0.1, 0.3, 0.6]
@@ -76,7 +76,7 @@ cdef class Tracker:
             self._pose(joint, state, rates)
             if otg_velocity(&self.problem[joint], &self.profile[joint]) == OTG_OK:
                 self._step(joint)
-            else:  # Of numbers that are all but zero there may be no profile.
+            else:  # There may be no profile for numbers close to zero.
                 ahead[joint] = state[joint]
                 ahead[dof + joint] = ahead[2 * dof + joint] = 0.0
             at_rest = at_rest and fabs(ahead[dof + joint]) <= ROUNDING
@@ -113,7 +113,7 @@ cdef class Tracker:
         if not self._reach():
             self.c_brake(state, rates)
             return
-        if passes and self._leaves(lowest, highest):  # A short run-up, for want of jerk.
+        if passes and self._leaves(lowest, highest):  # A short run-up, because the jerk is too small.
             for joint in range(self.dof):
                 self.problem[joint].target_velocity = 0.0
             if not self._reach():
@@ -150,7 +150,7 @@ cdef class Tracker:
             problem.min_velocity = fmax(problem.min_velocity, -catch_up)
             moving = moving or frame.velocity != 0.0
             frames[joint] = frame
-        # What stands still is not overshot.
+        # A target at rest is not overshot.
         if not plan_gently(self.problem, self.profile, rates.jerk, dof, &GENTLENESS, moving):
             return False
         for joint in range(dof):

@@ -20,11 +20,11 @@ cdef class CommandInbox:
     cdef readonly unsigned long long stops
     cdef readonly unsigned long long estops
     cdef readonly unsigned long long command_seen
-    cdef unsigned long long _torn  # of commands, and what the last rtloop has counted
+    cdef unsigned long long _torn  # torn reads of commands, and those that an earlier rtloop has counted
     cdef long long _beat_ns
     cdef unsigned long long _newest
     cdef int _unreadable
-    cdef uint64_t _service_stops  # as counted by the service, when that could be read last
+    cdef uint64_t _service_stops  # count of the service, from the last readable state
     cdef uint64_t _service_estops
     cdef uint64_t* _counted_stops
     cdef uint64_t* _counted_estops

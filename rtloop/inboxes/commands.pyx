@@ -12,7 +12,7 @@ from rtloop.results import Accepted, Rejected
 UNREADABLE_CYCLES = 100
 """Number of attempts after which a command is dropped. Its writer has then died while writing it."""
 
-# No clock gets there, and differences of what lies within cannot overflow.
+# No clock reaches this value, and differences of smaller ones cannot overflow.
 cdef long long FAR_NS = 1LL << 62
 
 
@@ -45,7 +45,7 @@ cdef class CommandInbox:
         self._torn = int(last["torn_reads"])
         self._fast = self._counted_fast[0] if self._requests.block.c_try_read() else 0
         self._outside_stops, self._outside_estops = memory.outside_stops, memory.outside_estops
-        # Until the service's can be read: as if it had asked for nothing new.
+        # Until the service's counters can be read, they count as unchanged.
         self._service_stops = self.stops - self._outside_stops.c_value()
         self._service_estops = self.estops - self._outside_estops.c_value()
 
@@ -107,7 +107,7 @@ cdef class CommandInbox:
         cdef int asked = 0
         cdef uint64_t stops, estops, fast
         if self._requests.c_take_news():
-            # A service whose counters were spoilt starts to count the fast ones again: those are not stops.
+            # A service whose counters were damaged counts fast stops from 0 again. These are not new stops.
             fast = self._counted_fast[0] - self._fast
             if 0 < fast <= self._counted_stops[0] - self._service_stops:
                 asked |= FAST
@@ -127,7 +127,7 @@ cdef class CommandInbox:
             self._beat_ns = self._beat[0]
         if -FAR_NS < self._beat_ns < FAR_NS:
             return <double>(now_ns - self._beat_ns) * 1e-9
-        return (<double>now_ns - <double>self._beat_ns) * 1e-9  # of a wild writer
+        return (<double>now_ns - <double>self._beat_ns) * 1e-9  # a value of a faulty writer
 
     cdef bint c_has_command(self) noexcept nogil:
         cdef int news = self._head.c_look()

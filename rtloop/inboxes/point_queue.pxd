@@ -15,7 +15,7 @@ cdef class PointQueue:
     cdef Inbox _head
     cdef list _points
     cdef Block _point  # the private copy of the point read last
-    cdef Mapped* _places  # of the ring's points; all have `_point` as their private copy
+    cdef Mapped* _places  # places of the ring's points; all have `_point` as their private copy
     cdef int _dof
     cdef unsigned long long _session
     cdef readonly unsigned long long newest

@@ -73,7 +73,7 @@ cdef class PointQueue:
             return False
         newest = self._head_number[0]
         room = self.seen + POINTS
-        if newest > room:  # What a wild writer claims beyond the ring's size cannot be there.
+        if newest > room:  # A number beyond the ring's size comes from a faulty writer.
             newest = room
         arrived = newest > self.newest
         if arrived:

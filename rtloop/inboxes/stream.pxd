@@ -5,7 +5,7 @@ from cobot.ipc.seqlock cimport Block
 
 cdef class Inbox:
     cdef Block block
-    cdef uint64_t _sequence  # of what is in `data`
+    cdef uint64_t _sequence  # sequence of the content of `data`
     cdef readonly bint readable
     cdef readonly long long torn_reads
 

@@ -19,7 +19,7 @@ cdef class Inbox:
 
     def __init__(self, Block block not None):
         self.block = block
-        self._sequence = 1  # An odd counter is never one that has been read.
+        self._sequence = 1  # An odd counter never belongs to a complete read.
         self.readable = True
 
     @property
@@ -63,7 +63,7 @@ cdef class StreamInbox:
         self._open = self.session.block.c_unsigned("open")
         self._counted_estops = self._requests.block.c_unsigned("estops")
         self._estops = int(memory.stream_requests.salvage()["estops"])
-        # A session that is open already was meant for the rtloop that has died.
+        # A session that is already open was requested from the rtloop that has died.
         self.session_seen = int(memory.session.salvage()["number"])
 
     @property

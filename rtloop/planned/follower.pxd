@@ -4,9 +4,9 @@ from rtloop.safety.fence cimport Watch
 
 
 cdef enum Way:
-    # Where following the path has come to.
+    # The progress on the path.
     UNDER_WAY = 0
-    DONE = 1  # At the end, or at rest where it was stopped.
+    DONE = 1  # At the end, or at rest after a stop.
     NO_ROOM = 2  # The path leaves no room to come to rest on it.
 
 

@@ -14,7 +14,8 @@ from cobot.ipc.layout import MotionResult
 from rtloop.backends import MovesByItself
 from rtloop.results import ACCEPTED, Rejected
 
-# How far ahead on its path a motion's fence is looked at, s: whatever its speed, it can stop within.
+# Time ahead on the path at which the fence of a motion is checked, s. The arm can stop within this time at
+# any speed.
 cdef double FENCE_AHEAD_S = 0.5
 
 

@@ -6,7 +6,8 @@ from rtloop.planned.loading import load
 from rtloop.results import LATER, Rejected
 
 _WHOLE = object()
-# How far a motion may start from the commanded position: planning rounds, the safety layer smooths.
+# Largest distance of a motion's start from the commanded position. Planning rounds, and the safety layer
+# smooths.
 START_TOLERANCE_RAD = 1e-3
 
 

@@ -1,6 +1,7 @@
 cdef enum:
     ORDER = 6  # Coefficients of a quintic.
-    # That a stop looks at: where they are closer together, the path is smooth between them.
+    # Maximum number of breakpoints that a stop checks. If they are closer together, the path is smooth
+    # between them.
     MAX_BREAKPOINTS = 24
 
 
@@ -10,7 +11,7 @@ cdef class Path:
     cdef readonly object breakpoints_s, coefficients
     cdef double* c_breakpoints_s  # (capacity + 1,)
     cdef double* c_coefficients  # (capacity, dof, ORDER)
-    cdef Py_ssize_t capacity, index  # of the segment that was evaluated last
+    cdef Py_ssize_t capacity, index  # index of the segment that was evaluated last
     cdef int dof
 
     cdef void c_evaluate(self, double path_time_s, double rate, double slope, double* out) noexcept nogil

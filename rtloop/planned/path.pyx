@@ -8,7 +8,7 @@ import numpy as np
 from cobot.arrays cimport checked_dof, doubles
 
 cdef enum:
-    PARTS = 8  # Of a segment, at the ends of which its positions are looked at.
+    PARTS = 8  # Number of parts of a segment. The positions at their ends are checked.
 
 
 cdef class Path:
@@ -119,7 +119,8 @@ cdef class Path:
         if here >= self.segments:
             return False
         there = max(old._breakpoints_before(mine[here] + offset_s, False) - 1, 0)
-        while there < old.segments and olds[there] - offset_s < mine[here]:  # the sum above was rounded
+        # because the sum above was rounded
+        while there < old.segments and olds[there] - offset_s < mine[here]:
             there += 1
         while there < old.segments and olds[there] - offset_s == mine[here]:
             if memcmp(

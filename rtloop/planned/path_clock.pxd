@@ -4,23 +4,25 @@ from rtloop.generators.rates cimport Rates
 from rtloop.planned.path cimport Path
 
 
-cdef struct Place:  # On the way of a candidate: the path time, the rate and its first two derivatives.
+cdef struct Place:  # A place on a candidate: the path time, the rate and its first two derivatives.
     double path_time_s, rate, slope, bend
 
 
 cdef class PathClock:
     cdef readonly double path_time_s, rate, rate_slope, target_rate, share
-    cdef double asked_rate  # before the share
-    cdef double aim  # of the next profile: the target rate, or a lower one on the way from rest to it
+    cdef double asked_rate  # the requested rate, before it is scaled
+    # target of the next profile: the requested rate, or a lower one on the way from rest to it
+    cdef double aim
     cdef int dof
     cdef double period_s, patience_s
     cdef Rates rates
     cdef Profile profile, candidate
-    cdef double profile_target, profile_s  # time into the profile; negative: there is none
+    # target rate of the profile, and time since its start; a negative time: there is no profile
+    cdef double profile_target, profile_s
     cdef bint pending, held, urgent
     cdef int rung, failed_at_rest
     cdef int crest
-    cdef double tried  # the last share of the steepest profile that a stop at contact has looked at
+    cdef double tried  # the last share of the steepest profile that a stop at contact has tried
     cdef double waited_s
 
     cdef void c_reset(self) noexcept nogil

@@ -20,41 +20,45 @@ cdef enum:
     RUNGS = 10
     CRESTS = 3
     ENDS = 2
-    SAMPLES = 11  # Places in each phase of a profile where the joints' acceleration and jerk are looked at.
+    # Number of places in each phase of a profile at which acceleration and jerk of the joints are
+    # checked.
+    SAMPLES = 11
 
-# Their order: the ends of the phase, and then those between them.
+# The order of the checks: first the ends of the phase, then places between them.
 cdef int[SAMPLES] ORDER = [0, 10, 5, 2, 8, 1, 9, 3, 7, 4, 6]
 
-# Fractions of the steepest profile that are tried, one a cycle.
+# Shares of the steepest profile that are tried, one per cycle.
 cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03]
 cdef double SIDE_S = 1e-9
 # A profile may use this share of the limits; the rest is for what lies between two samples.
 cdef double SHARE = 0.99
 cdef double URGENT_SHARE = 0.998
-# A profile under way gives way to one that needs no more than this share of the time that is left.
+# A new profile replaces the current one if it needs at most this share of the remaining time.
 cdef double SOONER = 0.8
-# Below zero the arm would go back.
+# With a rate below zero the arm would move backwards.
 cdef double MIN_RATE = -1e-9
-# The rate itself changes no faster than this, 1/s and 1/s²: where the arm hardly moves, anything would do.
+# Limits of the rate itself, 1/s and 1/s². Without them any change would be possible where the arm hardly
+# moves.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
-# The same at contact, where each millimetre counts. The limits of the joints hold in any case.
+# The limits at contact, where each millimetre counts. The limits of the joints always apply.
 cdef double URGENT_ACCELERATION = 1000.0
 cdef double URGENT_JERK = 500_000.0
-# There the first cycle looks for the steepest profile: each try is gentler than the one before until one
-# holds, and then the gap to the last that did not is halved some times.
+# At contact, the first cycle finds the steepest profile. Each try is gentler than the one before until one
+# keeps the limits. Then the interval between it and the last one that failed is halved several times.
 cdef int URGENT_TRIES = 8
 cdef double GENTLER = 0.8
 cdef int HALVINGS = 6
 cdef int SHORTER_TRIES = 24
 cdef double[CRESTS] CREST = [1.0, 0.85, 0.7]
-# In the cycles after it, steps between the shares that are tried, and how much shorter, in path time, another
-# stop must be.
+# In the next cycles: the step between the shares that are tried, and the amount of path time by which another
+# stop must be shorter.
 cdef double FINER = 0.003
 cdef double SHORTER_S = 1e-5
-# A profile that lasts longer is not taken, because an operator waits for the stop.
+# A longer profile is not used, because an operator waits for the stop.
 cdef double MAX_PROFILE_S = 2.0
-# Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
+# If no profile leads from rest to the target rate, this share of it is tried, then this share of that, and so
+# on.
 cdef double GENTLER_AIM = 0.5
 cdef double MIN_AIM = 0.02
 
@@ -283,7 +287,7 @@ cdef class PathClock:
             if self.tried > 0.0 and not self._plan(path, self.tried, CREST[self.crest]):
                 continue
             if self.tried <= 0.0 or self.candidate.end_position > self.profile.end_position - SHORTER_S:
-                # Gentler ones are longer still.
+                # Gentler profiles are even longer.
                 self.tried, self.crest = 1.0 + FINER, (self.crest + 1) % CRESTS
             elif self._admissible(path):
                 self.profile, self.profile_s = self.candidate, 0.0
@@ -311,7 +315,7 @@ cdef class PathClock:
         problem.acceleration = self.rate_slope
         problem.target_position, problem.target_velocity = 0.0, self.aim
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
-        # Never below the current slope: else a phase in front would first bring it below.
+        # At least the current slope. Otherwise a phase before it would first reduce the slope.
         steepest *= share
         if crest < 1.0:
             steepest = fmin(steepest, crest * sqrt(

@@ -7,16 +7,16 @@ cdef enum:
 
 
 cdef enum Verdict:
-    # What the conditions of a motion ask for in a cycle.
+    # The action that the conditions of a motion require in a cycle.
     AS_BEFORE = 0
     BEGIN = 1  # `start_when` holds.
     HOLD = 2  # `pause_while` holds.
-    GO_ON = 3  # It holds no longer.
+    RESUME = 3  # `pause_while` no longer holds.
     END = 4  # `until` is met.
 
 
 cdef class Signals:
-    cdef readonly bint active  # There is an action to fire, or a condition to watch.
+    cdef readonly bint active  # Whether there is an action to fire, or a condition to watch.
     cdef readonly bint waiting, paused, met, fast
     cdef readonly CycleCondition start_when, pause_while, until
     cdef Block _report

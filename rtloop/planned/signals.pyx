@@ -18,7 +18,7 @@ from cobot.types import MAX_ACTIONS
 from rtloop.results import ACCEPTED, Rejected
 
 CONDITIONS = ("start_when", "pause_while", "until")
-CONTINUING = CONDITIONS[1:]  # of a motion that has begun
+CONTINUING = CONDITIONS[1:]  # the conditions that apply to a motion that has begun
 REASON_BYTES = np.dtype(REASON).itemsize
 assert MAX_ACTIONS == CAPACITY
 
@@ -216,7 +216,7 @@ cdef class Signals:
             return AS_BEFORE
         self.paused = holds
         self._tell()
-        return HOLD if holds else GO_ON
+        return HOLD if holds else RESUME
 
     cdef void _meet(self, const double* measured, double path_time_s, double robot_time_s) except *:
         cdef double wrench[6]

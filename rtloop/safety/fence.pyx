@@ -10,7 +10,7 @@ import numpy as np
 from cobot.motions.fence import Fence
 from cobot.reasons import Reason, ReasonCode
 
-# The service has looked at the motion at intervals; between them it may be a little beyond.
+# The service has checked the motion only at intervals. Between them it may be slightly beyond the fence.
 cdef double TOLERANCE_M = 1e-3
 cdef double TOLERANCE = 0.01
 
@@ -70,7 +70,7 @@ cdef class Watch:
                 velocity += jacobian[axis * dof + joint] * rows[dof + joint]
             square += velocity * velocity
             place4[axis] = pose[axis]
-            # Written so that what is not a number is beyond it.
+            # Written so that NaN is beyond the fence.
             if not self._low[axis] <= pose[axis] <= self._high[axis]:
                 beyond = True
         place4[3] = sqrt(square)

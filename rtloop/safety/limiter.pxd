@@ -13,30 +13,31 @@ cdef class Safety:
     cdef double* c_command  # (3, dof)
     cdef unsigned long long* c_interventions
     cdef long long* c_intervened_ns
-    cdef object _limits  # whose positions hold
+    cdef object _limits  # the limits of the positions
     cdef object _request  # a copy of what Python code requests
     cdef double* c_request
     cdef int dof
     cdef double period_s, share, catch_up
-    cdef Rates own  # of the arm: it brakes with these
+    cdef Rates own  # the arm's own limits, with which it brakes
     cdef Rates used
     cdef double low[MAX_DOF]  # limits of the position, with their tolerance
     cdef double high[MAX_DOF]
-    cdef double lowest[MAX_DOF]  # the same, or where a joint is that is beyond them
+    cdef double lowest[MAX_DOF]  # the same; for a joint beyond them, its position
     cdef double highest[MAX_DOF]
-    cdef bint beyond  # whether there is such a joint
-    cdef double calm_low[MAX_DOF]  # from where, no faster than this, there is nothing to foresee
+    cdef bint beyond  # whether a joint is beyond them
+    # the calm region: from these positions, at no more than these rates, no future excess is possible
+    cdef double calm_low[MAX_DOF]
     cdef double calm_high[MAX_DOF]
     cdef double calm_speed[MAX_DOF]
     cdef double calm_acceleration[MAX_DOF]
-    cdef double past[3][MAX_DOF]  # positions let through before, the newest last
-    cdef double pursued[3 * MAX_DOF]  # where the pursuit is, (3, dof)
-    cdef unsigned int caught  # kinds in this pursuit, a bit each
+    cdef double past[3][MAX_DOF]  # the last positions that passed, the newest last
+    cdef double pursued[3 * MAX_DOF]  # state of the pursuit, (3, dof)
+    cdef unsigned int caught  # kinds of intervention in this pursuit, one bit each
     cdef Tracker tracker
-    cdef TargetRange targets  # None where the stream has no joint targets
+    cdef TargetRange targets  # None if the stream has no joint targets
     cdef bint ranged
-    cdef bint quiet  # whether this pursuit is for the targets' sake, so that no rates are counted
-    cdef int settled  # cycles in which what a pursuit for the targets' sake leaves behind is not counted
+    cdef bint quiet  # whether this pursuit only keeps the range of the targets; then no rates are counted
+    cdef int settled  # cycles in which rates are not counted, because such a pursuit has just ended
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil
     cdef bint c_brake(self) noexcept nogil

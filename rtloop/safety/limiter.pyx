@@ -26,39 +26,39 @@ from rtloop.generators.tracking cimport Tracker
 from cobot.ipc.layout import Intervention
 
 POSITION_TOLERANCE_RAD = 1e-5
-# Less so much that a pursuit which ends there is within the tolerance although it is rounded.
+# Slightly less, so that a pursuit that ends there is within the tolerance in spite of rounding.
 cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
-# Of an arm that is beyond its limits already: twice what planners may be off. More would take it further with
-# each motion that begins there.
+# Tolerance of an arm that is already beyond its limits: twice the error that planners may have. With more,
+# each motion that begins there would take it further.
 cdef double ROUNDING_RAD = 2e-9
-# Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
-# carry the rounding of numbers of the order of 1 rad, divided by the period cubed.
+# Relative tolerance of the rates. Planned motions are exactly at the limits, and the differences of four
+# positions contain the rounding of numbers of about 1 rad, divided by the period cubed.
 cdef double TOLERANCE = 0.01
-# The step from a pursuit to the request may take this share of what the jerk limit lets the acceleration
-# change by in a cycle: with all of it there would be none left for the request's next step.
+# The step from a pursuit to the request may use this share of the change of acceleration that the jerk limit
+# permits in a cycle. The rest is for the request's next step.
 cdef double MEETING = 0.5
-# The way to rest is taken for so much longer: what is known of the acceleration is rounded, and a cycle old.
+# The stopping distance is increased by this, because the known acceleration is rounded and one cycle old.
 cdef double WAY_SHARE = 1.05
 cdef double WAY_RAD = 5e-5
-# Below this share of the velocity limits there is nothing to foresee. With an acceleration of no more than
-# √(j v) the velocity can grow by v/2 until that is taken back, which leaves it below the limit.
+# Below this share of the velocity limits, no future excess is possible. With an acceleration of at most √(j
+# v), the velocity grows by at most v/2 until the acceleration is reduced to zero, and stays below the limit.
 cdef double CALM = 0.6
 
 cdef enum:
-    NOTHING = -1  # No kind of intervention.
-    OVERRUN = -2  # The arm could stop only beyond the stream's targets, which is no intervention.
+    NOTHING = -1  # Not an intervention.
+    OVERRUN = -2  # The arm could stop only beyond the stream's targets. This is not an intervention.
 
 cdef int NOT_FINITE = Intervention.NOT_FINITE, POSITION = Intervention.POSITION
 cdef int VELOCITY = Intervention.VELOCITY, ACCELERATION = Intervention.ACCELERATION, JERK = Intervention.JERK
-# Kinds that a stream which is caught for its targets' sake alone may show and that are not counted then.
+# Kinds that are not counted during a pursuit that only keeps the range of a stream's targets.
 cdef unsigned int RATES = (
     <unsigned int>1 << VELOCITY | <unsigned int>1 << ACCELERATION | <unsigned int>1 << JERK
 )
 
 cdef enum:
-    DIFFERENCES = 3  # Cycles in which the differences of positions show that a pursuit has ended.
+    DIFFERENCES = 3  # Number of cycles in which differences of positions still contain the end of a pursuit.
     ROWS = 6
-# What is checked, in this order: the position, its first to third difference, and the rates that the command
+# The checks, in this order: the position, its first to third difference, and the rates that the command
 # states.
 cdef int[ROWS] KINDS = [POSITION, VELOCITY, ACCELERATION, JERK, VELOCITY, ACCELERATION]
 
@@ -237,7 +237,7 @@ cdef class Safety:
             peak = velocity + motion.acceleration * fabs(motion.acceleration) / (2.0 * self.used.jerk[joint])
             if fabs(peak) > most * self.used.velocity[joint]:
                 return VELOCITY
-            # The second difference is that of one cycle ago.
+            # The second difference is the acceleration one cycle ago.
             way = self._way(joint, fabs(velocity), fabs(motion.acceleration) + self._step_of(joint))
             if motion.position + way > self.highest[joint] and (velocity > 0.0 or motion.acceleration > 0.0):
                 found = POSITION

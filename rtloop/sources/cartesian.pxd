@@ -10,16 +10,16 @@ cdef enum:
 
 
 cdef struct ForceControl:
-    # What is controlled along the axes of the force frame.
+    # The control along the axes of the force frame.
     bint enabled
     bint in_tcp  # The frame is given in the TCP's frame, not in the base frame.
     bint axes[TASK]
-    double velocity[TASK]  # The fastest that it moves, m/s and rad/s.
+    double velocity[TASK]  # Maximum speed, m/s and rad/s.
     double gain[TASK]  # m/s per N, rad/s per N·m.
     double wrench[TASK]  # Requested at the TCP, N and N·m.
     double origin[3]
     double orientation[4]
-    double turn[9]  # Of the frame in the base frame: its axes are the columns.
+    double turn[9]  # Rotation of the frame in the base frame; its axes are the columns.
     double lever[3]  # From the TCP to the frame's origin, in the base frame.
     double pull[2 * TASK]  # Two stages of a low-pass filter.
 
@@ -44,7 +44,7 @@ cdef class CartesianSource(Source):
     cdef double pull[2 * MAX_DOF]
     cdef double before[MAX_DOF]
     cdef double commanded[MAX_DOF]
-    cdef double jacobian[6 * MAX_DOF]  # Where the reference was a cycle ago.
+    cdef double jacobian[6 * MAX_DOF]  # The Jacobian at the reference of the previous cycle.
     cdef double goal[7]
     cdef double last[7]
     cdef bint own_posture

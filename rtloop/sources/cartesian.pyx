@@ -32,12 +32,12 @@ from rtloop.generators.pose_limiter import PoseLimiter
 from rtloop.generators.target_range import PoseRange
 from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
 
-# The inverse is damped by so much, m²: near a singularity the joints' velocity limits take over.
+# Damping of the inverse, m². Near a singularity, the velocity limits of the joints take over.
 cdef double DAMPING = 1e-5
 cdef double POSTURE_RATE_RAD_S = 1.0
 cdef double POSTURE_VELOCITY_RAD_S = 0.2
-# Time constants: what pulls at the posture and what the force asks for set in through two filters, or they
-# would jerk the joints.
+# Time constants. The pull towards the posture and the motion by forces pass two filters each, so that they do
+# not jerk the joints.
 cdef double POSTURE_FILTER_S = 0.1
 cdef double FORCE_FILTER_S = 0.03
 cdef double VELOCITY_SHARE = 0.98
@@ -105,7 +105,8 @@ cdef class CartesianSource(Source):
         )
         self.limiter = PoseLimiter(period_s, within)
         self.poses = PoseRange(period_s, command_s)
-        self.looks_ahead = kind is not Interpolation.NONE  # else each pose is one to rest at
+        # whether the motion continues after a pose; otherwise the TCP rests at each pose
+        self.looks_ahead = kind is not Interpolation.NONE
         if self.looks_ahead:
             self.limiter.c_stay_within(self.poses)
         nowhere = np.array([0.0, 0, 0, 1, 0, 0, 0])
@@ -131,7 +132,7 @@ cdef class CartesianSource(Source):
         for axis in range(TASK):
             force.axes[axis] = bool(request["force_axes"][axis] > 0.0)
             force.velocity[axis] = request["force_velocity"][axis]
-            # A backend that cannot give way has no stiffness, and a session on it has no force axis.
+            # A backend without compliance has no stiffness, and its sessions have no force axis.
             stiffest = float(stiffness[:3].max() if axis < 3 else stiffness[3:].max())
             force.gain[axis] = FORCE_RATE_RAD_S / stiffest if stiffest else 0.0
         force.enabled = bool((request["force_axes"] > 0.0).any())
@@ -196,7 +197,7 @@ cdef class CartesianSource(Source):
         if c_pose_jump(setpoint.pose, self.last, interval_s, fastest[0], fastest[1]) != POSE_PASSES:
             return JUMP
         memcpy(self.last, setpoint.pose, sizeof(self.last))
-        # A pose that stands still has no twist, whatever is stated.
+        # A pose that does not change has no twist, even if one is stated.
         states_twist = setpoint.feed_forward[0] and not self.poses.c_stands(setpoint.pose)
         self.poses.c_update(setpoint.pose, states_twist and c_moves(setpoint.twist))
         self.interpolator.c_aim(setpoint.pose, setpoint.twist if states_twist else NULL, self.command_s)
@@ -405,7 +406,8 @@ cdef class CartesianSource(Source):
         subtract3(rows + 3, moment)
         into_frame(force.turn, rows, in_frame)
         for axis in range(TASK):
-            missing = force.wrench[axis] + in_frame[axis]  # The TCP exerts the opposite of what it meets.
+            # The TCP exerts the opposite of the external force.
+            missing = force.wrench[axis] + in_frame[axis]
             smooth = low_pass(
                 &force.pull[axis],
                 &force.pull[TASK + axis],

@@ -52,8 +52,9 @@ cdef class JointSource(Source):
         self.end = OnlineTrajectory(limits.dof, period_s, *rates)
         self.targets = TargetRange(limits.dof, period_s, command_s)
         self.chunked = False
-        self.looks_ahead = kind is not Interpolation.NONE  # else each target is one to rest at
-        self.time_s = 0.0  # Of the chunks' reference.
+        # whether the motion continues after a target; otherwise the arm rests at each target
+        self.looks_ahead = kind is not Interpolation.NONE
+        self.time_s = 0.0  # Time of the chunks' reference.
         self.names = tuple(limits.names)
         self.period_s = period_s
         self.command_s = command_s
@@ -105,7 +106,7 @@ cdef class JointSource(Source):
             return JUMP
         if self.chunked:
             self.c_begin(self.ref)
-        if velocity != NULL:  # What stands still has none, whatever is stated.
+        if velocity != NULL:  # A target that does not change has no velocity, even if one is stated.
             for joint in range(self.dof):
                 stated[joint] = 0.0 if self.targets.c_stands(joint, target[joint]) else velocity[joint]
                 moves = moves or stated[joint] != 0.0
@@ -138,7 +139,7 @@ cdef class JointSource(Source):
         if not (c_is_finite(chunk.times_s, count) and c_is_finite(points, count * dof)):
             self.spoilt_chunk = True
             return NOT_FINITE
-        self.time_s = robot_time_s - self.period_s  # The reference is that of the cycle before.
+        self.time_s = robot_time_s - self.period_s  # The reference is that of the previous cycle.
         if count and chunk.times_s[count - 1] > robot_time_s + MAX_CHUNK_S:
             return LATE
         if self.c_chunk_jumps(chunk.times_s, points, count):
@@ -186,7 +187,8 @@ cdef class JointSource(Source):
             state[dof + joint] = clipped(state[dof + joint], self.end.max_velocity[joint])
             state[2 * dof + joint] = clipped(state[2 * dof + joint], self.end.max_acceleration[joint])
         self.end.c_settle(state, self.last)
-        self.targets.c_update(self.last)  # Which passed within the cycle in which it came next.
+        # The last waypoint was passed within the cycle in which it became the next one.
+        self.targets.c_update(self.last)
         self.settles = True
 
     cdef void c_bound_chunk(self) noexcept nogil:

@@ -5,7 +5,7 @@ from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
 from rtloop.sources.source cimport Source
 
 cdef enum:
-    MAX_POINTS = 8  # That one cycle reads.
+    MAX_POINTS = 8  # Maximum number of points that a cycle reads.
 
 
 cdef class ServoSource(Source):

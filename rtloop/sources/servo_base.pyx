@@ -72,7 +72,7 @@ cdef class ServoSource(Source):
             return False
         if not c_is_finite(point.joints, self.dof):
             return False
-        # Who writes to shared memory may write anything; the service refuses what is beyond these.
+        # Another writer of shared memory may write any values. The service rejects values beyond these.
         for joint in range(self.dof):
             self.target[joint] = min(max(point.joints[joint], self.lowest[joint]), self.highest[joint])
         self.time_s = min(max(point.time_s, self.period_s), MAX_TIME_S)

@@ -14,9 +14,10 @@ from rtloop.generators.target_range import TargetRange
 from rtloop.sources.servo_law import ServoLaw
 from rtloop.sources.servo_through_points import ThroughPoints
 
-# A buffered mode begins once this much time of points has arrived, at least two: a sender is not punctual.
+# A buffered mode begins when points for this time have arrived, at least two, because the intervals of a
+# sender vary.
 cdef double JITTER_S = 0.01
-# It waits for them no longer than so many times that.
+# The maximum waiting time for these points, as a multiple of that time.
 cdef double BEFORE_TIMEOUT = 2.0
 
 
@@ -58,7 +59,7 @@ cdef class Newest(ServoSource):
             if not self.c_read(&point):
                 return NOT_FINITE
             interval_s = c_clamped_interval(self.since_s)
-            if self.planned:  # Which takes any target, at its own pace.
+            if self.planned:  # The profile accepts any target and takes the time that it needs.
                 self.c_accept_far(interval_s)
             elif self.c_jumps(interval_s):
                 continue
@@ -170,7 +171,8 @@ cdef class Buffered(ServoSource):
             if self.fixed_s > 0.0:
                 self.time_s = self.fixed_s
             memcpy(self.start, self.last, self.dof * sizeof(double))
-            if self.c_jumps(max(stated_s, self.since_s)):  # Its time passes without it.
+            # The point is dropped, and its time passes without a motion.
+            if self.c_jumps(max(stated_s, self.since_s)):
                 memset(self.way, 0, sizeof(self.way))
                 memset(self.line + self.dof, 0, 2 * self.dof * sizeof(double))
                 continue
@@ -205,7 +207,7 @@ cdef class Buffered(ServoSource):
             or self.waited_s >= BEFORE_TIMEOUT * max(time_s, JITTER_S)
         )
         if self.playing:
-            self.elapsed_s = self.time_s  # The way to the last point is over.
+            self.elapsed_s = self.time_s  # The motion to the last point has ended.
         return self.playing
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:

@@ -4,7 +4,7 @@ from rtloop.inboxes.point_queue cimport PointQueue
 from rtloop.sources.servo_base cimport ServoSource
 
 cdef enum:
-    PIECES = 512  # Of the curve ahead; with points at 1 kHz, half a second.
+    PIECES = 512  # Maximum number of pieces of the curve ahead; half a second with points at 1 kHz.
 
 
 cdef class ThroughPoints(ServoSource):
@@ -16,7 +16,7 @@ cdef class ThroughPoints(ServoSource):
     cdef double spans[PIECES]
     cdef double places[PIECES][MAX_DOF]  # The point at the end of each.
     cdef bint passes[MAX_DOF]  # Whether a joint does not stop at the next point.
-    cdef bint enters  # Whether the arm has come to another piece.
+    cdef bint enters  # Whether the arm has entered another piece.
     cdef double highest_rates[PIECES]  # The highest rate on each.
     cdef double speeds[PIECES][2]  # The highest joint speeds on each, by the limits of acceleration and jerk.
     cdef object coefficient_rows  # (PIECES, 6, dof)
@@ -24,7 +24,7 @@ cdef class ThroughPoints(ServoSource):
     cdef double knot[3 * MAX_DOF]  # The curve's end: position, and derivatives by σ.
     cdef double pending[MAX_DOF]  # The point after it, with its span and time; there is one if the span > 0.
     cdef double pending_span, pending_time_s, pending_age_s
-    cdef bint hungry  # Points have come since the last underrun.
+    cdef bint hungry  # Whether points have arrived since the last underrun.
     cdef double distance, rate, slope  # σ, and its derivatives by time.
 
     cdef void c_bound(self) noexcept nogil

@@ -27,20 +27,21 @@ import numpy as np
 
 from rtloop.generators.target_range import TargetRange
 
-# The curve, and the changes of its rate, may each take this share of acceleration and jerk.
+# Share of acceleration and jerk for the curve, and for changes of its rate.
 cdef double CURVE_SHARE = 0.5
 cdef double RATE_SHARE = 0.5
 cdef double VELOCITY_SHARE = 0.98
-# The rate's changes are always slow enough for this joint velocity: a faster point may come.
+# Changes of the rate are always slow enough for this joint velocity, because a faster point may come.
 cdef double USUAL_RAD_S = 0.2
 cdef double MIN_RATE = 1e-4
 cdef double REST = 1e-9
-# The next point is waited for so many times the last one's time, and a little more, before it is the last.
+# If the next point does not arrive within this multiple of the last point's time, and a little more, the last
+# one ends the curve.
 cdef double PATIENCE = 2.0
 cdef double GRACE_S = 0.01
-# A piece is looked at in so many places, its ends included.
+# Number of places at which a piece is checked, its ends included.
 cdef int PLACES = 7
-# So many pieces ahead belong to the range of the points.
+# Number of pieces ahead that belong to the range of the points.
 cdef int AHEAD = 32
 
 
@@ -131,7 +132,7 @@ cdef class ThroughPoints(ServoSource):
                 following = self.places[self.first + 1]
             elif self.pending_span > 0.0:
                 following = self.pending
-            for joint in range(self.dof):  # Through a point on its way a joint goes as the curve does.
+            for joint in range(self.dof):  # A joint passes a point on its way as the curve does.
                 if self.places[self.first][joint] == self.targets.newest[joint]:
                     self.passes[joint] = False
                 elif following != NULL:
@@ -215,7 +216,7 @@ cdef class ThroughPoints(ServoSource):
         cdef double start[3 * MAX_DOF]
         cdef double span = self.pending_span, begin
         cdef int joint, number, dof = self.dof
-        if self.first == self.count:  # Nothing moves: any direction will do.
+        if self.first == self.count:  # No joint moves, so any direction is valid.
             self.first = self.count = 0
             self.distance = 0.0
             self.enters = True

@@ -5,7 +5,7 @@ from rtloop.generators.target_range cimport TargetRange
 
 
 cdef struct Setpoint:
-    # Where the fields of the setpoint that was read last stand, see `cobot.ipc.layout.setpoint_dtype`.
+    # Addresses of the fields of the setpoint that was read last, see `cobot.ipc.layout.setpoint_dtype`.
     unsigned long long* session
     unsigned long long* number
     unsigned long long* feed_forward
@@ -21,7 +21,7 @@ cdef struct Setpoint:
 
 
 cdef struct Chunk:
-    # Where the fields of the chunk that was read last stand, see `cobot.ipc.layout.chunk_dtype`.
+    # Addresses of the fields of the chunk that was read last, see `cobot.ipc.layout.chunk_dtype`.
     unsigned long long* session
     unsigned long long* number
     unsigned long long* count
@@ -31,7 +31,7 @@ cdef struct Chunk:
 
 
 cdef enum:
-    # What is wrong with a target: the number of the intervention that it counts as, plus one.
+    # The flaw of a target: the number of the intervention that it counts as, plus one.
     FINE = 0
     NOT_FINITE = 1
     JUMP = 9
@@ -49,7 +49,7 @@ cdef class Source:
     cdef readonly int dof
     cdef readonly object reference
     cdef double* ref
-    cdef readonly TargetRange targets  # None where the source has no joint targets
+    cdef readonly TargetRange targets  # None if the source has no joint targets
 
     cdef void c_begin(self, const double* command) noexcept nogil
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil

@@ -9,7 +9,7 @@ from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
 
 
-# A reference that is further ahead of the arm than this waits for it.
+# A reference that is further ahead of the arm than this waits for the arm.
 cdef double LEAD_RAD = 0.2
 
 

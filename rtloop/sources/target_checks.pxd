@@ -1,7 +1,7 @@
 from libc.math cimport isfinite
 
 
-# What the interval between two commands is taken for when thresholds are made of it.
+# The result of the check of a streamed pose.
 cdef enum:
     POSE_PASSES = 0
     POSE_JUMPS = 1

@@ -12,15 +12,15 @@ import numpy as np
 
 from rtloop.results import ACCEPTED, Rejected
 
-# No sender means more than this, rad/s, m/s and rad/s: what would need more between two commands is a jump.
+# Maximum plausible speeds, rad/s, m/s and rad/s. A command that needs a higher speed is a jump.
 JOINT_VELOCITY = 10.0
 LINEAR_VELOCITY = 10.0
 ANGULAR_VELOCITY = 50.0
-# The time between two commands, before there are two, and the bounds for what is measured.
+# The interval before there are two commands, and the bounds of a measured interval.
 DEFAULT_INTERVAL_S = 0.01
 MIN_INTERVAL_S = 0.001
 MAX_INTERVAL_S = 0.1
-# A command may have been meant so much later than its predecessor than it came.
+# Maximum difference between the interval at which two commands were meant and that at which they arrived.
 cdef double SLACK_S = 0.01
 
 cdef double _JOINT_VELOCITY = JOINT_VELOCITY
@@ -52,7 +52,7 @@ cdef int c_joint_jump(
     cdef int joint
     for joint in range(dof):
         most = joint_threshold(within_s, max_velocity[joint] if max_velocity != NULL else INFINITY)
-        if not fabs(target[joint] - last[joint]) <= most:  # Also what is no number.
+        if not fabs(target[joint] - last[joint]) <= most:  # True for NaN too.
             return joint
     return -1
 

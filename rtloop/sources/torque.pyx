@@ -65,7 +65,7 @@ cdef class TorqueSource(Source):
         self.dynamics.c_mass_matrix(position, mass)
         cholesky_solve(mass, self.dof, wanted)
         for joint in range(self.dof):
-            # So that the acceleration can be back at zero when the velocity has reached its limit.
+            # So that the acceleration can be reduced to zero before the velocity reaches its limit.
             toward = copysign(velocity[joint], wanted[joint] * velocity[joint]) if wanted[joint] else 0.0
             room = 2.0 * self.rates.jerk[joint] * max(self.rates.velocity[joint] - toward, 0.0)
             most = min(self.rates.acceleration[joint], sqrt(room))

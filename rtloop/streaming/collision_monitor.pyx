@@ -12,11 +12,12 @@ from rtloop.generators.rates cimport take_rates
 from cobot.robot.collision import body_or_geom, geom_pairs
 
 cdef enum:
-    # The distances are looked at every so many cycles: at 1 m/s, every 4 mm.
+    # The distances are checked once in this number of cycles: at 1 m/s, every 4 mm.
     LOOK_CYCLES = 4
 
-# How old the motion may be on which a decision rests. Each place is looked at once in LOOK_CYCLES, some
-# cycles after the motion was read. The decision takes effect in the next cycle; until then the arm continues.
+# Maximum age of the motion on which a decision is based, in cycles. Each place is checked once in
+# LOOK_CYCLES, some cycles after the motion was read. The decision takes effect in the next cycle; until then
+# the arm continues.
 cdef double LATE_CYCLES = LOOK_CYCLES + 2.0
 # The arm continues for T s before it brakes: a velocity v leads v T further. In a motion that begins, the
 # acceleration may grow as well, which adds up to 2 v T.
@@ -28,21 +29,22 @@ cdef double SECOND_THIRD = 0.42
 
 # The share of the velocities that is permitted next to an obstacle.
 cdef double MIN_SHARE = 0.1
-# A distance has to shrink by as much to count as an approach.
+# A distance must decrease by this to count as an approach.
 cdef double APPROACH_M = 1e-5
-# The floor of two parts that are outside the margin.
+# The value of `_c_floor` for two parts that are outside the margin.
 cdef double OUTSIDE = -1e9
-# No joint goes further in the step with which a way out is tried.
+# No joint moves further in the step that tests a way out.
 cdef double PROBE_RAD = 0.02
-# Of an arm that is to stand still, only the rounding is left of a step: it has no direction.
+# A smaller step is only rounding, of an arm that must not move: it has no direction.
 cdef double MIN_HEADING_RAD = 1e-6
-# A shorter step than this is made longer: of a step of some µm, a distance says nothing.
+# A shorter step is extended to this length, because a step of some µm changes a distance too little.
 cdef double MIN_PROBE_RAD = 0.002
-# So near beyond the margin links slow down for each other, and count when a way out is looked for.
+# Links slow down for each other if they are this close to the margin. These pairs also count when a way out
+# is tested.
 cdef double NEAR_M = 0.01
 # Links of the arm often pass close to each other. They slow the stream down only if stopping needs more than
-# this share of the space between them.
-# So no more than NEAR_M / LINK_ROOM beyond the margin they have an effect: looks measure no further.
+# this share of the space between them. So pairs further than NEAR_M / LINK_ROOM beyond the margin have no
+# effect, and are not measured.
 cdef double LINK_ROOM = 0.5
 
 
@@ -102,7 +104,8 @@ cdef class CollisionMonitor:
         self._rows[7] = OUTSIDE
         self._blocking[...] = False
         for index in range(len(watched)):
-            # The arm's own links are always near each other: they only slow down where it is tight.
+            # The arm's own links are always close to each other. They slow down only if there is little room
+            # to stop.
             self._links[index] = links[index]
             self._rows[0, index] = NEAR_M if self._links[index] else self._zone_m
         self._cycle = 0
@@ -161,7 +164,7 @@ cdef class CollisionMonitor:
             if otg_velocity(&problem, &profiles[joint]) == OTG_OK:
                 longest_s = fmax(longest_s, profiles[joint].duration)
                 self._way[2][joint] = profiles[joint].end_position
-            else:  # Of numbers that are all but zero there may be no profile.
+            else:  # There may be no profile for numbers close to zero.
                 profiles[joint].duration = -1.0
                 self._way[0][joint] = self._way[1][joint] = self._way[2][joint] = problem.position
         for joint in range(self._dof):
@@ -278,8 +281,9 @@ cdef class CollisionMonitor:
             longest = max(longest, fabs(heading[index]))
         if longest < MIN_HEADING_RAD:
             return False
-        # This runs in the cycle of each target, so it leaves out what the last look saw far away. Nothing
-        # comes nearer by NEAR_M in the few cycles since, and the next look blocks what enters the margin.
+        # This runs in the cycle of each target, so pairs that were far away at the last check are left out.
+        # No pair comes nearer by NEAR_M in the few cycles since then, and the next check blocks a pair that
+        # enters the margin.
         if not self._probe(position, heading, self._margin_m + NEAR_M):
             return True
         for index in range(self._distances.count):

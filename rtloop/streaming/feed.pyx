@@ -18,11 +18,11 @@ cdef int COUNT_COLLISION = Intervention.COLLISION
 cdef int COUNT_PROXIMITY = Intervention.PROXIMITY
 cdef int COUNT_LATE = Intervention.LATE
 
-# A client that said it would send less often is not silent yet.
+# A client that announced a longer period is not silent yet.
 cdef int PERIODS_TO_TIMEOUT = 3
-# A servo session that is to end goes on with the points that it has for no longer than this.
+# Maximum time for which a servo session uses its remaining points after a request to end.
 cdef double FINISH_S = 1.0
-# The time since the last target is taken to be this long for the first one, or one command period.
+# The assumed time since the last target for the first target; or one command period, if that is longer.
 cdef double DEFAULT_INTERVAL_S = 0.01
 
 
@@ -64,7 +64,9 @@ cdef class Feed:
         """Like `watch_surroundings`, for compiled code."""
         cdef double share
         cdef double state[3 * MAX_DOF]
-        self.safety.c_motion(state)  # The velocities of the command are those that the client states.
+        # The velocities in the command are those that the client states, so the real motion is
+        # used.
+        self.safety.c_motion(state)
         self.monitor.c_look(state)
         share = self.monitor.share
         if share < 1.0 and not self.slowed:
@@ -85,7 +87,7 @@ cdef class Feed:
             self.c_hold(flaw - 1)
         elif self.blocked:
             self.source.c_heading(heading)
-            # An arm that is still on its way there brakes first: where it is fast, a step says little.
+            # An arm that is still moving there brakes first, because at a high speed a step says little.
             self.blocked = self.monitor.blocked or not self.monitor.c_leads_away(
                 self.safety.c_command, heading
             )
@@ -222,7 +224,7 @@ cdef class TargetFeed(Feed):
         if flaw == FINE or flaw == NOT_FINITE:
             self.live = False
             self.c_judge(flaw)
-        if flaw > NOT_FINITE:  # And the chunk before goes on.
+        if flaw > NOT_FINITE:  # The previous chunk continues.
             self.safety.c_count(flaw - 1)
         elif self.joints.c_late() != late:
             self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)

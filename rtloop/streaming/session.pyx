@@ -32,7 +32,7 @@ MODES = {
 cdef int COUNT_CONTACT = Intervention.CONTACT
 # Number of cycles between two checks whether the client's process still exists.
 cdef long long ALIVE_CYCLES = 50
-# A pose limited to the TCP's velocity must be followed at little more than that velocity.
+# If a pose is limited to the velocity of the TCP, the joints must follow it only a little faster.
 CATCH_UP_RAD_S = 0.05
 # The springs that follow a torque-controlled reference are much softer than the estimate of external torques
 # can follow; otherwise both would oscillate against each other.
@@ -196,7 +196,7 @@ cdef class Session:
 
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))
-        # Poses have their own limits, torques have only the robot's.
+        # Poses have limits of their own. For torques only the robot's limits apply.
         guided = stream is Stream.GUIDED
         joints = stream is Stream.JOINT_IMPEDANCE or guided or int(request["servo_mode"]) != ServoMode.NONE
         within = self._session_limits

@@ -20,26 +20,26 @@ cdef enum:
 cdef struct Problem:
     double position[3]       # of the TCP in the base frame, m
     double rotation[9]
-    double moved[9]          # what the joints have to do to the frames as they are at rest: rotation ...
+    double moved[9]          # the motion that the joints must give to the frames at rest: rotation ...
     double shift[3]          # ... and then translation
     double seed[MAX_DOF]     # of the joints
-    double near[MAX_DOF]     # likewise, within the limits and counted from rest
+    double near[MAX_DOF]     # the seed, moved into the limits and counted from rest
     int criterion
-    double slack             # rad, by which a closed form may pass the limits before it is made exact
-    double slop              # m, by which it may be out of reach, likewise
-    int patience             # steps without a tenth of progress after which a descent is given up
-    double accepted_m        # so near a descent that cannot go on is at the pose
+    double slack             # angle by which a closed form may exceed the limits before it is corrected, rad
+    double slop              # distance by which a closed form may be out of reach before it is corrected, m
+    int patience             # number of steps without a tenth of progress after which a descent ends
+    double accepted_m        # distance below which a descent that cannot continue has reached the pose
     double accepted_rad
     bint every               # whether all branches are asked for, not the best one alone
 
 
 cdef struct Candidate:
-    double cost              # by the criterion: the less the better
+    double cost              # by the criterion; lower is better
     double joints[MAX_DOF]
     int branch
-    bint refined             # whether its free angle, if there is one, is the best there is
-    double bound             # what it costs at least when it is refined
-    double begin             # between these the best free angle is, rad
+    bint refined             # whether its free angle, if it has one, is optimal
+    double bound             # a lower bound of the cost after refinement
+    double begin             # the bracket of the best free angle, rad
     double angle
     double end
 
@@ -50,21 +50,22 @@ cdef class Arm:
     cdef readonly bint lacking
     cdef readonly bint redundant
     cdef int c_free                   # see FIXED
-    cdef double c_weight              # of 1 m relative to 1 rad in a descent
+    cdef double c_weight              # weight of 1 m relative to 1 rad in a descent
     cdef object _limits, _low, _high, _given, _found
     cdef double* c_low                # position limits of the joints
     cdef double* c_high
     cdef double* c_given              # scratch: a pose and joints from Python
     cdef double* c_found
     cdef double c_rest[MAX_DOF]       # joints at which the frames are at rest
-    cdef bint c_hinge[MAX_DOF]        # or else it slides
-    cdef double c_least[MAX_DOF]      # the limits, counted from there
+    cdef bint c_hinge[MAX_DOF]        # false for a slide
+    cdef double c_least[MAX_DOF]      # the limits, counted from `c_rest`
     cdef double c_most[MAX_DOF]
     cdef double c_home_rotation[9]    # of the TCP at rest
     cdef double c_home_position[3]
-    cdef double c_root[3]             # on the first joint's axis, and how far from it the TCP gets
+    # a point on the first joint's axis, and the largest distance of the TCP from it
+    cdef double c_root[3]
     cdef double c_reach
-    cdef double c_slop                # by which the geometry of a closed form is not exact, m
+    cdef double c_slop                # error of the geometry that a closed form assumes, m
 
     cdef void c_state(
         self, const double* pose, const double* seed, int criterion, Problem* out

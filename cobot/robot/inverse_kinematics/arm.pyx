@@ -60,9 +60,10 @@ cdef enum:
     # Maximum number of descents from random starts, and number of solutions after which they end.
     ATTEMPTS = 1500
     ENOUGH = 2
-    # Of the best candidates with a free angle, so many are compared at their best.
+    # Number of the best candidates with a free angle that are refined and compared.
     REFINED = 3
-    # Where a closed form exists and has found nothing: a singular pose whose free joint it has not tried.
+    # Number of descents if a closed form exists but has found nothing: the pose may be singular, and the form
+    # has not tried the right angle of the free joint.
     ATTEMPTS_AFTER_CLOSED_FORM = 200
 
 cdef class Arm:
@@ -265,7 +266,7 @@ cdef class Arm:
                 joints[i] = wrapped(joints[i], middle)
             far = fabs(joints[i] - middle) - 0.5 * (self.c_high[i] - self.c_low[i])
             if far > problem.slack and not self.redundant:
-                return False  # Another way to turn the others does not exist.
+                return False  # There is no other way to turn the other joints.
         return self.c_descend(problem, joints, STEPS, True, distance)
 
     cdef bint c_verify(self, const Problem* problem, double* joints) noexcept nogil:
@@ -362,7 +363,7 @@ cdef class Arm:
         cross3(axis, target, error)
         sine = length3(error)
         if sine < 1e-9 and dot3(axis, target) < 0.0:
-            # Half a turn, about any axis at right angles: the TCP's next one.
+            # Half a turn about any axis at right angles to it, such as the TCP's next axis.
             for i in range(3):
                 error[i] = 3.141592653589793 * rotation[3 * i + (self.c_free + 1) % 3]
         elif sine > 1e-9:

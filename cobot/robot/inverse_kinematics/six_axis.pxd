@@ -8,11 +8,12 @@ from cobot.robot.inverse_kinematics.vectors cimport Hinge
 cdef class SixAxisArm(Arm):
     cdef int kind
     cdef double axes[6][3]
-    cdef double points[6][3]   # one on each axis, at rest
+    cdef double points[6][3]   # a point on each axis, at rest
     cdef double wrist[3]       # where the last axes meet, at rest
-    cdef double sense[2]       # 1, or -1 where the third and fourth axis point against the second one
+    # 1, or -1 if the third and fourth axis have the opposite direction of the second one
+    cdef double sense[2]
     cdef Triple triple         # of the wrist, or of the second, fifth and sixth axis
-    cdef Hinge hinge           # the joint that sets how far the wrist is away
+    cdef Hinge hinge           # the joint that determines the distance of the wrist
 
     cdef int _solutions(self, const Problem* problem, Candidate* found) noexcept nogil
     cdef void _about(self, int joint, double angle, const double* point, double* out) noexcept nogil

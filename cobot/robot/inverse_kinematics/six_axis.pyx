@@ -117,7 +117,7 @@ cdef class SixAxisArm(Arm):
         cdef Problem wider = problem[0]
         cdef int count = self._solutions(problem, found)
         if count == 0:
-            # Where the hand's axes almost align, rounding has brought a stretched arm out of reach.
+            # If the hand's axes almost align, rounding may have moved a stretched arm out of reach.
             wider.slop = max(problem.slop, WIDER_SLOP)
             count = self._solutions(&wider, found)
         return count
@@ -133,7 +133,7 @@ cdef class SixAxisArm(Arm):
             return self._parallel(problem, wrist, found)
         return self._in_a_plane(problem, wrist, found)
 
-    # Where the wrist has to be, and what each joint does to a point.
+    # The required place of the wrist, and the effect of each joint on a point.
 
     cdef void _wrist_of(self, const Problem* problem, double* out) noexcept nogil:
         cdef double there[3]
@@ -375,7 +375,7 @@ cdef class SixAxisArm(Arm):
         cdef double there[3]
         cdef int i, k
         cdef bint fits
-        # Back from the hand: the point that the fourth axis has to go through, in the plane.
+        # Calculated back from the hand: the point through which the fourth axis must pass, in the plane.
         self._about_wrist(4, -five[1], self.points[3], near)
         self._about_wrist(5, -five[2], near, there)
         times(problem.moved, there, near)

@@ -5,17 +5,19 @@ from cobot.robot.inverse_kinematics.triple cimport Triple
 from cobot.robot.inverse_kinematics.vectors cimport Hinge
 
 cdef enum:
-    # The limits of six joints, each at two angles, and where a triple of axes that are not square ends.
+    # Six joints have two limits each, and each is reached at up to two arm angles. In addition: the ends of
+    # the range of a triple whose axes are not at right angles.
     MAX_BREAKS = 32
     MAX_SEGMENTS = 320
 
 
 cdef struct Elbow:
     double angle      # of the fourth joint, from rest
-    double front[9]   # the frame in which the arm angle is counted, z from shoulder to wrist, in the base
+    # the frame from which the arm angle is measured, z from shoulder to wrist, in the base frame
+    double front[9]
     double back[9]    # the same in the upper arm, as it is at rest
     double inner[9]   # the same in the forearm at rest, transposed
-    double kept[9]    # frontᵀ times what the joints have to turn
+    double kept[9]    # frontᵀ times the rotation that the joints must give
 
 
 cdef struct Turned:

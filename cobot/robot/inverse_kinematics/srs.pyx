@@ -220,7 +220,7 @@ cdef class SrsArm(Arm):
         for i in range(3):
             z[i] = self.pole[3 * i + 2]
         c = dot3(z, direction)
-        if c < -1.0 + 1e-12:  # straight behind: no way is the shortest, this is one of them
+        if c < -1.0 + 1e-12:  # straight behind: all ways have the same length, this is one of them
             for i in range(3):
                 out[3 * i], out[3 * i + 1], out[3 * i + 2] = self.pole[3 * i], -self.pole[3 * i + 1], -z[i]
             return
@@ -653,7 +653,7 @@ cdef class SrsArm(Arm):
         cdef double begin = candidate.begin
         cdef double end = candidate.end
         cdef double tolerance = max(REFINED_TO * (end - begin), MIN_TOLERANCE)
-        cdef double x[3]     # the best arm angle so far, the second best, and the one that was that before
+        cdef double x[3]     # the best arm angle so far, the second best, and the previous second best
         cdef double cost[3]
         cdef double step = 0.0
         cdef double before = 0.0
@@ -666,7 +666,7 @@ cdef class SrsArm(Arm):
             return
         for i in range(3):
             x[i], cost[i] = candidate.angle, candidate.cost
-        for i in range(2):  # which may be the best because they are the last
+        for i in range(2):  # the end, which may be the best because nothing is feasible beyond it
             self._try(&exact, &elbow, end if i else begin, candidate, joints)
         for _step in range(REFINEMENTS):
             if fabs(x[0] - 0.5 * (begin + end)) + 0.5 * (end - begin) <= 2.0 * tolerance or (

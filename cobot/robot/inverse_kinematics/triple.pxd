@@ -25,7 +25,7 @@ from cobot.robot.inverse_kinematics.vectors cimport (
 cdef enum:
     UNREACHABLE = 0
     REGULAR = 1
-    ALIGNED = 2  # the first axis is the third one: one of their two angles is free
+    ALIGNED = 2  # the first axis coincides with the third one, so one of their two angles is free
 
 cdef extern from *:
     """
@@ -41,10 +41,11 @@ cdef struct Triple:
     double third[3]
     double across[3]  # at a right angle to the third one
     double rest       # the angle b at which the third axis is nearest to the first one, rad
-    double least      # the least and the largest angle between them, rad
+    double least      # the smallest and the largest angle between them, rad
     double largest
     bint square       # both axes at right angles to the second one
-    double before[3]  # to where the second one turns the first axis, and the third one back, if they are
+    # the directions to which the second axis turns the first one, and the third one back, if they align
+    double before[3]
     double after[3]
 
 
@@ -52,7 +53,7 @@ cdef struct Angles:
     int kind
     double plus[3]    # the solution beyond `rest`, and the one before it
     double minus[3]
-    double sense      # where they are ALIGNED: 1 if they point the same way, -1 if not
+    double sense      # if they are ALIGNED: 1 for the same direction, -1 for opposite directions
 
 
 cdef inline bint triple_of(

@@ -105,7 +105,8 @@ cdef inline void turn_about(const double* axis, double angle, double* out) noexc
 cdef inline double angle_about(const double* axis, const double* start, const double* end) noexcept nogil:
     """The angle by which `start` must be turned about the axis to come as near as possible to the direction
     `end`."""
-    # What is across the axis comes first: directions that are almost the axis have little else.
+    # The parts at right angles to the axis are calculated first. They are all that counts for directions
+    # close to the axis.
     cdef double across[3]
     cdef double one[3]
     cdef double two[3]
@@ -172,11 +173,12 @@ cdef inline bint settled(double* angle, double low, double high, double near, do
 
 cdef struct Hinge:
     double axis[3]
-    double before[3]   # from the axis to a point on the side that stands, and to one that turns, at rest
+    # from the axis to a point on the fixed side, and to a point on the turning side, at rest
+    double before[3]
     double after[3]
     double folded      # the angle at which they are nearest to each other
-    double lengths[2]  # of the triangle that they make, seen along the axis ...
-    double offset      # ... and how far the second one is out of its plane
+    double lengths[2]  # of the triangle that they form, seen along the axis ...
+    double offset      # ... and the distance of the second one from its plane
 
 
 cdef inline void set_hinge(
