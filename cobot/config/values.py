@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationInfo
 
 from cobot.access.roles import RoleName
-from cobot.addresses import ROBOTS, VERSION
+from cobot.addresses import NAME, ROBOTS, VERSION
 from cobot.strict import shown
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def _a_panel(value: str) -> str:
     return value
 
 
-RobotName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidator(_a_robot_name)]
-FleetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+FleetName = Annotated[str, Field(pattern=f"^{NAME}$")]
+RobotName = Annotated[FleetName, AfterValidator(_a_robot_name)]
 LeastRole = Literal[RoleName, "none"]
 ZenohEndpoint = Annotated[str, AfterValidator(_a_zenoh_endpoint)]
 PanelUrl = Annotated[str, AfterValidator(_a_panel)]

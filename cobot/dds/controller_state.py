@@ -1,4 +1,4 @@
-"""The state that a joint trajectory controller publishes, also at rest: where it has its joints.
+"""The state that a joint trajectory controller publishes, also at rest: the positions of its joints.
 
 Releases of control_msgs differ in what follows the second point of the message, so only its beginning is
 read: header, names of the joints, the reference, and what the controller measures.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
+from typing import Any
 
 from cobot.dds.inbox import SampleInbox
 from cobot.dds.names import topic_name, type_name
@@ -27,7 +28,7 @@ class ControllerState:
 
     Attributes:
         positions: measured positions by the names of the joints.
-        heard_s: when they came, on the monotonic clock.
+        heard_s: time of their arrival, on the monotonic clock.
     """
 
     def __init__(self, node: DdsNode, controller: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -83,7 +84,7 @@ def _measured(cdr: _Cdr) -> dict[str, float]:
 
 
 class _Cdr:
-    """Reads plain CDR from its beginning on."""
+    """Reads plain CDR from its beginning."""
 
     def __init__(self, content: bytes) -> None:
         self._order = "<" if content[1] & 1 else ">"
@@ -91,10 +92,7 @@ class _Cdr:
 
     def number(self, code: str) -> int:
         """An integer of a code of struct."""
-        self._at += -self._at % struct.calcsize(code)
-        (value,) = struct.unpack_from(self._order + code, self._data, self._at)
-        self._at += struct.calcsize(code)
-        return int(value)
+        return int(self._values(code)[0])
 
     def count(self) -> int:
         """The number of items that follow."""
@@ -105,19 +103,17 @@ class _Cdr:
 
     def text(self) -> str:
         """A text with its length."""
-        length = self.count()
-        found = self._data[self._at : self._at + length]
-        if len(found) < length:
-            raise IndexError("it ends within a text")
-        self._at += length
-        return found.rstrip(b"\0").decode()
+        (found,) = self._values(f"{self.count()}s")
+        return str(found.rstrip(b"\0"), "utf-8")
 
     def doubles(self) -> list[float]:
         """A list of numbers."""
         count = self.count()
-        if not count:
-            return []
-        self._at += -self._at % 8
-        found = struct.unpack_from(f"{self._order}{count}d", self._data, self._at)
-        self._at += 8 * count
-        return list(found)
+        return list(self._values(f"{count}d")) if count else []  # an empty list has no padding
+
+    def _values(self, code: str) -> tuple[Any, ...]:
+        """The next values of a code of struct, after the padding for their type."""
+        self._at += -self._at % struct.calcsize(code[-1])
+        found = struct.unpack_from(self._order + code, self._data, self._at)
+        self._at += struct.calcsize(code)
+        return found

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from cobot.addresses import NAME, NAME_RULE
 from cobot.client.tls import TOKEN_VARIABLE
 from cobot.errors import CobotError
 from cobot.fleet.asking import DEFAULT_URL, URL_VARIABLE
@@ -176,8 +177,8 @@ def _number(text: str) -> float:
 
 
 def _name(text: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,48}", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not valid: 1 to 48 letters, digits, - and _")
+    if not re.fullmatch(NAME, text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid: {NAME_RULE}")
     return text
 
 

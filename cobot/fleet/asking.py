@@ -12,8 +12,7 @@ import httpx
 
 from cobot.addresses import CLIENT_NAME, check_url
 from cobot.client.tls import advice, tls_context, token_header
-from cobot.codes import ERROR_OF, Code
-from cobot.errors import CobotError, UnavailableError
+from cobot.errors import BY_CODE, CobotError, UnavailableError
 
 URL_VARIABLE = "COBOT_FLEET"
 DEFAULT_URL = "http://127.0.0.1:8070"
@@ -56,8 +55,7 @@ def get(
     if response.status_code == 200:
         return response
     answer = _decoded(response)
-    code = str(answer.get("code", "error")).upper()
-    kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
+    kind = BY_CODE.get(str(answer.get("code")), CobotError)
     raise kind(str(answer.get("detail", response.status_code)))
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import Field, ValidationError
 
 from cobot.access.roles import RoleName
+from cobot.addresses import NAME
 from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
@@ -24,12 +25,12 @@ DEADLINE_S = 2.0
 """Default timeout for a cell to receive a command, in seconds."""
 REST_S = 6.0
 """Timeout for a cell to stop the arm and answer, after the deadline of a command, in seconds."""
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 Person = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,64}$")]
 Text = Annotated[str, Field(max_length=2000)]
 Program = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
-Target = Annotated[str, Field(pattern=r"^([A-Za-z0-9_-]{1,48}|\*)$")]
+Target = Annotated[str, Field(pattern=rf"^({NAME}|\*)$")]
 """Name of a cell or robot, or * for all."""
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Seconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]

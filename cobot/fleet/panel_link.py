@@ -12,8 +12,8 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, NamedTuple
 
 from cobot.access.roles import RoleName
-from cobot.codes import ERROR_OF, Code
 from cobot.errors import (
+    BY_CODE,
     AuthenticationError,
     BusyError,
     CobotError,
@@ -191,19 +191,13 @@ class PanelLink:
             raise UnavailableError(f"the cell {panel.cell} does not answer")
         head, content = read(PanelHead, bytes(sample.attachment)), bytes(sample.payload)
         if head.code != "ok":
-            raise _error_of(head)
+            raise BY_CODE.get(head.code, CobotError)(head.text)
         if len(content) > MAX_PIECE_BYTES + 65536:
             raise InputError(
                 f"the cell {panel.cell} has sent a piece of {len(content)} bytes, allowed: "
                 f"{MAX_PIECE_BYTES + 65536}"
             )
         return head, content
-
-
-def _error_of(head: PanelHead) -> CobotError:
-    code = head.code.upper()
-    kind = ERROR_OF.get(Code[code], CobotError) if code in Code.__members__ else CobotError
-    return kind(head.text)
 
 
 def require_room(now: int, most: int, what: str) -> None:

@@ -14,6 +14,7 @@ from urllib.parse import unquote_to_bytes
 from pydantic import AfterValidator, Field
 
 from cobot.access.roles import RoleName
+from cobot.addresses import NAME
 from cobot.fleet.messages import Hash, Id, Name, Person, Seconds, Text
 from cobot.strict import StrictModel
 
@@ -69,7 +70,7 @@ ANSWER_HEADERS = (
     "x-request-id",
 )
 _PATH = re.compile(r"/[A-Za-z0-9._~!$&'()*+,;=:@%/-]{0,2000}")
-_SOCKET = re.compile(r"(/v1)?(/robots?(/[A-Za-z0-9_-]{1,48})?)?/(stream|events)")
+_SOCKET = re.compile(rf"(/v1)?(/robots?(/{NAME})?)?/(stream|events)")
 
 
 def _a_path(path: str) -> str:

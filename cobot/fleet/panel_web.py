@@ -30,6 +30,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from cobot.addresses import NAME
 from cobot.errors import (
     AuthenticationError,
     BusyError,
@@ -81,7 +82,7 @@ STYLE = "font: 18px/1.5 system-ui, sans-serif; max-width: 40rem; margin: 3rem au
 NO_CONTENT = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 WORDS = json.loads((Path(__file__).parent / "page" / "words.json").read_text(encoding="utf-8"))
 _DOCS = re.compile(r"(?:/v1)?/(?:docs|redoc)(?:/.*)?")
-_STOP = re.compile(r"(?:/v1)?(?:/robots/([A-Za-z0-9_-]{1,48}))?/stop")
+_STOP = re.compile(rf"(?:/v1)?(?:/robots/({NAME}))?/stop")
 log = logging.getLogger("cobot.fleet")
 
 
@@ -211,7 +212,7 @@ class PanelApp:
             await self._link.ask(panel, CloseStream(kind="close", stream=stream))
 
     async def _stop(self, panel: OpenPanel, person: PanelPerson, robot: str) -> Response:
-        """Stop the arms as the page of the fleet does, with its priority, whatever the panels do."""
+        """Stop the arms with the priority of the fleet's page. Requests to panels do not delay this."""
         work = partial(self._hub.command, STOP, person.name, person.role, panel.cell, robot)
         answers = await asyncio.get_running_loop().run_in_executor(self._stops, work)
         bad = [each for each in answers if each["code"] != "ok"]
@@ -362,8 +363,8 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
 
 
 async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -> None:
-    """Do the work until the browser is gone. Then the cell ends the request, and with
-    `web.stop_on_disconnect` the motion, as it does for a browser of its own.
+    """Do the work until the browser disconnects. Then the cell ends the request. With
+    `web.stop_on_disconnect` it also ends the motion, as it does for browsers that are connected to the cell.
 
     Args:
         request: its body was read.

@@ -9,18 +9,25 @@ import re
 import signal
 import socket
 import sys
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cobot.access.authentication import Authenticator, is_loopback
 from cobot.access.tokens import TokenFile
+from cobot.addresses import NAME, NAME_RULE
 from cobot.errors import ConfigError, InputError, UnavailableError
 from cobot.launch.fleet_extra import require_zenoh
 from cobot.logs import start_logging
 
+if TYPE_CHECKING:
+    from cobot.fleet.recordings import FleetRecordingStore
+
 MAX_DAYS = 3650
 PANEL_PORT = 8071
 LISTEN = "tcp/127.0.0.1:7447"
+HOST = "[A-Za-z0-9][A-Za-z0-9.:-]{0,252}"
+"""Pattern of a computer's name or address in a certificate."""
 
 
 def add_serve(actions: Any) -> None:
@@ -115,13 +122,10 @@ def _certificate(chosen: argparse.Namespace) -> int:
     folder: Path = chosen.folder.absolute()
     if not 1 <= chosen.days <= MAX_DAYS:
         raise InputError(f"--days: is {chosen.days}, allowed: 1 to {MAX_DAYS}")
-    allowed = r"[A-Za-z0-9][A-Za-z0-9.:-]{0,252}" if chosen.of == "hub" else r"[A-Za-z0-9_-]{1,48}"
+    allowed, rule = (HOST, "a computer's name or address") if chosen.of == "hub" else (NAME, NAME_RULE)
     for name in chosen.names:
         if not re.fullmatch(allowed, name):
-            kind = (
-                "a computer's name or address" if chosen.of == "hub" else "1 to 48 letters, digits, - and _"
-            )
-            raise InputError(f"NAME: {name!r} is not valid: {kind}")
+            raise InputError(f"NAME: {name!r} is not valid: {rule}")
     make_authority(folder, folder.name)
     if chosen.of == "hub":
         issue_hub(folder, chosen.names, chosen.days)
@@ -140,37 +144,22 @@ def _serve(chosen: argparse.Namespace) -> int:
     from cobot.fleet.connections import HubConnection
     from cobot.fleet.hub import Hub
     from cobot.fleet.panel_web import PanelServer
-    from cobot.fleet.recordings import FleetRecordingStore
     from cobot.fleet.web import make_app
 
     require_zenoh("cobot fleet serve")
     folder: Path | None = chosen.certificates
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,48}", chosen.name):
-        raise InputError(f"--name: {chosen.name!r} is not valid: 1 to 48 letters, digits, - and _")
+    if not re.fullmatch(NAME, chosen.name):
+        raise InputError(f"--name: {chosen.name!r} is not valid: {NAME_RULE}")
     listen: list[str] = chosen.listen or [LISTEN if folder is None else LISTEN.replace("tcp", "tls")]
     _require_protected(listen, chosen.host, folder)
-    tokens = None
-    if folder is not None:
-        tokens = Authenticator(TokenFile(chosen.tokens or folder / "tokens.json"))
-    elif chosen.tokens is not None:
-        raise ConfigError("--tokens: tokens are for encrypted connections; give --certificates too")
-    store = None
-    if chosen.recordings is not None:
-        if not 0.001 <= chosen.recordings_gb <= 1e6:
-            raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed: 0.001 to 1000000")
-        store = FleetRecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
-    listeners = [_listener(chosen.host, chosen.port, "--port")]
-    try:
+    tokens, store = _authenticator(chosen), _store(chosen)
+    with ExitStack() as opened:
+        listener = opened.enter_context(_listener(chosen.host, chosen.port, "--port"))
+        panels = None
         if folder is not None:
-            listeners.append(_listener(chosen.host, chosen.panel_port, "--panel-port"))
+            panels = opened.enter_context(_listener(chosen.host, chosen.panel_port, "--panel-port"))
         hub = Hub(chosen.name, listen, chosen.connect, folder, store)
-    except BaseException:
-        for each in listeners:
-            each.close()
-        raise
-    listener, *others = listeners
-    panels = None
-    try:
+        opened.callback(hub.close)
         port = listener.getsockname()[1]
         host = f"[{chosen.host}]" if ":" in chosen.host else chosen.host
         scheme = "http" if folder is None else "https"
@@ -183,11 +172,10 @@ def _serve(chosen: argparse.Namespace) -> int:
         start_logging("fleet")  # errors of the start are for the terminal, as they are
         logging.getLogger("uvicorn").setLevel(logging.WARNING)
         hosts = [chosen.host, host, "localhost", "127.0.0.1", *hub.hosts]
-        if folder is not None:
-            panels = PanelServer(hub, others[0], hosts, folder)
-        app = make_app(hub, hosts, tokens, others[0].getsockname()[1] if others else 0)
+        if folder is not None and panels is not None:
+            opened.callback(PanelServer(hub, panels, hosts, folder).close)
         config = uvicorn.Config(
-            app,
+            make_app(hub, hosts, tokens, 0 if panels is None else panels.getsockname()[1]),
             http=HubConnection,
             log_config=None,
             access_log=False,
@@ -196,13 +184,27 @@ def _serve(chosen: argparse.Namespace) -> int:
             ssl_keyfile=folder and folder / "hub" / "hub.key",
         )
         uvicorn.Server(config).run(sockets=[listener])
-    finally:
-        if panels is not None:
-            panels.close()
-        hub.close()
-        for each in listeners:
-            each.close()
     return 0
+
+
+def _authenticator(chosen: argparse.Namespace) -> Authenticator | None:
+    """The check of tokens; None for a hub without certificates."""
+    if chosen.certificates is not None:
+        return Authenticator(TokenFile(chosen.tokens or chosen.certificates / "tokens.json"))
+    if chosen.tokens is not None:
+        raise ConfigError("--tokens: tokens are for encrypted connections; give --certificates too")
+    return None
+
+
+def _store(chosen: argparse.Namespace) -> FleetRecordingStore | None:
+    """The store of recordings; None if the hub fetches none."""
+    from cobot.fleet.recordings import FleetRecordingStore
+
+    if chosen.recordings is None:
+        return None
+    if not 0.001 <= chosen.recordings_gb <= 1e6:
+        raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed: 0.001 to 1000000")
+    return FleetRecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
 
 
 def _require_protected(listen: list[str], host: str, folder: Path | None) -> None:
