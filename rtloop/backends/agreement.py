@@ -1,15 +1,17 @@
-"""Comparison of the device's own pose of the arm with the model's pose for the same joints."""
+"""Use of the arm's model by backends: comparison with the device's own pose, and the reduced speed in T1."""
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
 from cobot.foreign import fixed
 from cobot.robot import quaternion
 from cobot.robot.model import RobotModel
-from cobot.types import Array, Pose
+from cobot.robot.tool import BARE, Tool
+from cobot.types import Array, Numbers7, Pose
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 OFF_M, OFF_RAD = 0.005, 0.02
@@ -43,7 +45,35 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
     )
 
 
-def fastest(model: RobotModel) -> tuple[float, float]:
+class ReducedSpeed:
+    """The reduced speed in the operation mode T1, for the fastest point: the model's TCP, or the tool's TCP,
+    which rotates about it.
+
+    Attributes:
+        share: the share of the joints' speed at which that point keeps the reduced speed; 1 until the model
+            is known.
+    """
+
+    def __init__(self) -> None:
+        self.share = 1.0
+        self._tool = BARE
+        self._bare: tuple[tuple[float, float], Numbers7] | None = None  # speeds and pose of the model's TCP
+
+    def set_model(self, model: RobotModel) -> None:
+        """Set the model of the arm, whose joints have their maximum speeds."""
+        self._bare = _fastest(model), model.file_tcp_in_flange
+        self.set_tool(self._tool)
+
+    def set_tool(self, tool: Tool) -> None:
+        """Set the mounted tool."""
+        self._tool = tool
+        if self._bare is not None:
+            (moves_m_s, turns_rad_s), tcp = self._bare
+            lever_m = math.dist((tool.tcp or tcp)[:3], tcp[:3])
+            self.share = min(1.0, REDUCED_SHARE * REDUCED_M_S / (moves_m_s + turns_rad_s * lever_m))
+
+
+def _fastest(model: RobotModel) -> tuple[float, float]:
     """Maximum speed of the TCP with the joints at full speed, in any posture, m/s and rad/s."""
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
@@ -56,13 +86,6 @@ def fastest(model: RobotModel) -> tuple[float, float]:
         for rows in (slice(3), slice(3, 6))
     )
     return moves, turns
-
-
-def reduced_share(moves_m_s: float) -> float:
-    """The share of the joints' speed at which the TCP keeps the reduced speed. `moves_m_s` is its speed at
-    full joint speed.
-    """
-    return min(1.0, REDUCED_SHARE * REDUCED_M_S / moves_m_s)
 
 
 def _said(pose: Pose) -> str:

@@ -5,7 +5,6 @@ This module is long because it contains all methods that the cycle calls on this
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,10 +16,10 @@ from cobot.config import Settings
 from cobot.robot.device import DEFAULT_MEASURED
 from cobot.robot.io_points import IoPoint
 from cobot.robot.model import RobotModel
-from cobot.robot.tool import BARE, Tool
+from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
-from rtloop.backends.agreement import check_agreement, fastest, reduced_share
+from rtloop.backends.agreement import ReducedSpeed, check_agreement
 from rtloop.backends.beat import Beat
 from rtloop.backends.channel import RELEASE_S, PacketChannel
 from rtloop.backends.fri.answers import Answers
@@ -76,10 +75,7 @@ class FriBackend:
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s
         self._robot = settings.robot
-        self._reduced, self._tool = 1.0, BARE
-        self._fastest: tuple[float, float] | None = (
-            None  # Speed of the bare TCP at the joints' full speed, m/s and rad/s.
-        )
+        self._reduced = ReducedSpeed()
         self.capabilities = replace(
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
@@ -102,8 +98,7 @@ class FriBackend:
         if self._channel is None:
             self._channel = fri_channel(options.listen, options.port, options.address)
         model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
-        self._fastest, self._tcp = fastest(model), model.file_tcp_in_flange
-        self._reduce()
+        self._reduced.set_model(model)
         self._asked_s = self._clock()
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
@@ -119,18 +114,7 @@ class FriBackend:
         """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
         cabinet.
         """
-        self._tool = tool
-        self._reduce()
-
-    def _reduce(self) -> None:
-        """Calculate the reduced speed for the fastest point: the model's TCP, or the tool's TCP, which
-        rotates about it.
-        """
-        if self._fastest is None:
-            return
-        moves_m_s, turns_rad_s = self._fastest
-        lever_m = math.dist((self._tool.tcp or self._tcp)[:3], self._tcp[:3])
-        self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
+        self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
@@ -253,7 +237,7 @@ class FriBackend:
             safety_stop=STOPPED.get(message.safety, ""),
             drives=drives,
             brakes=brakes,
-            speed_scaling=self._reduced if message.operation_mode == OperationMode.T1 else 1.0,
+            speed_scaling=self._reduced.share if message.operation_mode == OperationMode.T1 else 1.0,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
             text="; ".join(filter(None, (text or f"FRI {message.version}".strip(), self._strangers))),

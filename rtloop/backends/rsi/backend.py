@@ -5,7 +5,6 @@ This module is long because it contains all methods that the cycle calls on this
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -16,10 +15,10 @@ from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.robot.io_points import IoKind, IoPoint
 from cobot.robot.model import RobotModel
-from cobot.robot.tool import BARE, Tool
+from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
-from rtloop.backends.agreement import fastest, reduced_share
+from rtloop.backends.agreement import ReducedSpeed
 from rtloop.backends.beat import Beat, CommandTransition
 from rtloop.backends.channel import PacketChannel, UdpChannel
 from rtloop.backends.protocols import require_accepted
@@ -81,8 +80,7 @@ class RsiBackend:
         self._step_ms = round(1e3 * self._period_s)
         self._layout = layout_of(options, limits)
         self._is_relative = options.correction == "relative"
-        self._reduced, self._tool = 1.0, BARE
-        self._fastest: tuple[float, float] | None = None  # of the bare TCP, m/s and rad/s
+        self._reduced = ReducedSpeed()
         self._channel, self._clock = channel, clock
         self._beat: Beat[RobState] = Beat(limits.dof, self._period_s)
         most = np.array(options.limits_of(limits))
@@ -117,8 +115,7 @@ class RsiBackend:
                 max_packet=MAX_PACKET,
             )
         self._model = model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
-        self._fastest, self._tcp = fastest(model), model.file_tcp_in_flange
-        self._reduce()
+        self._reduced.set_model(model)
         self._asked_s = self._clock()
         self._starts = True
         while not (self.wait(options.silence_s) and self._seen_ms):
@@ -131,18 +128,7 @@ class RsiBackend:
         """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
         cabinet.
         """
-        self._tool = tool
-        self._reduce()
-
-    def _reduce(self) -> None:
-        """Calculate the reduced speed for the fastest point: the model's TCP, or the tool's TCP, which
-        rotates about it.
-        """
-        if self._fastest is None:
-            return
-        moves_m_s, turns_rad_s = self._fastest
-        lever_m = math.dist((self._tool.tcp or self._tcp)[:3], self._tcp[:3])
-        self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
+        self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
@@ -240,7 +226,7 @@ class RsiBackend:
         if state is None:
             return DeviceStatus(connection="no packet yet", text=self._no_packet())
         silent = self._silence_s > self._options.silence_s
-        share = self._reduced if state.operation_mode == "T1" else 1.0
+        share = self._reduced.share if state.operation_mode == "T1" else 1.0
         ready = check_readiness(state)
         return DeviceStatus(
             connection="SILENT" if silent else "RSI is on",

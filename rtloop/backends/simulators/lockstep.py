@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Generic
+from typing import Generic, Protocol
 
 from rtloop.backends.simulators.network import Network
 from rtloop.backends.simulators.udp_server import AnyController
@@ -66,3 +66,38 @@ class LockStep(Generic[AnyController]):
 
     def clock(self) -> float:
         return self.time_s
+
+
+class LossyNetwork(Protocol):
+    """See `Network` for the attributes."""
+
+    loss: float
+    reorder: float
+    spoil: str
+
+
+class Connection(Protocol):
+    """The connection of a backend and a controller in one process; see `LockStep` for the attributes."""
+
+    off: bool
+    busy: bool
+
+    @property
+    def network(self) -> LossyNetwork: ...
+
+
+def set_fault(connection: Connection, fault: str, *, active: bool) -> bool:
+    """Inject or clear a fault of the connection. Returns whether it is one of the connection; the others are
+    those of the controller.
+    """
+    if fault == "disconnect":
+        connection.off = active
+    elif fault == "pile_up":
+        connection.busy = active
+    elif fault in ("frozen", "nan"):
+        connection.network.spoil = fault if active else ""
+    elif fault in ("loss", "reorder"):
+        setattr(connection.network, fault, UNLUCKY if active else 0.0)
+    else:
+        return False
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -41,3 +42,23 @@ class DurationCounter:
             for share in (0.5, 0.99, 0.999)
         }
         return {**found, "max": self._longest_s}
+
+
+class ServerTimes:
+    """Times of a simulated controller.
+
+    Attributes:
+        answers: times between packets and the arrival of their answers.
+        lateness: delays of its own periods.
+    """
+
+    def __init__(self) -> None:
+        self.answers, self.lateness = DurationCounter(), DurationCounter()
+
+    def shown(self) -> dict[str, Any]:
+        """The number of answers, and the percentiles of both, s."""
+        found: dict[str, Any] = {"answers": self.answers.count}
+        for name, times in (("answer_s", self.answers), ("lateness_s", self.lateness)):
+            if times.count:
+                found[name] = times.shares()
+        return found

@@ -5,16 +5,15 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
-import struct
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
+from rtloop.backends.simulators.arrivals import receive, request_arrival_times
 from rtloop.backends.simulators.line_server import LineServer
 from rtloop.backends.simulators.network import Network
-from rtloop.backends.simulators.times import DurationCounter
+from rtloop.backends.simulators.times import ServerTimes
 
 MAX_PACKET = 65_507
 """Maximum size of a UDP packet, bytes. The controller checks the length that its protocol permits."""
@@ -26,9 +25,6 @@ MIN_SHARE = 0.9
 """Fraction of a period between two messages while the process catches up after a delay."""
 ALONE_S = 1.0
 """Time without a packet after which a client may have restarted and may send from another port, s."""
-_STAMP = 35
-"""Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
-_TIMESPEC = struct.Struct("qq")
 
 
 def _ipv4_of(host: str) -> str:
@@ -133,16 +129,14 @@ class UdpServer(Generic[AnyController]):
         self._patience_s = patience_s
         self._socket = _socket_for(self._client, address)
         self._socket.setblocking(False)
-        if sys.platform == "linux":
-            self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
-        self._control = control(control_port, controller, network, self._times)
-        self._answer_times = DurationCounter()
+        request_arrival_times(self._socket)
+        self._times = ServerTimes()
+        self._control = control(control_port, controller, network, self._times.shown)
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
         self._two = False  # whether a second sender has been reported
         self._deaf = True  # no answer yet, or none since the patience ran out
         self._sent_s = time.monotonic()
-        self._lateness = DurationCounter()
 
     @property
     def port(self) -> int:
@@ -167,7 +161,7 @@ class UdpServer(Generic[AnyController]):
             deadline_s = max(deadline_s, gone_s - (1.0 - MIN_SHARE) * self._controller.period_s)
             deadline_s += self._controller.period_s
             self._listen(deadline_s, ending)
-            self._lateness.add(time.monotonic() - deadline_s)
+            self._times.lateness.add(time.monotonic() - deadline_s)
             self._control.serve()
             for _ in range(MAX_AT_ONCE):
                 if not self._take():
@@ -208,16 +202,9 @@ class UdpServer(Generic[AnyController]):
     def _take(self) -> bool:
         """Process the next packet. Returns whether there was one."""
         try:
-            packet, more, _, sender = self._socket.recvmsg(
-                MAX_PACKET, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
-            )
+            packet, sender, arrived_s = receive(self._socket, MAX_PACKET)
         except OSError:
             return False
-        arrived_s = time.monotonic()
-        for _, kind, content in more:
-            if kind == _STAMP:
-                seconds, nanoseconds = _TIMESPEC.unpack_from(content)
-                arrived_s -= max(0.0, 1e-9 * (time.time_ns() - 1_000_000_000 * seconds - nanoseconds))
         self._answer(packet, sender, arrived_s - self._sent_s)
         return True
 
@@ -235,7 +222,7 @@ class UdpServer(Generic[AnyController]):
         kept_back = self._network.lost > before or self._network.delay > 0 or self._network.reorder > 0.0
         self._expects = expected and not kept_back and self._controller.waits_for_answer
         if expected and not self._expects:
-            self._answer_times.add(took_s)
+            self._times.answers.add(took_s)
 
     def _report_second_sender(self, sender: tuple[str, int]) -> None:
         """Report once if two programs send answers, because each would end the other's motion."""
@@ -249,11 +236,3 @@ class UdpServer(Generic[AnyController]):
             self._controller.events.append(
                 f"a second program sends: packets come from {second}, and from {first} until just now"
             )
-
-    def _times(self) -> dict[str, Any]:
-        """Times between messages and the arrival of their answers, and delays of its own periods, s."""
-        found: dict[str, Any] = {"answers": self._answer_times.count}
-        for name, times in (("answer_s", self._answer_times), ("lateness_s", self._lateness)):
-            if times.count:
-                found[name] = times.shares()
-        return found

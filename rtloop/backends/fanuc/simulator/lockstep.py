@@ -17,13 +17,9 @@ from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.rmi import RmiAnswers
 from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.lockstep import EVERY, RESTART_S, set_fault
 from rtloop.contract import FAULTS
 
-UNLUCKY = 0.05
-"""Fraction of the packets that are lost or arrive out of order."""
-EVERY = round(1.0 / UNLUCKY)
-RESTART_S = 1.0
-"""Time for the start of rtloop, during which the controller gets no answer, s."""
 SESSION_PORT = 16002
 IO = {"DI[1]": 0, "DI[2]": 1, "DO[1]": 1, "DO[2]": 0, "RO[1]": 0, "F[3]": 0, "AI[1]": 12, "AO[1]": 7}
 
@@ -184,33 +180,17 @@ class FanucRig:
         )
 
     def inject(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = True
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = fault
-        elif fault == "loss":
-            channel.network.loss = UNLUCKY
-        elif fault == "reorder":
-            channel.network.reorder = UNLUCKY
-        elif fault == "pile_up":
-            channel.busy = True
-        elif fault == "operation_mode":
-            controller.switch_mode("T1")
-        else:
-            controller.press(E_STOP if fault == "e_stop" else CONTACT)
+        self._set(fault, active=True)
 
     def clear(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = False
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = ""
-        elif fault in ("loss", "reorder"):
-            channel.network.loss = channel.network.reorder = 0.0
-        elif fault == "pile_up":
-            channel.busy = False
-        elif fault == "operation_mode":
-            controller.switch_mode("AUTO")
+        self._set(fault, active=False)
+
+    def _set(self, fault: str, *, active: bool) -> None:
+        controller = self._channel.controller
+        if set_fault(self._channel, fault, active=active):
+            return
+        if fault == "operation_mode":
+            controller.switch_mode("T1" if active else "AUTO")
         else:
-            controller.release(E_STOP if fault == "e_stop" else CONTACT)
+            change = controller.press if active else controller.release
+            change(E_STOP if fault == "e_stop" else CONTACT)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
-import struct
-import sys
 import time
-from typing import Any
 
 from rtloop.backends.fanuc.messages import MAX_PACKET
 from rtloop.backends.fanuc.simulator.control import FanucControl
 from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.rmi import MAX_LINE, RmiAnswers
-from rtloop.backends.simulators.times import DurationCounter
+from rtloop.backends.simulators.arrivals import receive, request_arrival_times
+from rtloop.backends.simulators.times import ServerTimes
 
 MAX_AT_ONCE = 256
 MIN_SHARE = 0.9
@@ -23,9 +21,6 @@ MIN_SHARE = 0.9
 ALONE_S = 1.0
 """Time without a packet after which another client may take over from one that has not stopped its stream,
 s."""
-_STAMP = 35
-"""Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
-_TIMESPEC = struct.Struct("qq")
 
 
 class RmiServer:
@@ -152,22 +147,21 @@ class ControllerServer:
             OSError: an address or port cannot be used.
         """
         self._controller, self._network, self._patience_s = controller, network, patience_s
+        self._times = ServerTimes()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((address, stream_port))
             self.rmi = RmiServer(address, rmi_port, RmiAnswers(controller))
-            self._control = FanucControl(control_port, controller, network, self._times)
+            self._control = FanucControl(control_port, controller, network, self._times.shown)
         except OSError:
             self._socket.close()
             raise
         self._socket.setblocking(False)
-        if sys.platform == "linux":
-            self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
+        request_arrival_times(self._socket)
         self._client: tuple[str, int] | None = None
         self._client_s = self._sent_s = time.monotonic()
         self._expects = self._two = False
         self._deaf = True  # no answer yet, or none since the patience ran out
-        self._answer_times, self._lateness = DurationCounter(), DurationCounter()
 
     @property
     def port(self) -> int:
@@ -186,7 +180,7 @@ class ControllerServer:
             self._begin_period()
             deadline_s = max(deadline_s, time.monotonic() - (1.0 - MIN_SHARE) * period_s) + period_s
             self._listen(deadline_s, ending)
-            self._lateness.add(time.monotonic() - deadline_s)
+            self._times.lateness.add(time.monotonic() - deadline_s)
             self._serve()
             for _ in range(MAX_AT_ONCE):
                 if not self._take():
@@ -243,18 +237,11 @@ class ControllerServer:
     def _take(self) -> bool:
         """Process the next packet. Returns whether there was one."""
         try:
-            packet, more, _, sender = self._socket.recvmsg(
-                MAX_PACKET, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
-            )
+            packet, sender, arrived_s = receive(self._socket, MAX_PACKET)
         except BlockingIOError:
             return False
         except OSError:
             return True
-        arrived_s = time.monotonic()
-        for _, kind, content in more:
-            if kind == _STAMP:
-                seconds, nanoseconds = _TIMESPEC.unpack_from(content)
-                arrived_s -= max(0.0, 1e-9 * (time.time_ns() - 1_000_000_000 * seconds - nanoseconds))
         if not self._is_client(sender):
             return True
         expected, before = self._expects, self._controller.commands
@@ -266,7 +253,7 @@ class ControllerServer:
         self._expects = expected and not (answered or kept_back)
         self._deaf = self._deaf and not answered
         if expected and answered:
-            self._answer_times.add(arrived_s - self._sent_s)
+            self._times.answers.add(arrived_s - self._sent_s)
         return True
 
     def _hear(self, packet: bytes) -> None:
@@ -286,11 +273,3 @@ class ControllerServer:
         self._two = self._two and sender == self._client
         self._client, self._client_s = sender, now_s
         return True
-
-    def _times(self) -> dict[str, Any]:
-        """Times between packets and the arrival of their answers, and delays of its own periods, s."""
-        found: dict[str, Any] = {"answers": self._answer_times.count}
-        for name, times in (("answer_s", self._answer_times), ("lateness_s", self._lateness)):
-            if times.count:
-                found[name] = times.shares()
-        return found

@@ -14,7 +14,7 @@ from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import RESTART_S, UNLUCKY, LockStep
+from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, set_fault
 from rtloop.contract import FAULTS
 
 
@@ -48,33 +48,16 @@ class FriRig:
         return FriBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
 
     def inject(self, fault: str) -> None:
-        channel, cabinet = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = True
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = fault
-        elif fault == "loss":
-            channel.network.loss = UNLUCKY
-        elif fault == "reorder":
-            channel.network.reorder = UNLUCKY
-        elif fault == "pile_up":
-            channel.busy = True
-        elif fault == "operation_mode":
-            cabinet.switch_mode(OperationMode.T1)
-        else:
-            cabinet.stop_safely(0 if fault == "e_stop" else 1)
+        self._set(fault, active=True)
 
     def clear(self, fault: str) -> None:
-        channel, cabinet = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = False
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = ""
-        elif fault in ("loss", "reorder"):
-            channel.network.loss = channel.network.reorder = 0.0
-        elif fault == "pile_up":
-            channel.busy = False
-        elif fault == "operation_mode":
-            cabinet.switch_mode(OperationMode.AUT)
+        self._set(fault, active=False)
+
+    def _set(self, fault: str, *, active: bool) -> None:
+        cabinet = self._channel.controller
+        if set_fault(self._channel, fault, active=active):
+            return
+        if fault == "operation_mode":
+            cabinet.switch_mode(OperationMode.T1 if active else OperationMode.AUT)
         else:
-            cabinet.stop_safely(-1)
+            cabinet.stop_safely((0 if fault == "e_stop" else 1) if active else -1)

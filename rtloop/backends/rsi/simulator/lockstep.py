@@ -16,7 +16,7 @@ from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.backends.rsi.telegrams import layout_of
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import RESTART_S, UNLUCKY, LockStep
+from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, set_fault
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
@@ -75,38 +75,20 @@ class RsiRig:
         return RsiBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
 
     def inject(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = True
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = fault
-        elif fault == "loss":
-            channel.network.loss = UNLUCKY
-        elif fault == "reorder":
-            channel.network.reorder = UNLUCKY
-        elif fault == "pile_up":
-            channel.busy = True
-        elif fault == "operation_mode":
-            controller.switch_mode("T1")
-        elif fault == "e_stop":
-            controller.stop_safely(active=True)
-        else:
-            controller.starts_again = False
-            controller.switch_off("a limit of the RSI context")
+        self._set(fault, active=True)
 
     def clear(self, fault: str) -> None:
-        channel, controller = self._channel, self._channel.controller
-        if fault == "disconnect":
-            channel.off = False
-        elif fault in ("frozen", "nan"):
-            channel.network.spoil = ""
-        elif fault in ("loss", "reorder"):
-            channel.network.loss = channel.network.reorder = 0.0
-        elif fault == "pile_up":
-            channel.busy = False
-        elif fault == "operation_mode":
-            controller.switch_mode("AUT")
+        self._set(fault, active=False)
+
+    def _set(self, fault: str, *, active: bool) -> None:
+        controller = self._channel.controller
+        if set_fault(self._channel, fault, active=active):
+            return
+        if fault == "operation_mode":
+            controller.switch_mode("T1" if active else "AUT")
         elif fault == "e_stop":
-            controller.stop_safely(active=False)
+            controller.stop_safely(active=active)
         else:
-            controller.starts_again = True
+            controller.starts_again = not active
+            if active:
+                controller.switch_off("a limit of the RSI context")

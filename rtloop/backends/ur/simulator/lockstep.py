@@ -10,6 +10,7 @@ from cobot.config import Settings
 from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
 from rtloop.backends.simulators.arm import ControllerArm
+from rtloop.backends.simulators.lockstep import EVERY, set_fault
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
 from rtloop.backends.ur.fields import SafetyMode
@@ -25,9 +26,6 @@ from rtloop.backends.ur.simulator.session import UrSession
 from rtloop.backends.ur.transport import ByteListener, ByteStream
 from rtloop.contract import FAULTS
 
-UNLUCKY = 0.05
-"""Fraction of the packages that are lost or overtaken."""
-EVERY = round(1.0 / UNLUCKY)
 SLIDER = 0.99
 """Speed slider at the start: the contract raises it by one per cent."""
 HERE = "127.0.0.1"
@@ -35,12 +33,12 @@ MESSAGE_BYTES = 32
 
 
 class _Pipe:
-    """One end of a connection in this process. Data wait while the cable is pulled, unless the sender gives
-    the connection up.
+    """One end of a connection in this process. Data wait while the cable is disconnected, unless the sender
+    gives the connection up.
     """
 
-    def __init__(self, cable: Cable) -> None:
-        self._cable = cable
+    def __init__(self, lock_step: UrLockStep) -> None:
+        self._lock_step = lock_step
         self.received = bytearray()
         self.other: _Pipe | None = None
         self.is_closed = False
@@ -51,10 +49,10 @@ class _Pipe:
         return HERE
 
     def is_connected(self) -> bool:
-        return not self._cable.off
+        return not self._lock_step.off
 
     def receive(self) -> bytes:
-        if self._cable.off:
+        if self._lock_step.off:
             return b""
         data = bytes(self.received)
         self.received.clear()
@@ -73,34 +71,25 @@ class _Pipe:
         self.is_closed = True
 
     def abort(self) -> None:
-        if self._cable.off and self.other is not None:
+        if self._lock_step.off and self.other is not None:
             self.other.received.clear()
         self.close()
 
 
-class Cable:
-    """Attributes:
-    off: whether it is pulled.
-    """
-
-    def __init__(self) -> None:
-        self.off = False
-
-
-def _pipe(cable: Cable) -> tuple[_Pipe, _Pipe]:
-    here, there = _Pipe(cable), _Pipe(cable)
+def _pipe(lock_step: UrLockStep) -> tuple[_Pipe, _Pipe]:
+    here, there = _Pipe(lock_step), _Pipe(lock_step)
     here.other, there.other = there, here
     return here, there
 
 
 class _Listener:
-    def __init__(self, port: int, cable: Cable) -> None:
-        self.port, self._cable = port, cable
+    def __init__(self, port: int, lock_step: UrLockStep) -> None:
+        self.port, self._lock_step = port, lock_step
         self.waiting: list[_Pipe] = []
         self.is_closed = False
 
     def accept(self) -> ByteStream | None:
-        return self.waiting.pop(0) if self.waiting and not self._cable.off else None
+        return self.waiting.pop(0) if self.waiting and not self._lock_step.off else None
 
     def close(self) -> None:
         self.is_closed = True
@@ -111,8 +100,8 @@ class UrLockStep:
 
     Attributes:
         controller: the simulated controller.
-        cable: the connection between backend and controller.
         network: network of the data packages.
+        off: whether the cable is disconnected.
         busy: whether one wait in `EVERY` finds two packages in place of one.
         positions: joint positions that the program was sent.
     """
@@ -120,8 +109,8 @@ class UrLockStep:
     def __init__(
         self, make: Callable[[UrLockStep], UrController], network: DataNetwork | None = None
     ) -> None:
-        self.cable, self.network = Cable(), network or DataNetwork()
-        self.busy = False
+        self.network = network or DataNetwork()
+        self.off = self.busy = False
         self._waits = 0
         self._listener: _Listener | None = None
         self._sessions: list[tuple[UrSession, _Pipe]] = []
@@ -148,19 +137,19 @@ class UrLockStep:
             sessions[dashboard.PORT] = lambda: DashboardSession(self.controller)
         if port not in sessions:
             raise ConnectionRefusedError(f"nothing listens at port {port}")
-        here, there = _pipe(self.cable)
+        here, there = _pipe(self)
         self._sessions.append((sessions[port](), there))
         return here
 
     def listen(self, port: int) -> ByteListener:
-        self._listener = _Listener(port, self.cable)
+        self._listener = _Listener(port, self)
         return self._listener
 
     def call_back(self) -> ByteStream:
         """The connection of a program on the controller to the backend."""
         if self._listener is None or self._listener.is_closed:
             raise ConnectionRefusedError("nothing listens there")
-        here, there = _pipe(self.cable)
+        here, there = _pipe(self)
         there.sent = None
         here.sent = self._messages
         self._listener.waiting.append(here)
@@ -181,7 +170,7 @@ class UrLockStep:
         pause = 1 if self.busy and self._waits % EVERY == 0 else 0
         while True:
             self.pass_period()
-            ready = not self.cable.off and any(isinstance(each, _Pipe) and each.received for each in streams)
+            ready = not self.off and any(isinstance(each, _Pipe) and each.received for each in streams)
             if pause and ready:
                 pause -= 1
                 continue
@@ -282,34 +271,19 @@ class UrRig:
         return UrBackend(self._settings, self._limits, transport=self._way)
 
     def inject(self, fault: str) -> None:
-        way, controller = self._way, self._way.controller
-        if fault == "disconnect":
-            way.cable.off = True
-        elif fault in ("frozen", "nan"):
-            way.network.spoil = fault
-        elif fault == "loss":
-            way.network.loss = UNLUCKY
-        elif fault == "reorder":
-            way.network.reorder = UNLUCKY
-        elif fault == "pile_up":
-            way.busy = True
-        elif fault == "e_stop":
-            controller.set_safety(SafetyMode.ROBOT_EMERGENCY_STOP, "its button is pressed")
-        else:
-            controller.blocked = "Cannot unlock protective stop until 5s after occurrence."
-            controller.set_safety(SafetyMode.PROTECTIVE_STOP, "by the contract")
+        self._set(fault, active=True)
 
     def clear(self, fault: str) -> None:
-        way, controller = self._way, self._way.controller
-        if fault == "disconnect":
-            way.cable.off = False
-        elif fault in ("frozen", "nan"):
-            way.network.spoil = ""
-        elif fault in ("loss", "reorder"):
-            way.network.loss = way.network.reorder = 0.0
-        elif fault == "pile_up":
-            way.busy = False
-        elif fault == "e_stop":
-            controller.set_safety(SafetyMode.NORMAL, "its button is released")
+        self._set(fault, active=False)
+
+    def _set(self, fault: str, *, active: bool) -> None:
+        controller = self._way.controller
+        if set_fault(self._way, fault, active=active):
+            return
+        if fault == "e_stop":
+            mode = SafetyMode.ROBOT_EMERGENCY_STOP if active else SafetyMode.NORMAL
+            controller.set_safety(mode, f"its button is {'pressed' if active else 'released'}")
         else:
-            controller.blocked = ""
+            controller.blocked = "Cannot unlock protective stop until 5s after occurrence." if active else ""
+            if active:
+                controller.set_safety(SafetyMode.PROTECTIVE_STOP, "by the contract")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rtloop.backends.simulators.times import DurationCounter
+from rtloop.backends.simulators.times import ServerTimes
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.simulator.control import ControlSession, UrControlRequest
 from rtloop.backends.ur.simulator.controller import UrController
@@ -117,7 +117,7 @@ class UrServer:
         self._network = network
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
-        self._answers, self._lateness = DurationCounter(), DurationCounter()
+        self._times = ServerTimes()
         self._sent_s: float | None = None
         self._controller = make(self)
         controller = self._controller
@@ -170,7 +170,7 @@ class UrServer:
             now_s = time.monotonic()
             if now_s < due_s or (now_s < due_s + self._patience_s and self._waits_for_command()):
                 continue
-            self._lateness.add(now_s - due_s)
+            self._times.lateness.add(now_s - due_s)
             due_s += period_s
             if now_s - due_s > CATCH_UP_S:
                 due_s = now_s + period_s
@@ -186,7 +186,7 @@ class UrServer:
     def count_answer(self, now_s: float) -> None:
         """A command has arrived."""
         if self._sent_s is not None:
-            self._answers.add(now_s - self._sent_s)
+            self._times.answers.add(now_s - self._sent_s)
             self._sent_s = None
 
     def _waits_for_command(self) -> bool:
@@ -303,8 +303,4 @@ class UrServer:
             self.silent = request.silent
         if request.delay_s is not None:
             self.delay_s = request.delay_s
-        found: dict[str, Any] = {"answers": self._answers.count, "clients": len(self._clients)}
-        for name, times in (("answer_s", self._answers), ("lateness_s", self._lateness)):
-            if times.count:
-                found[name] = times.shares()
-        return found
+        return {**self._times.shown(), "clients": len(self._clients)}

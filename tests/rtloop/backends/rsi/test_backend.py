@@ -295,8 +295,8 @@ def test_the_status_says_how_the_controller_is(make: Make) -> None:
     driven = make(ControllerOptions(operation_mode="T1", override=40)).enabled()
     status = driven.backend.status()
     assert (status.connection, status.operation_mode, status.drives) == ("RSI is on", "T1", "on")
-    assert status.speed_scaling == pytest.approx(0.4 * driven.backend._reduced)
-    assert driven.backend._reduced < 0.2
+    assert status.speed_scaling == pytest.approx(0.4 * driven.backend._reduced.share)
+    assert driven.backend._reduced.share < 0.2
     assert "program override 40 %" in status.text
     driven.controller.starts_again = False
     driven.controller.switch_off("x")
