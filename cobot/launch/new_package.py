@@ -1,5 +1,5 @@
-"""Parts that `cobot backend new` and `cobot gripper new` share: checking a name, and writing a folder of
-files."""
+"""Parts that `cobot backend new` and `cobot gripper new` share: pyproject.toml, checking a name, and writing
+a folder of files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,24 @@ from pathlib import Path
 
 from cobot.errors import ConfigError
 
+PYPROJECT = """\
+[build-system]
+requires = ["setuptools>=77"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "{distribution}"
+version = "0.1.0"
+description = "{description}"
+requires-python = ">=3.11"
+dependencies = ["cobot>={version}"]
+
+[project.entry-points."cobot.{group}"]
+{name} = "{package}:{kind}"
+
+[tool.setuptools]
+py-modules = ["{package}"]
+"""
 NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 MAX_LENGTH = 40
 

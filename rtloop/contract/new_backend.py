@@ -6,28 +6,11 @@ import re
 from importlib.metadata import version
 from pathlib import Path
 
-from cobot.launch.new_package import check_name, write_package
+from cobot.launch.new_package import PYPROJECT, check_name, write_package
 from rtloop.backends import backend_names
 
 TOY, TRAJECTORY_TOY = (Path(__file__).with_name(name) for name in ("toy.py", "toy_trajectory.py"))
-PYPROJECT = """\
-[build-system]
-requires = ["setuptools>=77"]
-build-backend = "setuptools.build_meta"
-
-[project]
-name = "{distribution}"
-version = "0.1.0"
-description = "A backend of cobot for {name}."
-requires-python = ">=3.11"
-dependencies = ["cobot>={version}"]
-
-[project.entry-points."cobot.backends"]
-{name} = "{package}:{kind}"
-
-[tool.setuptools]
-py-modules = ["{package}"]
-
+PYTEST = """
 [tool.pytest.ini_options]
 addopts = "-p rtloop.contract.plugin"
 testpaths = ["tests"]
@@ -82,11 +65,13 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
         "distribution": distribution,
         "package": package,
         "kind": f"{kind}Arm",
+        "group": "backends",
+        "description": f"A backend of cobot for {name}.",
         "version": version("cobot"),
     }
     toy = TRAJECTORY_TOY if trajectory else TOY
     files = {
-        "pyproject.toml": PYPROJECT.format(**words),
+        "pyproject.toml": PYPROJECT.format(**words) + PYTEST,
         "README.md": README.format(**words),
         f"{package}.py": re.sub(r"\bToy(Arm|Options|Rig)\b", rf"{kind}\1", toy.read_text(encoding="utf-8")),
         "tests/test_contract.py": TEST.format(**words),

@@ -7,27 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from cobot.grippers.registry import gripper_names
-from cobot.launch.new_package import check_name, write_package
+from cobot.launch.new_package import PYPROJECT, check_name, write_package
 
 TOY = Path(__file__).with_name("toy.py")
-PYPROJECT = """\
-[build-system]
-requires = ["setuptools>=77"]
-build-backend = "setuptools.build_meta"
-
-[project]
-name = "{distribution}"
-version = "0.1.0"
-description = "A gripper of cobot: {name}."
-requires-python = ">=3.11"
-dependencies = ["cobot>={version}"]
-
-[project.entry-points."cobot.grippers"]
-{name} = "{package}:{kind}Gripper"
-
-[tool.setuptools]
-py-modules = ["{package}"]
-"""
 README = """\
 # {name}, a gripper of cobot
 
@@ -61,7 +43,9 @@ def write_gripper(name: str, parent: Path) -> Path:
         "name": name,
         "distribution": package.replace("_", "-"),
         "package": package,
-        "kind": kind,
+        "kind": f"{kind}Gripper",
+        "group": "grippers",
+        "description": f"A gripper of cobot: {name}.",
         "version": version("cobot"),
     }
     toy = TOY.read_text(encoding="utf-8")
