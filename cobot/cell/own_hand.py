@@ -75,7 +75,7 @@ class TurningJoint(CellEntry):
     """A joint of fingers that turn.
 
     Attributes:
-        body: the link that it turns. In the model the link is open.
+        body: the link that it turns. The model has this link in its open position.
         axis: axis about which it opens if the ratio is positive, in the frame of that body.
         anchor_m: a point on the axis, in the frame of that body.
         ratio: its angle per radian of the first joint.

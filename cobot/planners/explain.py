@@ -243,7 +243,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
 
 
 def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Iterator[Array]:
-    """Free joint angles with the TCP near a pose that is out of reach or in collision."""
+    """Collision-free joint angles with the TCP near a pose that is out of reach or in collision."""
     descent = nearest_to(robot.model, goal, request.start, request.seed, request.free_axes)
     nearest = descent.joints
     if request.traits.follows_path and descent.solved:

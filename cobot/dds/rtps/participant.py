@@ -157,8 +157,9 @@ class Participant:
 
     @property
     def multicast(self) -> bool:
-        """Whether discovery can use multicast; if not, only first participants on this computer and the peers
-        find it."""
+        """Whether discovery can use multicast. If not, only the first participants on this computer and the
+        configured peers find this participant.
+        """
         return self._wire.has_multicast
 
     @property

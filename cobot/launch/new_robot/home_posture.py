@@ -119,7 +119,9 @@ def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: st
     best, touching = choice.nearest_free(), choice.touches_most()
     way_out = "if they may, disable the pairs in an SRDF (--srdf), otherwise correct their shapes"
     if best is None:
-        raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions, {touching}; {way_out}")
+        raise ConfigError(
+            f"{file}: the arm touches itself in each of {SAMPLES} positions, {touching}; {way_out}"
+        )
     why = "the free position nearest to 0; no posture with simple angles is free and can be held"
     return best, why + (f"; of {SAMPLES} positions, these touch: {touching}; {way_out}" if touching else "")
 

@@ -23,7 +23,7 @@ POSE_SHARE = 0.5 * PATH_SHARE
 """Share of the allowed deviation at the places themselves, for an arm that reaches most poses
 approximately."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
-"""Where in each interval between places the deviation is checked."""
+"""Places within each interval at which the deviation is checked, as shares of the interval."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
 """Additional places that are checked: from the path's beginning in the first interval, and from its end in
 the last one. A spline overshoots there first.

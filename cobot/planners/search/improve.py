@@ -39,7 +39,7 @@ NEAR = 1.01
 SEARCH_EVERY = 10
 """One in this many tries searches another way; the others change the curve of the best motion."""
 MAX_POINTS = 64
-"""Maximum number of control points. The number grows to it while the unchanged curve is not free."""
+"""Maximum number of control points. More points are used as long as the unchanged curve is not free."""
 WAVES = 5
 """Number of half waves of a random change; the amplitude is inversely proportional to their number."""
 SHARES = (1.0, 0.5, 0.25)

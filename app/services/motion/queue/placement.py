@@ -166,7 +166,7 @@ def _times_s(
 ) -> dict[int, list[float]]:
     """The path times at which each move with signals begins, and at which each of its legs ends.
 
-    A move that has not ended may have no end on the new trajectory, because the arm passes this end before.
+    A move that has not ended may have no end on the new trajectory: the arm passes its end on the old one.
     """
     known = before.times_s
     found = {each.number: list(known[each.number]) for each in signalling if each.number in known}
