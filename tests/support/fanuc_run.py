@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import re
-import socket
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import yaml
-from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run
+from cobot_run import Run
 from crx_arm import CRX_RT
+from simulator_process import PATIENCE_S, SimulatorProcess
 
-PATIENCE_S = 30.0
-"""Time for which the controller stands still for a late answer: a busy computer is none of its faults."""
 PERIOD_MS = 8
 
 
-class ControllerProcess:
+class ControllerProcess(SimulatorProcess):
     """`cobot simulate fanuc` on free ports of this computer.
 
     Attributes:
@@ -30,45 +26,11 @@ class ControllerProcess:
         self, config: Path, *options: str, period_ms: int = PERIOD_MS, patience_s: float = PATIENCE_S
     ) -> None:
         """config: settings of the arm."""
-        command = [sys.executable, "-m", "cobot", "simulate", "fanuc", "--config", str(config)]
-        command += ["--stream-port", "0", "--rmi-port", "0", "--period", str(period_ms)]
-        command += ["--patience", str(patience_s), *options]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT
-        )
-        assert self.process.stdout is not None
-        self.line = self.process.stdout.readline()
-        found = re.search(
-            r"UDP 127.0.0.1:(\d+), .*TCP 127.0.0.1:(\d+), control on 127.0.0.1:(\d+)", self.line
-        )
-        if found is None:
-            raise AssertionError(self.line + self.process.communicate(timeout=WAIT_S)[1])
-        self.stream_port, self.rmi_port, control = map(int, found.groups())
-        self._control = socket.create_connection(("127.0.0.1", control), WAIT_S)
-        self._answers = self._control.makefile("r")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def ask(self, **request: Any) -> dict[str, Any]:
-        """Have something be so, and get its state."""
-        self._control.sendall(json.dumps(request).encode() + b"\n")
-        found: dict[str, Any] = json.loads(self._answers.readline())
-        assert "error" not in found, found
-        return found
-
-    def end(self) -> int:
-        self._answers.close()
-        self._control.close()
-        self.process.terminate()
-        code = self.process.wait(WAIT_S)
-        for stream in (self.process.stdout, self.process.stderr):
-            if stream is not None:
-                stream.close()
-        return code
+        ports = ("--stream-port", "0", "--rmi-port", "0", "--period", str(period_ms))
+        super().__init__("fanuc", "--config", str(config), *ports, *options, patience_s=patience_s)
+        found = re.search(r"UDP 127.0.0.1:(\d+), .*TCP 127.0.0.1:(\d+)", self.line)
+        assert found is not None, self.line
+        self.stream_port, self.rmi_port = map(int, found.groups())
 
 
 class RunOverFanuc(Run):

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import re
 import socket
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import yaml
-from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run
+from cobot_run import Run
+from simulator_process import PATIENCE_S, SimulatorProcess
 
-PATIENCE_S = 30.0
-"""The cabinet stands still for so long for an answer that is late: a busy computer is none of its faults."""
 PERIOD_MS = 5
 
 
@@ -24,7 +20,7 @@ def free_udp_port() -> int:
         return int(free.getsockname()[1])
 
 
-class CabinetProcess:
+class CabinetProcess(SimulatorProcess):
     """`cobot simulate fri` for a client on this computer.
 
     Attributes:
@@ -46,43 +42,9 @@ class CabinetProcess:
             port: where the client listens; None for a free one.
         """
         self.port = port or free_udp_port()
-        client = f"127.0.0.1:{self.port}"
-        command = [sys.executable, "-m", "cobot", "simulate", self.device, "--client", client]
-        command += ["--patience", str(patience_s), *options]
-        command += ["--period", str(period_ms)] if period_ms is not None else []
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT
-        )
-        assert self.process.stdout is not None
-        self.line = self.process.stdout.readline()
-        found = re.search(r"control on 127.0.0.1:(\d+)", self.line)
-        if found is None:
-            raise AssertionError(self.line + self.process.communicate(timeout=WAIT_S)[1])
-        self._control = socket.create_connection(("127.0.0.1", int(found.group(1))), WAIT_S)
-        self._answers = self._control.makefile("r")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def ask(self, **request: Any) -> dict[str, Any]:
-        """Have something be so, and get its state."""
-        self._control.sendall(json.dumps(request).encode() + b"\n")
-        found: dict[str, Any] = json.loads(self._answers.readline())
-        assert "error" not in found, found
-        return found
-
-    def end(self) -> int:
-        self._answers.close()
-        self._control.close()
-        self.process.terminate()
-        code = self.process.wait(WAIT_S)
-        for stream in (self.process.stdout, self.process.stderr):
-            if stream is not None:
-                stream.close()
-        return code
+        period = ("--period", str(period_ms)) if period_ms is not None else ()
+        client = ("--client", f"127.0.0.1:{self.port}")
+        super().__init__(self.device, *client, *period, *options, patience_s=patience_s)
 
 
 class RunOverFri(Run):

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
-import re
-import socket
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import yaml
-from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run
+from cobot_run import Run
+from simulator_process import PATIENCE_S, SimulatorProcess
 
-PATIENCE_S = 30.0
-"""Time for which the controller stands still for a late command: a busy computer is none of its faults."""
 PERIOD_MS = 8
 _numbers = itertools.count(1)
 
@@ -27,7 +22,7 @@ def own_address() -> str:
     return f"127.{20 + pid % 200}.{pid // 200 % 250}.{next(_numbers)}"
 
 
-class ControllerProcess:
+class ControllerProcess(SimulatorProcess):
     """`cobot simulate ur` on a loopback address of its own.
 
     Attributes:
@@ -37,41 +32,8 @@ class ControllerProcess:
     def __init__(self, config: Path, *options: str, patience_s: float = PATIENCE_S) -> None:
         """config: settings of the arm."""
         self.address = own_address()
-        command = [sys.executable, "-m", "cobot", "simulate", "ur", "--config", str(config)]
-        command += ["--address", self.address, "--patience", str(patience_s), *options]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT
-        )
-        assert self.process.stdout is not None
-        self.line = self.process.stdout.readline()
-        found = re.search(r"control on 127.0.0.1:(\d+)", self.line)
-        if found is None:
-            raise AssertionError(self.line + self.process.communicate(timeout=WAIT_S)[1])
-        self._control = socket.create_connection(("127.0.0.1", int(found.group(1))), WAIT_S)
-        self._answers = self._control.makefile("r")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def ask(self, **request: Any) -> dict[str, Any]:
-        """Have something be so, and get its state."""
-        self._control.sendall(json.dumps(request).encode() + b"\n")
-        found: dict[str, Any] = json.loads(self._answers.readline())
-        assert "error" not in found, found
-        return found
-
-    def end(self) -> int:
-        self._answers.close()
-        self._control.close()
-        self.process.terminate()
-        code = self.process.wait(WAIT_S)
-        for stream in (self.process.stdout, self.process.stderr):
-            if stream is not None:
-                stream.close()
-        return code
+        where = ("--config", str(config), "--address", self.address)
+        super().__init__("ur", *where, *options, patience_s=patience_s)
 
 
 class RunOverUr(Run):

@@ -6,74 +6,27 @@ Oracle: where the arms are as GET /robot/joint_states shows it.
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
+from vendor_arm import VendorArm
 from virtual_service import VirtualService
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
 
 
-class Arm:
-    """One robot over HTTP."""
-
-    def __init__(self, client: VirtualService, name: str) -> None:
-        self.name = name
-        self._client = client
-
-    def answer(self, method: str, **fields: Any) -> dict[str, Any]:
-        response = self._client.post(f"/{self.name}/{method}", json=fields)
-        assert response.status_code == 200, response.text
-        found: dict[str, Any] = response.json()
-        return found
-
-    def ask(self, method: str, **fields: Any) -> Any:
-        found = self.answer(method, **fields)
-        assert found["code"] == 0, f"{method}: {found}"
-        return found["result"]
-
-    def fails(self, method: str, code: int, **fields: Any) -> str:
-        found = self.answer(method, **fields)
-        assert found["code"] == code, f"{method}: {found}"
-        return str(found["message"])
-
-    @property
-    def state(self) -> str:
-        return str(self.ask("RuntimeMachine/getRuntimeState"))
-
-    @property
-    def joints(self) -> np.ndarray:
-        return self._get()["position"]
-
-    @property
-    def speed(self) -> float:
-        return float(np.abs(self._get()["velocity"]).max())
-
-    def _get(self) -> dict[str, np.ndarray]:
-        response = self._client.get(f"/robots/{self.name}/joint_states")
-        response.raise_for_status()
-        return {name: np.array(response.json()[name]) for name in ("position", "velocity")}
-
-    def home(self) -> None:
-        self._client.post(f"/robots/{self.name}/stop").raise_for_status()
-        self._client.post(f"/robots/{self.name}/reset").raise_for_status()
-        there = self._client.post(f"/robots/{self.name}/move/named", json={"name": "home", "speed": 1.0})
-        assert there.json()["success"], there.text
-
-
 @pytest.fixture
-def arms(pair: VirtualService) -> tuple[Arm, Arm]:
+def arms(pair: VirtualService) -> tuple[VendorArm, VendorArm]:
     """Both at home."""
-    left, right = (Arm(pair, name) for name in pair.names)
+    left, right = (VendorArm(pair, name) for name in pair.names)
     for arm in (left, right):
         arm.home()
     return left, right
 
 
 def test_a_protective_stop_by_a_watchdog_holds_until_it_is_unlocked(
-    pair: VirtualService, arms: tuple[Arm, Arm]
+    pair: VirtualService, arms: tuple[VendorArm, VendorArm]
 ) -> None:
     arm, other = arms
     arm.ask("RegisterControl/setWatchDog", key="plc", timeout=0.05, action=3)
@@ -91,12 +44,14 @@ def test_a_protective_stop_by_a_watchdog_holds_until_it_is_unlocked(
     assert arm.ask("RobotManage/isSimulationEnabled")
 
 
-def done(arm: Arm, goal: list[float]) -> float:
+def done(arm: VendorArm, goal: list[float]) -> float:
     """The share of its way from home that it has behind it."""
     return float(np.linalg.norm(arm.joints - HOME) / np.linalg.norm(np.array(goal) - HOME))
 
 
-def test_a_group_of_two_robots_begins_and_ends_together(pair: VirtualService, arms: tuple[Arm, Arm]) -> None:
+def test_a_group_of_two_robots_begins_and_ends_together(
+    pair: VirtualService, arms: tuple[VendorArm, VendorArm]
+) -> None:
     left, right = arms
     near = (np.array(HOME) + 0.25 * (np.array(AWAY) - HOME)).tolist()
     left.ask("SyncMove/axisGroupAdd", name="both", robots=[left.name, right.name])
@@ -116,7 +71,7 @@ def test_a_group_of_two_robots_begins_and_ends_together(pair: VirtualService, ar
 
 
 def test_when_one_of_a_group_stops_the_other_one_stops_too(
-    pair: VirtualService, arms: tuple[Arm, Arm]
+    pair: VirtualService, arms: tuple[VendorArm, VendorArm]
 ) -> None:
     left, right = arms
     left.ask("SyncMove/axisGroupAdd", name="stopped", robots=[left.name, right.name])
@@ -130,7 +85,7 @@ def test_when_one_of_a_group_stops_the_other_one_stops_too(
     left.ask("SyncMove/axisGroupDelete", name="stopped")
 
 
-def test_segments_start_when_all_robots_have_their_part(arms: tuple[Arm, Arm]) -> None:
+def test_segments_start_when_all_robots_have_their_part(arms: tuple[VendorArm, VendorArm]) -> None:
     left, right = arms
     both = [left.name, right.name]
     left.fails("SyncMove/syncMoveSegment", 40, segment=1, q=AWAY)
@@ -151,7 +106,7 @@ def test_segments_start_when_all_robots_have_their_part(arms: tuple[Arm, Arm]) -
     assert not right.ask("SyncMove/isSyncMoveOn")
 
 
-def test_what_cannot_move_together_is_refused_and_nothing_moves(arms: tuple[Arm, Arm]) -> None:
+def test_what_cannot_move_together_is_refused_and_nothing_moves(arms: tuple[VendorArm, VendorArm]) -> None:
     left, right = arms
     both = [left.name, right.name]
     left.ask("SyncMove/axisGroupAdd", name="g", robots=both)

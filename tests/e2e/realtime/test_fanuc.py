@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import rest_tour
 from arm_activities import robot_health
+from arm_over_rest import acknowledge, device, move, reset_until_ready
 from cobot_run import WAIT_S, answering
 from crx_arm import POSITIONS, crx_folder
 from fanuc_run import ControllerProcess, RunOverFanuc
@@ -52,9 +53,7 @@ def fanuc(
     ports = controller.stream_port, controller.rmi_port
     made = RunOverFanuc(tmp_path_factory.mktemp("fanuc"), arm, *ports, io=list(IO))
     with answering(made) as started:
-        if device(started)["unacknowledged"]:
-            checked = {"payload_checked": True}
-            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(started)
         yield started
 
 
@@ -63,43 +62,9 @@ def run(fanuc: RunOverFanuc, controller: ControllerProcess) -> RunOverFanuc:
     """With a good network, and an arm at its home position."""
     controller.ask(loss=0.0, reorder=0.0, spoil="", e_stop=False, fence=False, collision=False, mode="AUTO",
                    deaf=False, safety_scale=1.0)  # fmt: skip
-    able(fanuc)
+    reset_until_ready(fanuc)
     move(fanuc, "named", name="home")
     return fanuc
-
-
-def device(run: RunOverFanuc) -> dict[str, Any]:
-    """What GET /robots says of it."""
-
-    def asked() -> Any:
-        answer = httpx.get(f"{run.url}/robots", timeout=WAIT_S)
-        return answer.json() if answer.status_code == 200 else None
-
-    (shown,) = run.until(asked)
-    found: dict[str, Any] = shown["device"]
-    return found
-
-
-def able(run: RunOverFanuc) -> None:
-    """As after a fault: somebody resets, as often as it takes."""
-    said: list[str] = []
-
-    def reset() -> bool:
-        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
-        return robot_health(run).get("mode") == "HOLD"
-
-    try:
-        run.until(reset)
-    except AssertionError as exc:
-        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
-
-
-def move(run: RunOverFanuc, kind: str, **body: object) -> None:
-    def asked() -> tuple[bool, str]:
-        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
-        return bool(answer.json().get("success")), answer.text
-
-    rest_tour.again(asked)
 
 
 def nothing_refused(controller: ControllerProcess) -> None:
@@ -209,7 +174,7 @@ def test_recovers_from_a_fault_in_a_motion(
     controller.ask(**fault)
     assert reason in faulted(run)
     controller.ask(**end)
-    able(run)
+    reset_until_ready(run)
     move(run, "joints", joints=THERE)
     np.testing.assert_allclose(controller.ask()["setpoint"], THERE, atol=2e-3)
     nothing_refused(controller)
@@ -249,6 +214,6 @@ def test_an_interface_that_is_deaf_is_said_and_a_reset_connects_again(
     words = "cannot be enabled: the controller does not answer a request to"
     run.until(lambda: words in httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
     controller.ask(deaf=False, close=True)
-    able(run)
+    reset_until_ready(run)
     move(run, "joints", joints=HOME)
     nothing_refused(controller)

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import rest_tour
 from arm_activities import robot_health
+from arm_over_rest import acknowledge, reset_until_ready
 from cobot_run import WAIT_S, answering
 from franky_run import FrankySimulator, RunOfFranka, StandInArm
 from service_activities import Goal, Servo, followed
@@ -61,28 +62,9 @@ def franka(simulator: Simulator, tmp_path_factory: pytest.TempPathFactory) -> It
 def run(franka: RunOfFranka, simulator: Simulator) -> Iterator[RunOfFranka]:
     """It can be moved, and what it was commanded kept what is published."""
     simulator.ask("")
-    able(franka)
+    reset_until_ready(franka)
     yield franka
     assert max(simulator.ask("")["worst"]) < 1.0
-
-
-def acknowledge(run: RunOfFranka) -> None:
-    checked = {"payload_checked": True}
-    httpx.post(f"{run.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
-
-
-def able(run: RunOfFranka) -> None:
-    """As after a fault: somebody resets, as often as it takes."""
-    said: list[str] = []
-
-    def reset() -> bool:
-        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
-        return robot_health(run).get("mode") == "HOLD"
-
-    try:
-        run.until(reset)
-    except AssertionError as exc:
-        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
 
 
 def move(run: RunOfFranka, kind: str, **body: object) -> None:
@@ -92,7 +74,7 @@ def move(run: RunOfFranka, kind: str, **body: object) -> None:
         answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
         if answer.is_success and answer.json()["success"]:
             return True
-        able(run)
+        reset_until_ready(run)
         return False
 
     run.until(asked)
@@ -115,7 +97,7 @@ def test_the_whole_service_moves_the_arm_of_franky_sim(tmp_path: Path) -> None:
     require_franky_sim()
     with FrankySimulator() as simulator, answering(RunOfFranka(tmp_path, simulator)) as run:
         acknowledge(run)
-        able(run)
+        reset_until_ready(run)
         move(run, "named", name="work")
         told = simulator.ask()
         np.testing.assert_allclose(told["q"], run.joints(), atol=5e-3)
@@ -138,7 +120,7 @@ def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: S
                     control.set_target_joints([aim, *home[1:]])
                     if abs(control.get_state().q[0] - begun - 0.1) < 0.03:
                         return True
-        able(run)
+        reset_until_ready(run)
         return False
 
     run.until(turned)
@@ -162,7 +144,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOfFranka, simulator: 
     def arrived() -> bool:
         done, _ = followed(run, THERE)
         if not done:
-            able(run)
+            reset_until_ready(run)
         return done
 
     run.until(arrived)
@@ -240,7 +222,7 @@ def why_faulted(run: RunOfFranka) -> str:
 
 def recovers(run: RunOfFranka, simulator: Simulator) -> None:
     simulator.ask("")
-    able(run)
+    reset_until_ready(run)
     move(run, "named", name="work")
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import rest_tour
 from arm_activities import HOME, Motion, robot_health
+from arm_over_rest import acknowledge, device, move, reset_until_ready
 from cobot_run import WAIT_S, answering
 from fri_run import CabinetProcess, RunOverFri
 from service_activities import Goal, Servo, followed
@@ -38,9 +39,7 @@ def cabinet() -> Iterator[CabinetProcess]:
 @pytest.fixture(scope="module")
 def fri(cabinet: CabinetProcess, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOverFri]:
     with answering(RunOverFri(tmp_path_factory.mktemp("fri"), cabinet, period_ms=PERIOD_MS)) as started:
-        if device(started)["unacknowledged"]:
-            checked = {"payload_checked": True}
-            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(started)
         yield started
 
 
@@ -48,43 +47,9 @@ def fri(cabinet: CabinetProcess, tmp_path_factory: pytest.TempPathFactory) -> It
 def run(fri: RunOverFri, cabinet: CabinetProcess) -> RunOverFri:
     """With a good network, and an arm at its home position."""
     cabinet.ask(loss=0.0, reorder=0.0, delay=0, spoil="", safety_stop=-1, mode="AUT")
-    able(fri)
+    reset_until_ready(fri)
     move(fri, "named", name="home")
     return fri
-
-
-def device(run: RunOverFri) -> dict[str, Any]:
-    """What GET /robots says of it."""
-
-    def asked() -> Any:
-        answer = httpx.get(f"{run.url}/robots", timeout=WAIT_S)
-        return answer.json() if answer.status_code == 200 else None
-
-    (shown,) = run.until(asked)
-    found: dict[str, Any] = shown["device"]
-    return found
-
-
-def able(run: RunOverFri) -> None:
-    """As after a fault: somebody resets, as often as it takes."""
-    said: list[str] = []
-
-    def reset() -> bool:
-        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
-        return robot_health(run).get("mode") == "HOLD"
-
-    try:
-        run.until(reset)
-    except AssertionError as exc:
-        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
-
-
-def move(run: RunOverFri, kind: str, **body: object) -> None:
-    def asked() -> tuple[bool, str]:
-        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
-        return bool(answer.json().get("success")), answer.text
-
-    rest_tour.again(asked)
 
 
 def no_jump(cabinet: CabinetProcess) -> None:
@@ -250,7 +215,7 @@ def recovers(run: RunOverFri, cabinet: CabinetProcess, end: dict[str, Any]) -> N
     """What has ended a fault lets the arm be moved after a reset, without a jump."""
     cabinet.ask(**end)
     run.until(lambda: cabinet.ask()["quality"] == "EXCELLENT")
-    able(run)
+    reset_until_ready(run)
     move(run, "joints", joints=THERE)
     no_jump(cabinet)
 

@@ -19,6 +19,7 @@ import pytest
 import rest_tour
 import yaml
 from arm_activities import robot_health
+from arm_over_rest import acknowledge, device, move, reset_until_ready
 from cobot_run import WAIT_S, answering, until
 from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
 from service_activities import followed
@@ -43,8 +44,7 @@ def controller(folder: Path) -> Iterator[RsiProcess]:
 @pytest.fixture(scope="module")
 def service(controller: RsiProcess, folder: Path) -> Iterator[RunOverRsi]:
     with answering(RunOverRsi(folder)) as started:
-        checked = {"payload_checked": True}
-        httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(started)
         yield started
 
 
@@ -52,33 +52,9 @@ def service(controller: RsiProcess, folder: Path) -> Iterator[RunOverRsi]:
 def run(service: RunOverRsi, controller: RsiProcess) -> RunOverRsi:
     """With a good network, and an arm at its home position."""
     controller.ask(loss=0.0, reorder=0.0, delay=0, spoil="", estop=False, mode="AUT", override=100, runs=True)
-    able(service)
+    reset_until_ready(service)
     move(service, "named", name="home")
     return service
-
-
-def able(run: RunOverRsi) -> None:
-    """As after a fault: somebody resets, as often as it takes."""
-
-    def reset() -> bool:
-        httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-        return robot_health(run).get("mode") == "HOLD"
-
-    run.until(reset)
-
-
-def move(run: RunOverRsi, kind: str, **body: object) -> None:
-    def asked() -> tuple[bool, str]:
-        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
-        return bool(answer.json().get("success")), answer.text
-
-    rest_tour.again(asked)
-
-
-def device(run: RunOverRsi) -> dict[str, Any]:
-    (shown,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).raise_for_status().json()
-    found: dict[str, Any] = shown["device"]
-    return found
 
 
 def took_everything(controller: RsiProcess) -> None:
@@ -230,7 +206,7 @@ def test_recovers_from_a_fault_in_the_middle_of_a_motion(
     controller.ask(**end)
     before = controller.ask()["answered"]
     run.until(lambda: controller.ask()["answered"] > before + 20)
-    able(run)
+    reset_until_ready(run)
     move(run, "joints", joints=WORK)
     told = controller.ask()
     np.testing.assert_allclose(told["measured"], WORK, atol=2e-3)

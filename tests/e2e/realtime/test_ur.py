@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import rest_tour
 from arm_activities import robot_health
+from arm_over_rest import acknowledge, device, move, reset_until_ready
 from cobot_run import LATE, WAIT_S, answering
 from service_activities import followed
 from streaming_client import StreamClient
@@ -51,9 +52,7 @@ def ur(
     controller: ControllerProcess, arm: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[RunOverUr]:
     with answering(RunOverUr(tmp_path_factory.mktemp("ur"), arm, controller.address)) as started:
-        if device(started)["unacknowledged"]:
-            checked = {"payload_checked": True}
-            httpx.post(f"{started.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(started)
         yield started
 
 
@@ -63,45 +62,9 @@ def run(ur: RunOverUr, controller: ControllerProcess) -> RunOverUr:
     controller.ask(
         safety=NORMAL, blocked="", remote=True, spoil="", silent=False, loss=0.0, slider=1.0, push=NO_PUSH
     )
-    able(ur)
+    reset_until_ready(ur, at_least_once=False)
     move(ur, "named", name="home")
     return ur
-
-
-def device(run: RunOverUr) -> dict[str, Any]:
-    """What GET /robots says of it."""
-
-    def asked() -> Any:
-        answer = httpx.get(f"{run.url}/robots", timeout=WAIT_S)
-        return answer.json() if answer.status_code == 200 else None
-
-    (shown,) = run.until(asked)
-    found: dict[str, Any] = shown["device"]
-    return found
-
-
-def able(run: RunOverUr) -> None:
-    """As after a fault: somebody resets, as often as it takes."""
-    said: list[str] = []
-
-    def reset() -> bool:
-        if robot_health(run).get("mode") == "HOLD":
-            return True
-        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
-        return robot_health(run).get("mode") == "HOLD"
-
-    try:
-        run.until(reset)
-    except AssertionError as exc:
-        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
-
-
-def move(run: RunOverUr, kind: str, **body: object) -> None:
-    def asked() -> tuple[bool, str]:
-        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
-        return bool(answer.json().get("success")), answer.text
-
-    rest_tour.again(asked)
 
 
 def nothing_refused(controller: ControllerProcess) -> None:
@@ -204,7 +167,7 @@ def test_faults_are_named_and_a_reset_ends_them(
         controller.ask(**fault)
         said = str(run.until(reason))
         controller.ask(**end)
-        able(run)
+        reset_until_ready(run, at_least_once=False)
         return words in said, said
 
     rest_tour.again(named)
@@ -265,7 +228,7 @@ def test_a_process_that_is_killed_ends_freedrive(
     run.until(lambda: controller.ask()["events"][-3:].count("freedrive ends") > 0)
     controller.ask(push=NO_PUSH)
     run.until(run.healthy)
-    able(run)
+    reset_until_ready(run, at_least_once=False)
     assert freedrive(run)["session"] is None
     move(run, "joints", joints=THERE)
 
@@ -297,7 +260,7 @@ def test_freedrive_is_refused_with_the_reason(run: RunOverUr, controller: Contro
     assert "program on the controller has ended" in begin()
     run.until(lambda: "Remote Control" in httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
     controller.ask(remote=True)
-    able(run)
+    reset_until_ready(run, at_least_once=False)
 
 
 def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(
@@ -316,7 +279,7 @@ def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(
     moving.join()
     run.until(lambda: "cobot: no command in time" in controller.ask()["events"])
     run.until(run.healthy)
-    able(run)
+    reset_until_ready(run, at_least_once=False)
     rest = controller.ask()["setpoint"]
     assert np.abs(np.subtract(rest, HOME)).max() < 0.3
     nothing_refused(controller)

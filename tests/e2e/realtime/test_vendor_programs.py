@@ -9,71 +9,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any
 
 import httpx
 import numpy as np
 import psutil
 import pytest
 from cobot_run import WAIT_S, Pair, until
+from vendor_arm import VendorArm
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
 LUA = "for n = 1, 3 do print('turn', n) end\n"
 
 
-class Arm:
-    """One robot over HTTP."""
-
-    def __init__(self, client: httpx.Client, name: str) -> None:
-        self.name = name
-        self._client = client
-
-    def answer(self, method: str, **fields: Any) -> dict[str, Any]:
-        response = self._client.post(f"/{self.name}/{method}", json=fields)
-        assert response.status_code == 200, response.text
-        found: dict[str, Any] = response.json()
-        return found
-
-    def ask(self, method: str, **fields: Any) -> Any:
-        found = self.answer(method, **fields)
-        assert found["code"] == 0, f"{method}: {found}"
-        return found["result"]
-
-    def fails(self, method: str, code: int, **fields: Any) -> str:
-        found = self.answer(method, **fields)
-        assert found["code"] == code, f"{method}: {found}"
-        return str(found["message"])
-
-    @property
-    def state(self) -> str:
-        return str(self.ask("RuntimeMachine/getRuntimeState"))
-
-    @property
-    def joints(self) -> np.ndarray:
-        return self._get()["position"]
-
-    @property
-    def speed(self) -> float:
-        return float(np.abs(self._get()["velocity"]).max())
-
-    def _get(self) -> dict[str, np.ndarray]:
-        response = self._client.get(f"/robots/{self.name}/joint_states")
-        response.raise_for_status()
-        return {name: np.array(response.json()[name]) for name in ("position", "velocity")}
-
-    def home(self) -> None:
-        self._client.post(f"/robots/{self.name}/stop").raise_for_status()
-        self._client.post(f"/robots/{self.name}/reset").raise_for_status()
-        there = self._client.post(f"/robots/{self.name}/move/named", json={"name": "home", "speed": 1.0})
-        assert there.json()["success"], there.text
-
-
 @pytest.fixture
-def arms(pair: Pair) -> Iterator[tuple[Arm, Arm]]:
+def arms(pair: Pair) -> Iterator[tuple[VendorArm, VendorArm]]:
     """Both at home."""
     with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client:
-        found = Arm(client, pair.left), Arm(client, pair.right)
+        found = VendorArm(client, pair.left), VendorArm(client, pair.right)
         for arm in found:
             arm.home()
         yield found
@@ -85,7 +38,7 @@ def write(pair: Pair, name: str, *targets: list[float], speed: float = 0.3) -> N
 
 
 def test_a_program_is_loaded_run_paused_resumed_and_ends_where_it_should(
-    pair: Pair, arms: tuple[Arm, Arm]
+    pair: Pair, arms: tuple[VendorArm, VendorArm]
 ) -> None:
     arm, other = arms
     write(pair, "there.json", AWAY)
@@ -115,7 +68,7 @@ def test_a_program_is_loaded_run_paused_resumed_and_ends_where_it_should(
     assert any("arrived" in line for line in arm.ask("RuntimeMachine/getProgramLogs", number=10))
 
 
-def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[Arm, Arm]) -> None:
+def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[VendorArm, VendorArm]) -> None:
     arm, _ = arms
     write(pair, "long.json", AWAY, HOME, AWAY, HOME, speed=0.1)
     arm.ask("RuntimeMachine/loadProgram", program="long.json")
@@ -142,7 +95,7 @@ def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[Ar
 
 
 @pytest.mark.thorough
-def test_a_lua_program_runs_too(pair: Pair, arms: tuple[Arm, Arm]) -> None:
+def test_a_lua_program_runs_too(pair: Pair, arms: tuple[VendorArm, VendorArm]) -> None:
     arm, _ = arms
     (pair.programs / "hello.lua").write_text(LUA, encoding="utf-8")
     arm.ask("RuntimeMachine/loadProgram", program="hello.lua")
@@ -154,7 +107,7 @@ def test_a_lua_program_runs_too(pair: Pair, arms: tuple[Arm, Arm]) -> None:
 
 
 def test_a_program_with_a_mistake_or_outside_of_the_folder_is_not_loaded(
-    pair: Pair, arms: tuple[Arm, Arm]
+    pair: Pair, arms: tuple[VendorArm, VendorArm]
 ) -> None:
     arm, _ = arms
     (pair.programs / "wrong.json").write_text('{"waypoints": [{"joints": "no"}]}', encoding="utf-8")
