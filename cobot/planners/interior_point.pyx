@@ -83,8 +83,8 @@ cdef extern from *:
                 + v[2][l] * basis[6 + i][l];
     }
 
-    /* Compute the slacks at the coefficients `at` and their terms of the system, in `out`. The duals advance by
-       a share of their change; with `fresh`, the slacks determine new duals. */
+    /* Compute the slacks at the coefficients `at` and their terms of the system, in `out`. The duals advance
+       by a share of their change; with `fresh`, the slacks determine new duals. */
     FOR_EACH_PROCESSOR
     static void assemble_block(const Block *block, const Lanes *at, double barrier, int fresh, double share,
                                Lanes *out) {
