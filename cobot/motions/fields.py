@@ -131,6 +131,6 @@ OmplAlgorithm = Annotated[Algorithm, Field(description="Algorithm of planner omp
 class Direction(RequestModel):
     """A direction. Its length does not matter, but must not be 0."""
 
-    x: Coordinate = Field(description="Of any unit.")
-    y: Coordinate = Field(description="Of any unit.")
-    z: Coordinate = Field(description="Of any unit.")
+    x: Coordinate = Field(description="x component, in any unit.")
+    y: Coordinate = Field(description="y component, in any unit.")
+    z: Coordinate = Field(description="z component, in any unit.")

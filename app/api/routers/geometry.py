@@ -128,7 +128,7 @@ class GeometryAnswer(BaseModel):
 
     bodies: list[BodyShown] = Field(description="The bodies; each comes after its parent.")
     base: int = Field(description="Index of the body in whose frame all poses are.")
-    tcp: TcpShown = Field(description="The TCP.")
+    tcp: TcpShown = Field(description="Body and pose of the TCP.")
     joints: list[JointRange] = Field(description="The joints, in the robot's order.")
     meshes: list[MeshShown] = Field(description="The triangles of the shapes that are meshes.")
 

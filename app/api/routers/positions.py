@@ -35,7 +35,7 @@ class TeachPosition(RequestModel):
         description="Joint positions, rad. Default: the current ones.",
     )
     label: Label | None = Field(None, description="Displayed name, in any language. Default: `name`.")
-    description: str = Field("", max_length=200, description="For people.")
+    description: str = Field("", max_length=200, description="Description for people.")
 
 
 @router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5, responses=responses(422))

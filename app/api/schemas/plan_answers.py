@@ -101,7 +101,7 @@ class PlanUse(BaseModel):
 class DistanceAnswer(BaseModel):
     """The distance between two bodies."""
 
-    between: list[str] = Field(description="Their names.")
+    between: list[str] = Field(description="Names of the two bodies.")
     distance_m: float = Field(description="Distance, m; negative if the bodies overlap.")
     points: list[list[float]] = Field(
         description="Nearest points of the first and the second body in the base frame: x, y, z, m."
@@ -139,7 +139,7 @@ class NoticeAnswer(BaseModel):
     """A difference of a motion from its request."""
 
     kind: NoticeKind = Field(description="Kind of the difference, see docs/conventions.md.")
-    values: dict[str, str | float] = Field(description="Its facts.")
+    values: dict[str, str | float] = Field(description="Values of this kind of difference, see there.")
 
 
 class PlanningAnswer(BaseModel):
@@ -185,7 +185,7 @@ class PlanAnswer(BaseModel):
         description="The planner that auto chose and the reason, and how the motion leaves a "
         "start in collision."
     )
-    notices: list[NoticeAnswer] = Field([], description="The same for programs.")
+    notices: list[NoticeAnswer] = Field([], description="The content of `note`, for programs.")
     path: list[PlanPoint] = Field(
         description="Points of the path, evenly spaced in time, both ends included."
     )
@@ -206,7 +206,7 @@ class RehearsalFlaw(ReasonFields):
 
     time_s: float = Field(description="Time since the motion's start, s.")
     joint: str | None = Field(description="The joint; null for a problem of the whole arm.")
-    says: str = Field(description="The problem.")
+    says: str = Field(description="The problem in words.")
 
 
 class RehearsalAnswer(BaseModel):
@@ -240,4 +240,6 @@ class RehearsalAnswer(BaseModel):
     closest_self: PlanDistance | None = Field(
         description="As in the plan, but along the path of the simulated arm."
     )
-    closest_environment: PlanDistance | None = Field(description="The same.")
+    closest_environment: PlanDistance | None = Field(
+        description="As in the plan, but along the path of the simulated arm."
+    )

@@ -43,15 +43,15 @@ class RecordingAnswer(BaseModel):
     reason: Literal["fault", "estop", "request", "continuous"] = Field(
         description="Reason for the recording."
     )
-    size: int = Field(description="Bytes.")
+    size: int = Field(description="Size of the file, bytes.")
 
 
 class RecordedPoint(BaseModel):
     """The arm at one cycle of a recording."""
 
     time_s: float = Field(description="Time since the first cycle, s.")
-    joints: list[float] = Field(description="Measured, rad.")
-    velocities: list[float] = Field(description="Measured, rad/s.")
+    joints: list[float] = Field(description="Measured joint angles, rad.")
+    velocities: list[float] = Field(description="Measured joint velocities, rad/s.")
     position: list[float] = Field(description="Position of the TCP in the base frame: x, y, z, m.")
 
 

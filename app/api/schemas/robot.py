@@ -149,15 +149,15 @@ class Quaternion(BaseModel):
     """Unit quaternion; w is the scalar part."""
 
     x: float = Field(description="x of the rotation axis, times the sine of half the angle.")
-    y: float = Field(description="The same.")
-    z: float = Field(description="The same.")
+    y: float = Field(description="y of the rotation axis, times the sine of half the angle.")
+    z: float = Field(description="z of the rotation axis, times the sine of half the angle.")
     w: float = Field(description="The scalar part.")
 
 
 class Angles(BaseModel):
     """KUKA angles A, B, C: rotations about z, then the new y, then the newest x."""
 
-    a: float = Field(description="About z.")
+    a: float = Field(description="Angle about z.")
     b: float = Field(description="Angle about the new y.")
     c: float = Field(description="Angle about the newest x.")
 
@@ -259,14 +259,14 @@ class SequenceStatusAnswer(BaseModel):
     )
     sequence_id: int | None = Field(description="Number of the sequence, counted from 1.")
     pid: int | None = Field(description="Process id.")
-    iteration: int | None = Field(description="From 1.")
-    n_iterations: int | None = Field(description="Requested number.")
+    iteration: int | None = Field(description="Number of the current iteration, counted from 1.")
+    n_iterations: int | None = Field(description="Requested number of iterations.")
     waypoint: int | None = Field(
         description="Number of the current waypoint or step, from 1; 0 is the way home."
     )
     n_waypoints: int | None = Field(description="Number of waypoints or steps in an iteration.")
     step: str | None = Field(description="Current step, as in the log, including steps inside other steps.")
-    started_at: datetime | None = Field(description="When.")
+    started_at: datetime | None = Field(description="Time of the start.")
     finished_at: datetime | None = Field(description="Time of the end; null while the sequence runs.")
     returncode: int | None = Field(
         description="Exit code of the process. 0: success; negative: the signal that ended it."

@@ -33,7 +33,7 @@ class AuditEntry(BaseModel):
     model_config = ConfigDict(populate_by_name=True)
 
     id: str = Field(description="Id of the entry.")
-    time: datetime = Field(description="When, UTC.")
+    time: datetime = Field(description="Time of the action, UTC.")
     who: str = Field(
         description="The client: name of its access token; its own name, in quotes; anonymous; or a local "
         "user."
@@ -107,7 +107,7 @@ class ReadyAnswer(BaseModel):
     status: Literal["ready"] = Field(
         description="Always `ready`; otherwise the answer is a 503 with the reasons."
     )
-    robots: list[str] = Field(description="Their names.")
+    robots: list[str] = Field(description="Names of the robots.")
 
 
 class ReloadAnswer(BaseModel):
@@ -127,7 +127,7 @@ class RestoreAnswer(BaseModel):
 class RobotAnswer(BaseModel):
     """A robot of this service."""
 
-    name: str = Field(description="For /robots/{robot}/...")
+    name: str = Field(description="Name of the robot, for /robots/{robot}/...")
     model: str = Field(description="Name of the robot's model, from the model's file.")
     default: bool = Field(
         description="Whether this is the default robot, which endpoints without a robot's name use."

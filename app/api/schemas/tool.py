@@ -81,7 +81,7 @@ class ChangeTool(RequestModel):
     )
 
     clear: bool = Field(False, description="true: first reset the tool to the bare flange of the model file.")
-    name: Annotated[str, Field(max_length=64)] | None = Field(None, description="For people.")
+    name: Annotated[str, Field(max_length=64)] | None = Field(None, description="Displayed name.")
     mass: Finite | None = Field(
         None,
         description="Mass of tool and load, kg, in addition to the masses of the model. Maximum: "
