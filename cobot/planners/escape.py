@@ -90,8 +90,9 @@ def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
 
 
 def exits(robot: RobotDescription, start: Array) -> list[Array]:
-    """Free joint angles within the limits, nearest first, found by pushing the arm out from around the
-    start."""
+    """Collision-free joint angles within the limits, nearest first, found by pushing the arm out from around
+    the start.
+    """
     wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
     limits = robot.limits
     found = _pushed_out(robot, start, start, wanted_m)
@@ -110,7 +111,9 @@ def _by_distance(found: list[Array], start: Array) -> list[Array]:
 
 
 def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: float) -> list[Array]:
-    """The free joint angles nearest to `start`, by successive linearisation from `begin`; [] if it fails."""
+    """The collision-free joint angles nearest to `start`, by successive linearisation from `begin`; [] if it
+    fails.
+    """
     limits, clearance, joints = robot.limits, robot.collision.clearance, begin
     for _ in range(STEPS):
         distances = clearance.distances(joints[None], wanted_m + LOOK_M)[0]

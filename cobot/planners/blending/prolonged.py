@@ -81,7 +81,7 @@ def extend_stretch(
 def _following(
     robot: RobotDescription, before: Stretch | None, legs: Sequence[Leg], radii_m: Sequence[float]
 ) -> Stretch:
-    """Motions from a stop: the end of `before`, if there is one."""
+    """Several motions as one. They begin at rest, at the end of `before` if there is one."""
     paths = [JointCurve.of_trajectory(leg.motion) for leg in legs]
     corners = corners_of(robot, legs, paths, [0.0, *radii_m])
     stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
