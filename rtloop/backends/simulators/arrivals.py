@@ -6,19 +6,10 @@ import socket
 import struct
 import sys
 import time
-from typing import NamedTuple
 
 _STAMP = 35
 """Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
 _TIMESPEC = struct.Struct("qq")
-
-
-class Arrival(NamedTuple):
-    """A received packet, its sender, and its arrival time on the monotonic clock, s."""
-
-    packet: bytes
-    sender: tuple[str, int]
-    arrived_s: float
 
 
 def request_arrival_times(receiver: socket.socket) -> None:
@@ -27,8 +18,8 @@ def request_arrival_times(receiver: socket.socket) -> None:
         receiver.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
 
 
-def receive(receiver: socket.socket, max_packet: int) -> Arrival:
-    """The next packet.
+def receive(receiver: socket.socket, max_packet: int) -> tuple[bytes, tuple[str, int], float]:
+    """The next packet, its sender, and its arrival time on the monotonic clock, s.
 
     Raises:
         OSError: there is none, or an earlier packet was sent to a closed port.
@@ -40,4 +31,4 @@ def receive(receiver: socket.socket, max_packet: int) -> Arrival:
         if kind == _STAMP:
             seconds, nanoseconds = _TIMESPEC.unpack_from(content)
             arrived_s -= max(0.0, 1e-9 * (time.time_ns() - 1_000_000_000 * seconds - nanoseconds))
-    return Arrival(packet, sender, arrived_s)
+    return packet, sender, arrived_s

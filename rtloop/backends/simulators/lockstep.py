@@ -76,7 +76,7 @@ class LossyNetwork(Protocol):
     spoil: str
 
 
-class Connection(Protocol):
+class FaultyConnection(Protocol):
     """The connection of a backend and a controller in one process; see `LockStep` for the attributes."""
 
     off: bool
@@ -86,7 +86,7 @@ class Connection(Protocol):
     def network(self) -> LossyNetwork: ...
 
 
-def set_fault(connection: Connection, fault: str, *, active: bool) -> bool:
+def set_fault(connection: FaultyConnection, fault: str, *, active: bool) -> bool:
     """Inject or clear a fault of the connection. Returns whether it is one of the connection; the others are
     those of the controller.
     """
