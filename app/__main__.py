@@ -13,7 +13,7 @@ from cobot.launch.process import Niceness, die_with_parent, in_words, set_nicene
 
 
 def start() -> int:
-    # This takes some seconds, in which the supervisor might die unnoticed.
+    # These imports take some seconds, during which the supervisor might die unnoticed.
     from app.memory import share_arenas
 
     share_arenas()
@@ -21,7 +21,7 @@ def start() -> int:
     from app.services.motion.planning_blanks import planning_blanks
 
     arguments = read_arguments()
-    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # what is started here gets none of it
+    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # not inherited by processes that start here
     fleet_token = os.environ.pop(FLEET_TOKEN_VARIABLE, None)
     blanks = planning_blanks(arguments.config)
     from app.server import main
@@ -34,5 +34,5 @@ if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     set_niceness(Niceness.PROMPT, session=True)
-    gc.disable()  # until all is there that stays: see `app.lifetime`
+    gc.disable()  # until all permanent objects exist: see `app.lifetime`
     sys.exit(in_words(start))

@@ -38,7 +38,8 @@ async def give_back() -> None:
     """Return memory while the service runs. With a C library other than glibc, only Python's own memory is
     returned.
     """
-    with Path("/proc/self/statm").open("rb", buffering=0) as statm:  # later there may be no descriptor left
+    # opened now, because later no descriptor may be free
+    with Path("/proc/self/statm").open("rb", buffering=0) as statm:
         await _give_back(lambda: int(os.pread(statm.fileno(), 99, 0).split()[1]) * _page_bytes)
 
 

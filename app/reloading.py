@@ -240,7 +240,8 @@ class Reloading:
         process = self.processes().get(f"rtloop {name}" if self._settings.robots else "rtloop")
         if process is None:
             raise UnavailableError("the supervisor has not reported the process id of rtloop; restart cobot")
-        with contextlib.suppress(ProcessLookupError):  # it has died: the next one reads the new limits anyway
+        # rtloop has died; the next one reads the new limits anyway
+        with contextlib.suppress(ProcessLookupError):
             os.kill(process.pid, signal.SIGTERM)
         deadline_s = link.clock.now_s() + RTLOOP_TIMEOUT_S
         while True:

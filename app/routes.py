@@ -104,7 +104,7 @@ def install(
     app.router.routes[:0] = routes
     for route in app.routes:
         if isinstance(route, APIRoute):
-            route.operation_id = route.name  # what generated clients call their methods
+            route.operation_id = route.name  # the names of methods in generated clients
 
 
 def _enabled(routers: Iterable[APIRouter], endpoints: Mapping[str, Endpoint]) -> list[BaseRoute]:

@@ -60,7 +60,7 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         limits = self._limits
         shared = Shared(crowd_for(limits), Turns(), limits)
-        await super().startup(sockets=[])  # says that it has started
+        await super().startup(sockets=[])  # reports that it has started
 
         def protocol(visit: Visit) -> HttpProtocol:
             return HttpProtocol(
@@ -110,7 +110,7 @@ def main(
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    if secure:  # programs that are started here trust it whatever it is made out to
+    if secure:  # programs that are started here trust it, whatever host names it has
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
     app.state.losses = SupervisorLosses(arguments.losses_fd)
@@ -122,7 +122,7 @@ def main(
         ws_max_size=MAX_FRAME_BYTES,
         ws_ping_interval=PING_S,
         ws_ping_timeout=PING_S,
-        ws_per_message_deflate=False,  # it costs more time than floats of ours get shorter
+        ws_per_message_deflate=False,  # for floats, compression takes more time than it saves
         access_log=False,
         log_config=None,
         log_level="warning",
@@ -133,7 +133,8 @@ def main(
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )
-    # uvicorn raises the signal that ended it once more when all is closed; Python must end without an error.
+    # After closing all, uvicorn raises the signal that has ended it once more. Python must end without an
+    # error.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
     server = Server(config, limits, lambda: app.state.events.close())

@@ -118,7 +118,7 @@ class FollowJointTrajectory:
         await self._link.await_ready_state(READY_S)
         try:
             wanted = await asyncio.to_thread(read_goal, goal, self._limits, self._wall_s())
-        except GoalError as exc:  # whatever runs goes on
+        except GoalError as exc:  # the current motion continues
             handle.accept()
             return self._fail(handle, exc)
         handle.accept()
@@ -159,7 +159,7 @@ class FollowJointTrajectory:
         self, run: TrajectoryRun, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> str:
         """Plan the goal and execute it. Returns how the motion differs from the goal, "" if it does not."""
-        # What is streamed has no path time: that is a session and no job.
+        # Streamed points have no path time: this is a session and has no job.
         planned = settings.mode is ServoMode.NONE
         job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event(), job)
@@ -195,10 +195,10 @@ class FollowJointTrajectory:
             ways=FOLLOW_JOINT_TRAJECTORY,
         )
         trajectory = await self._motion.plan(claim, request, PLAN_S)
-        assert trajectory is not None  # plan_waypoints always has one
+        assert trajectory is not None  # plan_waypoints always returns a motion
         if trajectory.note:
             log.warning("%s: %s", self.name, trajectory.note)
-        for extreme in trajectory.extrema():  # what a session's points have to keep, before the first is sent
+        for extreme in trajectory.extrema():  # the limits of a session's points, before the first one is sent
             check_positions(self._limits.including(start), extreme, "the trajectory's angle")
         return trajectory
 
@@ -227,7 +227,8 @@ class FollowJointTrajectory:
             cause = claim.interruption
             if cause is None and self._link.state().motion_result is MotionResult.FAILED:
                 raise GoalViolated(str(exc)) from exc
-            if cause is not None and not isinstance(exc, type(cause)):  # what came of it, as "not settled"
+            # the error also has the result, such as "not settled"
+            if cause is not None and not isinstance(exc, type(cause)):
                 raise type(cause)(f"{cause}; {exc}") from exc
             raise
         finally:

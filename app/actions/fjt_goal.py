@@ -189,7 +189,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
         raise GoalError("points[0]: accelerations need velocities too")
     if velocities is not None and accelerations is None:
         accelerations = hermite_accelerations(times, positions, velocities)
-    if accelerations is not None:  # at rest; MoveIt states what its motions begin and end with
+    if accelerations is not None:  # at rest; MoveIt states the velocities at both ends of its motions
         accelerations[-1] = 0.0
         if times[0] == 0.0:
             accelerations[0] = 0.0

@@ -158,7 +158,8 @@ class FingerJoints:
             raise RejectedGoalError(f"command.name is {shown(names)}, valid are {valid}, once each")
         if len(positions) != len(names):
             raise RejectedGoalError(f"command.position must be {len(names)} numbers, got {len(positions)}")
-        if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):  # NaN is not either
+        # NaN is not in the range either
+        if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):
             raise RejectedGoalError(
                 f"command.position is {shown(positions)}: it must be the same for both fingers"
             )

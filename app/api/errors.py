@@ -159,7 +159,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(OSError, _answer_refusal_of_system)
     app.add_exception_handler(MemoryError, _answer_refusal_of_system)
-    app.add_exception_handler(RuntimeError, _answer_refusal_of_system)  # of a thread that cannot be started
+    app.add_exception_handler(RuntimeError, _answer_refusal_of_system)  # raised if a thread cannot be started
     app.add_exception_handler(Exception, _answer_unexpected)
     app.router.default = without_websocket(app.router.default)
 
@@ -238,7 +238,7 @@ def _allowed(request: Request) -> str:
         if isinstance(each, Route) and each.matches(request.scope)[0] is Match.PARTIAL
     ]
     methods = {method for each in routes if each.path == routes[0].path for method in each.methods or ()}
-    return ", ".join(sorted(methods)) or "GET, HEAD"  # what is no route is a file
+    return ", ".join(sorted(methods)) or "GET, HEAD"  # paths that are not routes are files
 
 
 def _meant(request: Request) -> str:
@@ -262,11 +262,11 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
         return await _cobot_error(request, exc.__cause__)
-    if error := exhausted(exc.__cause__):  # of the disk on which an upload waits to be read
+    if error := exhausted(exc.__cause__):  # raised by the disk on which an upload waits to be read
         return await _answer_exhaustion(request, error)
     path = request.url.path
     match exc.status_code:
-        case 400:  # FastAPI: a body that could not even be taken apart
+        case 400:  # FastAPI raises this for a body that could not be parsed
             return _answer(422, f"the body cannot be read: {exc.detail}", errors.InputError.code)
         case 404:
             detail = f"there is no {path}{_meant(request)}; /docs lists what there is"
@@ -281,7 +281,8 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
 
 async def _answer_unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
-    headers = {"X-Request-Id": log_context.get().get("request", "")}  # past the middleware that adds it
+    # added here, because this answer does not pass the middleware that adds it
+    headers = {"X-Request-Id": log_context.get().get("request", "")}
     return _answer(500, "an error in cobot itself; its log has the details", CobotError.code, headers)
 
 
@@ -290,6 +291,6 @@ def _sentence(error: Any) -> str:
         case "missing", ("body",):
             return "the body is missing"
         case "value_error", ("body", field) if isinstance(error["input"], str):
-            # FastAPI's own words for this are of classes
+            # FastAPI's own message names classes
             return f"{field}: must be an uploaded file, got the text {shown(error['input'])}"
     return sentence(error, ignored=("body", "query", "header"))

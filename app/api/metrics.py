@@ -166,7 +166,7 @@ def _time(
         labels = [name, phase.name.lower()]
         counts = statistics["histogram"][phase]
         below = np.cumsum(counts)
-        # Bucket i of rtloop's holds i µs to less than i + 1 µs.
+        # Bucket i of rtloop contains times from i µs to less than i + 1 µs.
         cumulative = [*(below[bound - 1] for bound in CYCLE_BUCKETS_US), below[-1]]
         bounds_s = [bound / 1e6 for bound in CYCLE_BUCKETS_US]
         times.add_metric(labels, _buckets(bounds_s, cumulative), float(counts @ MIDDLES_S))

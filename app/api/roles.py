@@ -57,7 +57,8 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
-    return table | twins | {MCP: Role.OBSERVER}  # what plans or moves needs an agent: app.mcp.tools
+    # a token of an agent may plan and move only through app.mcp.tools
+    return table | twins | {MCP: Role.OBSERVER}
 
 
 def endpoint_of(route: BaseRoute) -> str:

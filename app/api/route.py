@@ -77,8 +77,8 @@ class _CobotRequest(Request):
         try:
             if len(body) <= LARGE_BYTES:
                 return _validated(body, model)
-            # To take a large one apart may hold the interpreter for a tenth of a second. That must not add
-            # up, nor cost the service its heartbeat while a motion depends on it.
+            # Parsing a large body may hold the interpreter for a tenth of a second. Such times must not add
+            # up, and must not cost the service its heartbeat while a motion depends on it.
             call = Call(self)
             async with self.app.state.large_body:
                 await call.services.ownership.await_free(call.token)

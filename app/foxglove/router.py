@@ -159,7 +159,7 @@ class _Client:
 
     async def _data(self, subscription: int, moment_ns: int, content: bytes) -> None:
         await self._socket.send_bytes(MESSAGE_DATA.pack(1, subscription, moment_ns) + content)
-        await asyncio.sleep(0)  # the event loop is everybody's
+        await asyncio.sleep(0)  # let other tasks of the event loop run
 
     async def _tell(self, message: Mapping[str, Any]) -> None:
         await self._socket.send_json(message)

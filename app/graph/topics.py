@@ -165,7 +165,7 @@ class Topics:
             for type_ in () if topic.local else topic.types:
                 publishers = self._own([each for each in topic.publishers if each.type == type_])
                 takers = [each for each in topic.subscriptions if each.takes(type_)]
-                # Messages of another network have no takers on a topic that belongs to one publisher.
+                # Messages from another network are not delivered to a topic that belongs to one publisher.
                 subscribers = self._own(takers) if topic.owner is None else 0
                 if publishers or subscribers:
                     made.append(

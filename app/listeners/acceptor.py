@@ -125,7 +125,7 @@ class Acceptor:
                     self._crowd.make_room(now_s)
                     self._pause(PAUSE_S)
                     return
-                continue  # it has gone again
+                continue  # it has disconnected again
             self._greet(connection, address)
 
     def _greet(self, connection: socket.socket, address: str) -> None:
@@ -150,7 +150,7 @@ class Acceptor:
 
         def end_greeting(done: asyncio.Task[None]) -> None:
             self._greeting.discard(done)
-            if done.cancelled():  # perhaps before it began
+            if done.cancelled():  # perhaps before the greeting began
                 self._crowd.leave(visit)
                 connection.close()
 
@@ -166,7 +166,7 @@ class Acceptor:
         except BaseException as exc:
             self._crowd.leave(visit)
             connection.close()
-            if not isinstance(exc, OSError):  # among them those of TLS
+            if not isinstance(exc, OSError):  # including errors of TLS
                 raise
 
     async def _await_handshake(self, connection: socket.socket) -> None:

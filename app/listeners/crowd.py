@@ -20,11 +20,11 @@ from enum import Enum, auto
 class Doing(Enum):
     """The activity of a connection. In the first four states it can be closed without harm to others."""
 
-    ASKING = auto()  # its request, or the beginning of one, is on its way
+    ASKING = auto()  # its request, or the beginning of one, is being sent
     IDLE = auto()  # between two requests
-    SENDING = auto()  # the body of its request is on its way
-    WAITING = auto()  # for the turn of what the reserve is there for: a stop, /health
-    SERVED = auto()  # a request is being worked on
+    SENDING = auto()  # the body of its request is being sent
+    WAITING = auto()  # its request waits for its turn and may use the reserve: a stop, /health
+    SERVED = auto()  # a request is being answered
     STREAMING = auto()  # a WebSocket
 
 
@@ -160,7 +160,7 @@ class Crowd:
         """
         overdue = [each for each in self if each.deadline_s < now_s]
         for visit in overdue[:EXPIRING]:
-            visit.deadline_s = math.inf  # unless it gets another one now
+            visit.deadline_s = math.inf  # unless it receives another request now
             visit.expire()
         return len(overdue) > EXPIRING
 

@@ -70,16 +70,16 @@ class HttpProtocol(HttpToolsProtocol):
         super().__init__(**uvicorn)
         self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
         self._visit = visit
-        self._answering: RequestResponseCycle | None = None  # uvicorn knows the newest request alone
-        self._start: Callable[[], object] = _nothing  # begins to answer, once the body is there
+        self._answering: RequestResponseCycle | None = None  # uvicorn knows only the newest request
+        self._start: Callable[[], object] = _nothing  # begins the answer once the body has arrived
         self._unread = bytearray()  # waits for a turn
         self._waits = False
-        # Bytes that brought nothing forward: of an endless header, trailer or extension of a chunk.
+        # Number of bytes without progress: of an endless header, trailer or extension of a chunk.
         self._silent = 0
         self._header_bytes = self._body_bytes = 0
         self._in_header, self._in_body, self._answered = True, False, False
         self._ends = False
-        self._begun_s = 0.0  # when the body was to begin
+        self._begun_s = 0.0  # time at which the body was due to begin
 
     def connection_made(self, transport: BaseTransport) -> None:
         transport = cast(Transport, transport)
@@ -90,14 +90,15 @@ class HttpProtocol(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self._unset_keepalive_if_required()  # after a reset too: it would keep this object
+        # also after a reset, because the timer would keep this object alive
+        self._unset_keepalive_if_required()
         if self._answering is not None:
             self._answering.disconnected = True
             self._answering.message_event.set()
         self._unread.clear()
         self._crowd.leave(self._visit)
-        # No circle of references keeps it until the garbage collector comes by: it may hold a large header,
-        # and a flood's circles take that a tenth of a second.
+        # No circle of references may keep this object until the garbage collector runs. It may hold a large
+        # header, and the circles of a flood take the collector a tenth of a second.
         self.flow.process_held = self._visit.close = self._visit.expire = self._start = _nothing
         self.cycle = self._answering = None  # type: ignore[assignment]
         self.pipeline.clear()
@@ -107,7 +108,7 @@ class HttpProtocol(HttpToolsProtocol):
         if not (self._in_header or self._in_body):
             self._in_header = True
             self._note()
-        # In the middle of a request the same bytes mean nothing.
+        # In the middle of a request, the same bytes have no meaning.
         first = self._in_header and not self._silent and not self._unread
         stop = first and STOP.match(data)
         if first and not self._has_place(data):
@@ -158,7 +159,8 @@ class HttpProtocol(HttpToolsProtocol):
         self._waits = False
         if self.transport.is_closing():
             self._unread.clear()
-        elif not (self.flow.read_paused or self.pipeline):  # else the application says when it can take more
+        # otherwise the application reports when it can accept more
+        elif not (self.flow.read_paused or self.pipeline):
             data = bytes(self._unread[:SLICE_BYTES])
             del self._unread[:SLICE_BYTES]
             self._feed(data)
@@ -192,12 +194,12 @@ class HttpProtocol(HttpToolsProtocol):
             self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s
         )
         self._visit.close = self._visit.expire = self.transport.abort
-        # As uvicorn calls it, which knows no more than its own arguments.
+        # Called by uvicorn, which knows only these arguments.
         self.ws_protocol_class = functools.partial(  # type: ignore[assignment]
             StreamProtocol, crowd=self._crowd, turns=self._turns, visit=self._visit
         )
         super().handle_websocket_upgrade()
-        # This object has done its work, and is not to be kept by a circle of references: see connection_lost.
+        # This object has finished, and no circle of references may keep it alive: see connection_lost.
         self.parser = None  # type: ignore[assignment]
         self.flow.process_held = _nothing
 
@@ -275,7 +277,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         super().on_body(body)
-        if self.flow.read_paused:  # it is large: the application has to read it
+        if self.flow.read_paused:  # the body is large, so the application has to read it first
             self._begin()
         self._silent = 0
         self._body_bytes += len(body)
@@ -289,7 +291,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         super().on_response_complete()
-        if self._in_body:  # of which the rest is thrown away, for a while
+        if self._in_body:  # the rest of the body is discarded for a while
             self._answered = True
             self._begun_s, self._body_bytes = self.loop.time(), 0
         if self._unread and not self.pipeline:
@@ -360,7 +362,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _expire(self) -> None:
         limits = self._limits
-        if self.flow.read_paused or self._unread:  # not for the client's being slow
+        if self.flow.read_paused or self._unread:  # not because the client is slow
             self._visit.deadline_s = self.loop.time() + limits.body_timeout_s
         elif self._answered:
             self.transport.abort()
@@ -392,6 +394,6 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.abort()
             return
         self.transport.write(answer)
-        with contextlib.suppress(OSError):  # or a client would find a reset in place of the answer
+        with contextlib.suppress(OSError):  # otherwise a client would get a reset instead of the answer
             os.read(self.transport.get_extra_info("socket").fileno(), RECEIVE_BYTES)
         self.transport.close()

@@ -35,6 +35,6 @@ def turn_away(connection: socket.socket, answer: bytes = CROWDED) -> None:
 
     If data is unread when the connection is closed, the kernel sends a reset and the client loses the answer.
     """
-    with contextlib.suppress(OSError):  # nothing has come, or it has gone
+    with contextlib.suppress(OSError):  # nothing has arrived, or the client has disconnected
         connection.send(answer, socket.MSG_DONTWAIT)
         connection.recv(RECEIVE_BYTES, socket.MSG_DONTWAIT)

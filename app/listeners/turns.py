@@ -67,7 +67,7 @@ class Turns:
         self._most = max(1, self._most // 2) if late else min(MAX_TURNS, self._most + 1)
         self._left, self._renewing = self._most, False
         while self._waiting and self._left > 0:
-            self._count()  # one at least, which has the next iteration looked forward to
+            self._count()  # at least one, which schedules the next iteration
             self._waiting.popleft()()
             if time.perf_counter() - now_s > LONG_S:
                 break

@@ -58,13 +58,14 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.conn.parser.close()  # which has the last frame, in a circle of references
+        self.conn.parser.close()  # the parser has the last frame, in a circle of references
         self._unread.clear()
         self._crowd.leave(self._visit)
         self._visit.close = self._visit.expire = lambda: None
 
     def data_received(self, data: bytes) -> None:
-        unanswered = self.handshake_initiated and not self.handshake_complete  # so its frames wait too
+        # frames before the answer to the handshake wait too
+        unanswered = self.handshake_initiated and not self.handshake_complete
         if unanswered or self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
             self._unread += data
             self.transport.pause_reading()
@@ -95,7 +96,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if message["type"] == "websocket.accept" and not self.handshake_complete:  # the client is gone
             raise ClientDisconnected
         if self.initial_response is not None and self.close_sent:
-            self.handshake_complete = True  # a refusal is an answer, too
+            self.handshake_complete = True  # a rejection is an answer too
         if message["type"] == "websocket.accept":
             self._crowd.note_progress(self._visit, Doing.STREAMING)
             if self._unread:
@@ -139,7 +140,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         self._waits = False
         if self.transport.is_closing():
             self._unread.clear()
-        elif not self.read_paused:  # else the application has messages to read before
+        elif not self.read_paused:  # otherwise the application has to read earlier messages first
             data = bytes(self._unread[:SLICE_BYTES])
             del self._unread[:SLICE_BYTES]
             super().data_received(data)

@@ -40,16 +40,16 @@ async def _bridge(url: str) -> None:
     ):
         tasks.start_soon(_forward, from_service, to_agent)
         await _forward(from_agent, to_service)
-        # The agent has gone: what is asked for on its behalf ends with this process, and so does a motion.
+        # The agent has disconnected. This process ends, and its requests with it, and so does a motion.
         tasks.cancel_scope.cancel()
-        await to_agent.aclose()  # the library would wait for more to write
+        await to_agent.aclose()  # otherwise the library would wait for more to write
 
 
 async def _forward(
     source: ReadStream[SessionMessage | Exception], target: WriteStream[SessionMessage]
 ) -> None:
     async for message in source:
-        if isinstance(message, Exception):  # what the other end has said is no message
+        if isinstance(message, Exception):  # the other end has sent something that is not a message
             print(f"cobot mcp: {message}", file=sys.stderr)
         else:
             await target.send(message)

@@ -48,7 +48,8 @@ class McpEndpoint:
         except PayloadError as exc:
             await answer_to(exc)(scope, receive, send)
             return
-        if body is None:  # the library would take it for a mistake of its own, and log where
+        # otherwise the library would treat it as an internal error, and log where it occurred
+        if body is None:
             return
         message = _decoded(body)
         with self._departures.watch(scope, message, body, receive) as received:
@@ -97,7 +98,7 @@ async def _stop(scope: Scope, message: object) -> None:
         case {"method": "tools/call", "params": {"name": "stop", **asked}}:
             arguments = asked.get("arguments")
             robot = arguments.get("robot") if isinstance(arguments, dict) else ""
-            with contextlib.suppress(NotFoundError):  # there is no such robot, as the tool says too
+            with contextlib.suppress(NotFoundError):  # there is no such robot; the tool reports the same
                 scope[STOPPED] = await OwnRest(scope, str(robot or "")).ask("POST", "/stop")
 
 

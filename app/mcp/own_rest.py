@@ -59,7 +59,7 @@ class OwnRest:
         async def receive() -> Message:
             if coming:
                 return coming.pop()
-            await asyncio.Event().wait()  # it does not go before it is answered
+            await asyncio.Event().wait()  # this client does not disconnect before the answer
             raise AssertionError("unreachable")
 
         async def send(message: Message) -> None:

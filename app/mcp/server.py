@@ -82,7 +82,7 @@ class AgentServer(MCPServer[Any]):
         outcome, code = "no answer", ""
         try:
             request = None if context is None else context.request_context.request
-            assert request is not None  # this transport is HTTP alone
+            assert request is not None  # this transport uses only HTTP
             require(request.scope[IDENTITY], role)
             require_valid(known, name, arguments)
             answer = await super().call_tool(name, arguments, context)
@@ -116,7 +116,9 @@ class AgentServer(MCPServer[Any]):
         with _audit("MCP prompt", prompt=name, arguments=str(arguments or {})):
             try:
                 return await super().get_prompt(name, arguments, context)
-            except ValueError as exc:  # the library would take it for a mistake of its own, and log where
+            # otherwise the library would treat it as an internal error, and log where it
+            # occurred
+            except ValueError as exc:
                 valid = [
                     f"{each.name}({', '.join(argument.name for argument in each.arguments or ())})"
                     for each in await self.list_prompts()

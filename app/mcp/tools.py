@@ -56,7 +56,7 @@ class _Rest:
 
     def __init__(self, ctx: Ctx, robot: str) -> None:
         request = ctx.request_context.request
-        assert request is not None  # this transport is HTTP alone
+        assert request is not None  # this transport uses only HTTP
         self.scope = request.scope
         try:
             self._own = OwnRest(request.scope, robot)
@@ -65,7 +65,7 @@ class _Rest:
         self.services = self._own.services
 
     async def get(self, path: str, **params: Any) -> Any:
-        await asyncio.sleep(0)  # the event loop is everybody's
+        await asyncio.sleep(0)  # let other tasks of the event loop run
         return read_decision(await self._own.ask("GET", path, **params))
 
     async def post(self, path: str, body: dict[str, Any] | None = None) -> Any:
@@ -116,7 +116,7 @@ async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robo
     return await _plan(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
-# Its parameters are what an agent sees of it, so none of them is put away in an object.
+# An agent sees these parameters, so none of them is hidden in an object.
 @takes_fields_of(PlanPose, "speed", "frame_id", "free_axes", "end_joints")
 async def plan_to_pose(
     ctx: Ctx,
@@ -221,7 +221,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     try:
         plan = rest.services.plans.get(plan_id)
         caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
-        # A cancellation in here would leave the arm moving.
+        # A cancellation here would leave the arm moving.
         running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
         try:
             outcome = await asyncio.shield(running)
@@ -260,7 +260,7 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
     """Stop the arm at once, no matter which client moves it. Always permitted."""
     rest = _Rest(ctx, robot)
-    done = rest.scope.get(STOPPED)  # when the request came in
+    done = rest.scope.get(STOPPED)  # the answer of the stop that was made when the request arrived
     return await rest.post("/stop") if done is None else read_decision(done)
 
 

@@ -123,7 +123,7 @@ def install(app: FastAPI) -> None:
 
     @app.get(PANEL, include_in_schema=False)
     @app.get(f"{PANEL}/", include_in_schema=False)
-    async def by_name() -> RedirectResponse:  # the address that people guess
+    async def by_name() -> RedirectResponse:  # the address that people try first
         return RedirectResponse("/")
 
     @app.get(THREE, include_in_schema=False)

@@ -94,7 +94,7 @@ class RosbridgeConnection:
                 value = self._arguments(value, type_)
             return asked.model_copy(update={name: self._graph.messages.examine(type_, value)})
         except (CobotError, RuntimeError):
-            return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
+            return content  # an error, which `take` will find as well; or the graph has changed meanwhile
 
     def take(self, content: Any, size: int = 0) -> str | None:
         """Handle a decoded message, or the result of `prepared`. Errors are reported to the client.

@@ -93,7 +93,7 @@ class TopicFeed:
             if self._timer is None:
                 self._timer = self._loop.call_at(self._due_s, self._wake_up)
             return None
-        # On the grid of the rate, unless nothing came for a while.
+        # At multiples of the interval, unless no message came for a while.
         behind = now_s - self._due_s >= self._period_s
         self._due_s = (now_s if behind else self._due_s) + self._period_s
         return self._queue.popleft()
@@ -122,7 +122,7 @@ class TopicFeed:
 
     def _take(self, message: Message) -> None:
         if self._sparse and (self._queue or self._loop.time() < self._due_s):
-            return  # throttled, and nothing is to be kept for later
+            return  # throttled, and no message is kept for later
         if len(self._queue) >= self._length:
             self._queue.popleft()
         self._queue.append(message)

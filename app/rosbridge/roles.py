@@ -6,7 +6,7 @@ from app.rosbridge import operations as op
 from cobot.access.roles import Role
 
 ROLES: dict[type[op.Operation], Role] = {
-    # What affects only the client itself, and what it receives.
+    # Operations that affect only the client itself, and what it receives.
     op.Subscribe: Role.OBSERVER,
     op.Unsubscribe: Role.OBSERVER,
     op.Fragment: Role.OBSERVER,
@@ -14,7 +14,8 @@ ROLES: dict[type[op.Operation], Role] = {
     op.SetLevel: Role.OBSERVER,
     op.Gateway: Role.OBSERVER,
     op.CallService: Role.OBSERVER,
-    # What others see and act on: the arm follows /ROBOT/joint_cmd, and programs follow topics of their own.
+    # Operations that other clients see and act on: the arm follows /ROBOT/joint_cmd, and programs follow
+    # topics of their own.
     op.Advertise: Role.OPERATOR,
     op.Unadvertise: Role.OPERATOR,
     op.Publish: Role.OPERATOR,

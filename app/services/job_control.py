@@ -122,7 +122,7 @@ class JobService:
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
-        if job is self._paused and job.ended.is_set():  # a job of the queue, which goes on without it
+        if job is self._paused and job.ended.is_set():  # a job of the queue, which continues without it
             await self._resume()
         return job.record()
 
@@ -158,7 +158,7 @@ class JobService:
         under_way = job.state is JobState.RUNNING and job is not self._ownership.sequence_job
         self._paused = job
         await self._ownership.speed_override.pause()
-        if under_way and job.link.state().mode in RESTING:  # It has come to its end instead.
+        if under_way and job.link.state().mode in RESTING:  # The job has ended instead.
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():

@@ -146,7 +146,8 @@ class Keys:
         try:
             return self._connect()
         except sqlite3.DatabaseError as exc:
-            if isinstance(exc, sqlite3.OperationalError):  # such as a full disk, with which the file is good
+            # such as a full disk, which does not make the file invalid
+            if isinstance(exc, sqlite3.OperationalError):
                 raise
             damaged = self._path.with_name(self._path.name + DAMAGED)
             log.warning("%s: is not a store of keys (%s): moved to %s", self._path, exc, damaged.name)
@@ -166,7 +167,7 @@ class Keys:
             os.close(descriptor)
         database = sqlite3.connect(self._path, check_same_thread=False)
         try:
-            # In this mode a commit is there when the process is killed, without a flush of the disk.
+            # In this mode a commit survives a kill of the process, without a flush of the disk.
             database.execute("PRAGMA journal_mode = WAL")
             database.execute("PRAGMA synchronous = NORMAL")
             database.executescript(_SCHEMA)

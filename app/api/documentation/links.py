@@ -57,7 +57,7 @@ def link(schema: dict[str, Any]) -> None:
     known = {each["operationId"] for path in schema["paths"].values() for each in path.values()}
     for operations in schema["paths"].values():
         for method, endpoint in operations.items():
-            if method == "delete":  # what it names is gone
+            if method == "delete":  # the object with this name is gone
                 continue
             suffix = TWIN if endpoint["operationId"].endswith(TWIN) else ""
             for answer in endpoint["responses"].values():

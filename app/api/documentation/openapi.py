@@ -53,7 +53,7 @@ def with_limits(
                 }
         for path, operations in schema["paths"].items():
             for endpoint in operations.values():
-                summary = first_sentence(endpoint["description"])  # says more than the path again
+                summary = first_sentence(endpoint["description"])  # says more than a repetition of the path
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} For any robot." if path.startswith(BY_NAME) else summary

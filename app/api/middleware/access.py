@@ -102,7 +102,7 @@ class Access:
         self._app = app
         self._tokens = tokens
         self._origins = origins
-        # For pages from elsewhere that are let in: asked first, and told, by the browser, what they may.
+        # For permitted pages of other origins: the browser first asks which requests are permitted.
         self._cors = CORSMiddleware(
             self._identify,
             allow_origin_regex=".*",
@@ -150,7 +150,7 @@ class Access:
         holder = None if token is None else self._tokens.find(token)
         if token is None:
             identity = self._anonymous(name[:MAX_ENCODED], address, forwarded)
-        elif holder is None:  # a wrong token is an error even where none is needed
+        elif holder is None:  # a wrong token is an error even where no token is needed
             identity = Identity(ANONYMOUS, Role.PUBLIC, address, forwarded)
         else:
             identity = self._known(holder, address, forwarded)

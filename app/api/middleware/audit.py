@@ -102,7 +102,7 @@ class RequestTrail:
 
 def _record(on: Trail, scope: Scope, what: str, outcome: str) -> None:
     endpoint = getattr(scope.get("route"), "path", None)
-    kind = (*what.split(" ")[0::2], endpoint)  # what leads nowhere is one thing, however it is called
+    kind = (*what.split(" ")[0::2], endpoint)  # all unknown paths count as one
     on.audit.record(on.who(), on.from_, what, outcome, request=on.request, kind=kind, **on.details)
 
 

@@ -23,10 +23,10 @@ class BodyLimit:
     def __init__(self, app: ASGIApp, all_bytes: int) -> None:
         self._app = app
         self._all_bytes = all_bytes
-        self._held_bytes = 0  # of all requests that are being answered
+        self._held_bytes = 0  # size of the bodies of all current requests
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
+        if scope["type"] != "http" or scope["method"] == "GET":  # the body of a GET is not read
             return self._app(scope, receive, send)
         return self._limit(scope, receive, send)
 

@@ -47,7 +47,7 @@ class Origins:
         if not is_loopback(address):
             name = socket.gethostname().lower()
             self._own |= {name, f"{name}.local"}
-        # What a browser sends again and again is looked at once.
+        # Headers that a browser sends repeatedly are checked once.
         self._host_known = lru_cache(256)(self._is_ours)
         self._same_known = lru_cache(256)(_same)
         self.take_over(web)

@@ -38,7 +38,7 @@ def explained(
     return explain.model_copy(
         update={
             "motion": found.motion,
-            # From another start what is given in the TCP's frame would be another goal.
+            # From another start, poses in the TCP's frame would be other goals.
             "works": [
                 _works(each, body, found, base_frame)
                 for each in found.works

@@ -228,7 +228,7 @@ async def picture(
 
 
 def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
-    from cobot.robot.geometry.picture import draw, solid, surface  # they take a second to import
+    from cobot.robot.geometry.picture import draw, solid, surface  # importing them takes a second
 
     parts = []
     cell = services.cell

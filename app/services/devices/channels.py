@@ -133,7 +133,7 @@ class Channels:
     def __init__(self, kind: str) -> None:
         self._kind = kind
         self._open: dict[str, Channel] = {}
-        self._opened_by: dict[str, str] = {}  # by which program, where it was one
+        self._opened_by: dict[str, str] = {}  # the program that opened it, if a program did
         self._ended: deque[str] = deque(
             maxlen=MAX_OPEN
         )  # programs, whose last request may still be in progress

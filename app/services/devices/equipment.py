@@ -25,7 +25,7 @@ class WatchdogAction(IntEnum):
     NONE = 0
     PAUSE = 1  # the motion comes to rest on its path
     STOP = 2  # program and motion end
-    PROTECTIVE_STOP = 3  # the same, and nothing moves before it is unlocked
+    PROTECTIVE_STOP = 3  # the same, and nothing moves until it is unlocked
 
 
 class Equipment:
@@ -77,6 +77,6 @@ class Equipment:
                 case WatchdogAction.PROTECTIVE_STOP:
                     self._link.request_estop()
                     await self._stopping.stop(STOP_TIMEOUT_S, reason)
-        except CobotError as exc:  # what cannot pause has to stop
+        except CobotError as exc:  # motions that cannot pause have to stop
             self.traces.add("alarm", f"watchdog {name}: {exc}; the arm is stopped", Level.ERROR)
             await self._stopping.stop(STOP_TIMEOUT_S, reason)

@@ -115,7 +115,7 @@ class ModbusDevice:
                     await asyncio.sleep(delay_s)
                     delay_s = min(2.0 * delay_s, longest_s)
                     continue
-                if not told:  # a device may end its connections again and again
+                if not told:  # a device may close its connections repeatedly
                     log.info("modbus %s: connected", self)
                 told = True
             delay_s = BACKOFF_S[0]
@@ -127,7 +127,7 @@ class ModbusDevice:
             return True
         except TimeoutError:
             problem = f"no answer within {TIMEOUT_S:g} s"
-        except (OSError, ValueError) as exc:  # a host name of strange letters
+        except (OSError, ValueError) as exc:  # a host name with invalid letters
             problem = str(exc)
         for signal in self.signals:
             signal.problem = f"{self} is not connected: {problem}"

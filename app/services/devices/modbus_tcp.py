@@ -85,7 +85,7 @@ class ModbusConnection:
                     raise _wrong_answer(unit)
                 body = await reader.readexactly(length)
         except TimeoutError:
-            self.close()  # an answer that comes late after all must not be taken for the next one's
+            self.close()  # a late answer must not count as the answer to the next request
             raise DeviceError(f"unit {unit} has not answered within {TIMEOUT_S:g} s") from None
         except asyncio.IncompleteReadError:
             self.close()

@@ -105,7 +105,7 @@ class _Port(asyncio.ReadTransport):
     def _receive(self) -> None:
         try:
             data = os.read(self._port.fileno(), 4096)
-        except OSError:  # the device has been pulled out, or who had the other end has gone
+        except OSError:  # the device was unplugged, or the program at the other end has ended
             data = b""
         if data:
             self._reader.feed_data(data)

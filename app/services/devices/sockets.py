@@ -32,11 +32,12 @@ class Sockets(Channels):
             )
         except TimeoutError as exc:
             raise DeviceTimeout(f"{where} has not answered within {timeout_s:g} s") from exc
-        except (OSError, UnicodeError) as exc:  # a host name of strange letters
+        except (OSError, UnicodeError) as exc:  # a host name with invalid letters
             raise DeviceError(f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
-            await writer.drain()  # what was left of an earlier call has to go first, or it would pile up
+            # the rest of an earlier call has to be sent first, otherwise it would accumulate
+            await writer.drain()
             writer.write(data)
             await writer.drain()
 

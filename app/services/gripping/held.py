@@ -74,7 +74,7 @@ class HeldService:
         """Forget an object that an earlier run of the service has attached, because the gripper holds
         nothing.
         """
-        if self._attached in self._parts:  # the cell has begun again since
+        if self._attached in self._parts:  # the cell was reset meanwhile
             self.release()
         elif self._task is None:
             self.name = self._attached = None
@@ -143,7 +143,7 @@ class HeldService:
                     try:
                         await self._step(self._attached, self.name)
                         continue
-                    except ConflictError as exc:  # something moves again, or another client has control
+                    except ConflictError as exc:  # the arm moves again, or another client has control
                         log.debug("the held object: %s", exc)
                     finally:
                         self._changing = False
@@ -171,7 +171,7 @@ class HeldService:
                 return
             put = [] if part is None else [scene.put_object(new, part, self._robot.base_frame)]
             touch = await asyncio.to_thread(self._touched, new, put)
-            if put:  # it is to be placed somewhere
+            if put:  # it must be placed
                 touch = sorted({*touch, *self._fixtures})
             await scene.change([*put, scene.attach(new, touch)], moves_hand=True, name="grasp")
             self._attached = new

@@ -234,7 +234,7 @@ class GripperService:
         if self._ownership.stops != caller.stops:
             raise StopReason("a stop was requested while the request was being read", by="").error
         if isinstance(command, GripperRelease):
-            return  # what is jammed must come out whatever has happened
+            return  # a jammed object must come out, whatever has happened
         if self._is_latched(False):
             state = self._link.state()
             raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")
@@ -267,7 +267,7 @@ class GripperService:
             if good and state.object is not None and state.object.is_held:
                 self._note_grasp(state)
         elif state.object is None and self._holds and isinstance(command, GripperRelease | GripperHome):
-            self._holds = False  # such a gripper does not see by itself that nothing is held any more
+            self._holds = False  # such a gripper does not detect that it no longer holds an object
             self._note_release()
 
     def _note_grasp(self, state: GripperState) -> None:
@@ -355,7 +355,7 @@ class GripperService:
         running = self._running
         stopped = running is None or running.stops != self._ownership.stops
         if not stopped and running is not None and (running.latched or not self._is_latched(False)):
-            return  # it was asked for after the stop
+            return  # requested after the stop
         if running is not None:
             running.interrupt(StopReason(why, "robot" if self._is_latched(False) else "stop", "").error)
         if self._options.on_stop == "open":

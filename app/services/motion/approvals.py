@@ -64,7 +64,7 @@ class Approvals:
         """
         fence = self.permit(self._plans.get(plan_id))
         if fence is None:
-            del self._by[plan_id]  # before anything is waited for: it is good for one run
+            del self._by[plan_id]  # before any wait: an approval is valid for one run
         return await self._plans.execute(plan_id, caller, fence)
 
     def permit(self, plan: Plan) -> Fence | None:

@@ -314,7 +314,8 @@ class MotionService:
                 self._link.request_stop()  # rtloop must not continue a motion that no client owns
                 raise
             if state.motion_id != claim.motion_id:
-                # Of the cycle before the acknowledgement; or rtloop has died before it could publish one.
+                # A state of the cycle before the acknowledgement; or rtloop has died before it could publish
+                # one.
                 if state.published_s > begun_s:
                     raise ExecutionError("rtloop was restarted; the motion has not begun")
             elif state.motion_result is not MotionResult.RUNNING:

@@ -162,7 +162,7 @@ class MoveService:
                 motions.append(motion)
                 radii.append(radius)
                 start = motion.end
-            elif radii:  # It ends where the move before ends, so only its radius counts.
+            elif radii:  # It ends where the previous move ends, so only its radius counts.
                 radii[-1] = min(radii[-1], radius)
             parts.append(len(motions))
         signals = tuple(goal.signals for goal in goals)

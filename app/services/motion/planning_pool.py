@@ -233,7 +233,7 @@ class PlanningPool:
                 outcome = await asyncio.to_thread(_outcome, packed) if large else _outcome(packed)
                 if worker.answer is not None and not worker.answer.done():
                     worker.answer.set_result(outcome)
-        except (asyncio.IncompleteReadError, OSError):  # its end, or it does not begin
+        except (asyncio.IncompleteReadError, OSError):  # the worker has ended, or does not start
             worker.end()
             while worker.process.poll() is None:
                 await asyncio.sleep(0.01)
@@ -272,7 +272,7 @@ class PlanningPool:
             command,
             stdin=subprocess.DEVNULL,
             pass_fds=(descriptor,),
-            start_new_session=True,  # that of the service comes before others: see `be`
+            start_new_session=True,  # the service's own session has priority over others: see `be`
         )
 
     def _note_end(self, worker: _Worker, began: bool) -> None:

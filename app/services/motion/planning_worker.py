@@ -44,7 +44,7 @@ def main() -> int:
     parser.add_argument("--robot")
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
-    gc.disable()  # until all is there that stays
+    gc.disable()  # until all permanent objects exist
     # Nearly every task needs this, and a worker that reports ready must be ready.
     from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
@@ -67,7 +67,8 @@ def main() -> int:
         return 2
     gc.freeze()
     gc.enable()
-    set_niceness(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting
+    # not earlier, because a busy computer would delay the start of this process
+    set_niceness(Niceness.BACKGROUND)
     with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
         _work(channel, robot)
     return 0

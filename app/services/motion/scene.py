@@ -305,7 +305,7 @@ class SceneService:
             log.warning("motion %d is stopped: %s", motion_id, why)
             try:
                 await self._stopping.stop_motion(StopReason(why, "scene"))
-            except ExecutionError as problem:  # the scene has changed all the same
+            except ExecutionError as problem:  # the scene has changed nevertheless
                 return f"{why}; {problem}"
             return why
         return ""

@@ -141,7 +141,7 @@ class TrajectoryService:
             corridor_rad=self._smoothing_rad if options.smoothing_rad is None else options.smoothing_rad,
         )
         trajectory = await self._motion.plan(claim, request, timeout_s)
-        assert trajectory is not None  # plan_waypoints always has one
+        assert trajectory is not None  # plan_waypoints always returns a motion
         await self._motion.start(claim, trajectory)
         assert claim.motion_id is not None
         return StartedTrajectory(

@@ -117,7 +117,7 @@ class SequenceService:
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
         self._steps: RunnerInstructions | None = None
-        self._stopped: StopReason | None = None  # why the runner was told to end
+        self._stopped: StopReason | None = None  # reason for which the runner was told to end
         self._error_line = ""  # the newest error that the current runner has printed
         self._failure: dict[str, Any] | None = None  # the same error in the form of `Progress.fail`
         self._process: asyncio.subprocess.Process | None = None
@@ -153,7 +153,7 @@ class SequenceService:
         token = secrets.token_urlsafe(32)
         kind = JobKind.PROGRAM if program else JobKind.SEQUENCE
         self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
-        starter = acting.get()  # the program may do what that one may, for as long as it runs
+        starter = acting.get()  # the program has the rights of that client while it runs
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
@@ -283,7 +283,7 @@ class SequenceService:
             asyncio.create_task(self._read_progress(progress)),
         ]
         returncode = await process.wait()
-        # A grandchild may keep the pipes open: what is there is read, what may come is not waited for.
+        # A grandchild may keep the pipes open. Data that has arrived is read, and no more is waited for.
         await asyncio.wait(readers, timeout=0.5)
         for reader in readers:
             reader.cancel()
@@ -318,7 +318,7 @@ class SequenceService:
         while True:
             try:
                 line = await stream.readline()
-            except ValueError:  # longer than LINE_BYTES: what was read of it is gone
+            except ValueError:  # longer than LINE_BYTES: the part that was read is lost
                 line = b"(a line too long to keep)"
             if not line:
                 return

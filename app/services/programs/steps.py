@@ -51,7 +51,7 @@ class RunnerInstructions:
             Whether the runner may continue; then call `answer` as soon as nothing is paused.
         """
         self._n_waypoints, self._behind = n_waypoints, behind
-        has_begun = self._first is None  # else its next step is the one to begin with
+        has_begun = self._first is None  # otherwise its next step is the first one
         is_there = has_begun and self._hold_at is not None and behind >= self._hold_at
         if is_there:
             self._hold_at = None

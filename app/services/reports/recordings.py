@@ -106,7 +106,7 @@ class RecordingService:
         with contextlib.suppress(TornReadError):
             if (record := self._record()) is not None:
                 heard_ns = int(record["monotonic_ns"])
-        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # then the wait ends
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # the wait ends then
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
         asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
         try:

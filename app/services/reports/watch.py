@@ -115,7 +115,7 @@ class StateWatch:
     def _look_at_interventions(self, state: RobotState, now_s: float) -> None:
         for kind, (told, told_s) in self._told.items():
             count = state.interventions[kind]
-            if count < told:  # of another rtloop
+            if count < told:  # numbers of another rtloop
                 self._told[kind] = count, now_s - EPISODE_S
             elif count > told and now_s - told_s >= EPISODE_S:
                 self._told[kind] = count, now_s
@@ -144,7 +144,7 @@ async def _watch(link: RobotLink, ownership: Ownership, planning: PlanningServic
             state = link.state()
             cycle = int(link.memory.state.data["cycle"])
             log.look(state)
-        _ = ownership.lease.current  # one whose time is up ends now
+        _ = ownership.lease.current  # a lease whose time has passed ends now
         seen.look(state, cycle, link.clock.now_s())
         awake = link.events.ring.on_news or (state is not None and state.mode not in RESTING)
         await asyncio.sleep(PERIOD_S if awake else IDLE_PERIOD_S)

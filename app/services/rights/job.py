@@ -106,7 +106,7 @@ class JobRecord:
         stopped_by, contact: see `SignalResults`.
     """
 
-    # A finding may be infinite, which JSON has no number for.
+    # A finding may be infinite, and JSON has no number for this.
     __pydantic_config__: ClassVar[dict[str, Any]] = {"ser_json_inf_nan": "constants"}
 
     id: str

@@ -171,7 +171,7 @@ class JobBook:
         """
         assert self._file is not None
         if piece.number > self._whole or piece.whole:
-            for line in piece.lines.splitlines(keepends=True):  # all of them may be more than a file takes
+            for line in piece.lines.splitlines(keepends=True):  # together they may exceed the size of a file
                 self._file.append(line)
         if piece.whole:
             self._whole = piece.number
@@ -179,7 +179,7 @@ class JobBook:
     def _everything(self, lost: int) -> _Piece:
         """All records, after some lines were lost. The writing thread calls it."""
         del lost
-        number = self._written  # first: what changes meanwhile has a line of its own
+        number = self._written  # read first, because a change meanwhile has a line of its own
         lines = dict(self._lines)
         live = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
         return _Piece(number, b"".join([*lines.values(), *live]), whole=True)
@@ -188,12 +188,12 @@ class JobBook:
         found: OrderedDict[str, JobRecord] = OrderedDict()
         now = utc_now(self._link.clock)
         alive = now
-        with contextlib.suppress(OSError):  # there is none yet
+        with contextlib.suppress(OSError):  # there is no file yet
             alive = min(datetime.fromtimestamp(file.stat().st_mtime, UTC), now)
         for path in reversed(aside(file, OLDER_FILES)):
             with contextlib.suppress(OSError), path.open("rb") as lines:
                 for line in lines:
-                    with contextlib.suppress(ValidationError):  # torn, or not of this format
+                    with contextlib.suppress(ValidationError):  # an incomplete line, or one of another format
                         record = _RECORD.validate_json(line)
                         found[record.id] = record
                         found.move_to_end(record.id)

@@ -62,7 +62,7 @@ class ControlLease:
         self._ended = ended
         self._tell = tell
         self._lease: Lease | None = None
-        self._ends: dict[str, str] = {}  # why each token holds no longer
+        self._ends: dict[str, str] = {}  # reason why each token is no longer valid
 
     @property
     def current(self) -> Lease | None:

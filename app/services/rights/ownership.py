@@ -45,7 +45,7 @@ class Ownership:
         self.jobs = jobs or JobBook(link)
         self._claim: Claim | None = None
         self._sequence: SequenceClaim | None = None
-        self._fraction = 1.0  # without a lease or a sequence
+        self._fraction = 1.0  # speed override without a lease or a sequence
         self.stops = 0
         self.on_sequence_end: Callable[[str], None] = lambda token: None
         self.before_motion: Callable[[], Awaitable[None]] = _do_nothing
@@ -87,7 +87,7 @@ class Ownership:
     @property
     def speed_fraction(self) -> float:
         """The speed of a motion that would begin now, as a share of its planned speed."""
-        _ = self.lease.current  # with one that has expired, its fraction has
+        _ = self.lease.current  # ends an expired lease, and its speed override with it
         return self.speed_override.fraction
 
     @property
@@ -284,7 +284,7 @@ class Ownership:
             self._claim = None
             if job is not None:
                 self.end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
-                if self._sequence is None:  # however it has ended: its pause would hold whatever comes next
+                if self._sequence is None:  # for any end: otherwise its pause would hold the next motion
                     self.speed_override.reset()
             self.lease.renew()
             claim.ended.set()

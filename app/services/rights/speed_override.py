@@ -143,7 +143,7 @@ class SpeedOverride:
                     "a streaming session has no path on which it could pause; end it, or POST /stop"
                 )
             override._require_path_clock()
-        for override in overrides:  # before anything is awaited: what ends meanwhile ends the pause too
+        for override in overrides:  # before any wait, so that a motion that ends meanwhile ends the pause too
             override._asked = True
             override._settle()
         await asyncio.gather(*(override._come_to_rest() for override in overrides))
@@ -212,4 +212,4 @@ class SpeedOverride:
         try:
             await self._link.commands.set_rate(0.0 if self.paused else self.fraction)
         except ExecutionError:
-            return  # no motion is running; the next one asks
+            return  # no motion is running; the next one applies the override

@@ -76,7 +76,7 @@ class Commands:
             motions.prepare(motion_id, trajectory.duration_s)
             try:
                 await self._write(number, motion_id, trajectory, fence, signals)
-            except BaseException:  # also cancelled: nothing has been sent
+            except BaseException:  # also if cancelled: nothing has been sent
                 self.handed_over = None
                 motions.forget_begin()
                 raise

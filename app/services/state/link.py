@@ -78,16 +78,16 @@ class RobotLink:
         seen = memory.state.data if memory.state.try_read() else None
         if seen is not None and seen["motion_result"] != MotionResult.RUNNING:
             self.motions.last_ended = int(seen["motion_id"])
-        if not memory.requests.try_read() and seen is not None:  # what rtloop saw is of both counters
+        if not memory.requests.try_read() and seen is not None:  # the number that rtloop reports counts both
             outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
             memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
             memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
             memory.requests.data["fast_stops"] = 0
-            memory.requests.publish()  # rtloop has to know that before anything is asked for
+            memory.requests.publish()  # rtloop must know this before the first command
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
         if seen is not None and seen["motion_result"] == MotionResult.RUNNING:
-            self.request_stop()  # Its service is gone, and no client waits for its end.
+            self.request_stop()  # Its service has ended, and no client waits for the end of its motion.
 
     def state(self) -> RobotState:
         """The newest state, of any age.
@@ -123,7 +123,8 @@ class RobotLink:
             newest = block.sequence
             if newest == publication:
                 break
-            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
+            # or it is a later state, which would then be returned twice
+            if block.try_read() and block.sequence == newest:
                 return newest, record_of(block.data.tobytes(), block.data.dtype)
         return publication, None
 

@@ -252,7 +252,7 @@ class ForceService:
         self.settings.describe(request)
         self._session = await self._streams.open(request, NAME, SESSION_TIMEOUT_S)
         self._sequence = 0
-        # Held is the pose that the arm is commanded to have: the measured one sags by what pushes at it.
+        # The commanded pose is held, because the measured one yields to external forces.
         pose = self._robot.model.forward(self._link.state().commanded_position)
         self._setpoint["pose"][:3], self._setpoint["pose"][3:] = pose.position, pose.quaternion
         self._feed()
@@ -278,7 +278,7 @@ class ForceService:
         self.settings = replace(self.settings, enabled=False)
         self.reason, self._session, self._task = reason, None, None
         self._report(f"force control has ended: {reason}")
-        if not ended:  # a second stop would be one too many: it may be the next motion's
+        if not ended:  # a second stop might end the next motion
             await self._stopping.stop(STOP_TIMEOUT_S)
 
     def _step(self) -> str:

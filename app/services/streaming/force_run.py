@@ -86,7 +86,7 @@ class ForceRun:
         self._paused_s = ownership.speed_override.paused_s
         self._before_s = link.clock.now_s()
         self._number = 0
-        self._missing_n = 0.0  # in contact, over time
+        self._missing_n = 0.0  # force missing in contact, summed over time
         self._aim = Aim(push.start, 0.0)
 
     async def drive(self, session: StreamSession, stages: Stage) -> None:
@@ -100,7 +100,7 @@ class ForceRun:
             most_s = self.caller.timeout_s if self.caller.waits else np.inf
             await self._run(session, stages, min(self.body.max_time_s, most_s))
         except NotMet:
-            with contextlib.suppress(NotMet):  # the first bound is what the answer speaks of
+            with contextlib.suppress(NotMet):  # the answer reports the first bound
                 await self._let_go(session)
             raise
         await self._let_go(session)
@@ -162,7 +162,7 @@ class ForceRun:
         setpoint = session.setpoint.copy()
         setpoint["number"] = self._number
         setpoint["pose"] = aim.pose.numbers
-        # rtloop compares with what is measured, which had this share when the TCP was free.
+        # rtloop compares with the measured force, which had this share when the TCP was free.
         setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
         session.take_setpoint(self._number, setpoint)
 

@@ -302,10 +302,11 @@ class FreedriveService:
         except CobotError as exc:
             session.end(str(exc))
         finally:
-            session.end("freedrive has failed")  # it is over already, unless something unforeseen was raised
+            # it has already ended, unless an unexpected exception was raised
+            session.end("freedrive has failed")
         reason = await asyncio.shield(session.ended)
         self._ended = reason
-        if self._session is session:  # else the next one has begun
+        if self._session is session:  # otherwise the next one has begun
             self._session = None
 
     async def _watch(self, session: StreamSession) -> None:

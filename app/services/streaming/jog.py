@@ -96,7 +96,7 @@ class Jog:
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
         self._heard_s = 0.0
-        self._spent = UNLIMITED  # why the last one has ended, until the client lets go
+        self._spent = UNLIMITED  # reason for the end of the last session, until the client releases
         self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
         self._line: JogLine | None = None  # of the TCP

@@ -91,7 +91,7 @@ class ServoService:
         meanwhile wait for it.
         """
         message = self.rules.read(text)
-        if not isinstance(message, Point):  # of points, the session has its entries
+        if not isinstance(message, Point):  # points are covered by the entries of their session
             audit.note("joint_cmd", message=text)
         match message:
             case SetMode():

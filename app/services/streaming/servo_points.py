@@ -50,7 +50,7 @@ class PointInverse:
         """The joint angles of a point, rad, shape (dof,). Raises BrokenRule: out of reach, or not tried."""
         if not point.cartesian:
             return point.position
-        begun_s = time.perf_counter()  # What it costs to compute is no matter of the service's clock.
+        begun_s = time.perf_counter()  # The time of this computation does not count on the service's clock.
         if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS,

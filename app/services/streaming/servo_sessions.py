@@ -56,8 +56,8 @@ class ServoSessions:
         self._rules = rules
         self._points = points
         self._inverse = inverse
-        self._session: StreamSession | None = None  # rtloop's, until the arm rests
-        self._belongs_to = 0  # the generation that it was begun for
+        self._session: StreamSession | None = None  # rtloop's session, until the arm rests
+        self._belongs_to = 0  # the generation for which it was begun
         self._task: asyncio.Task[None] | None = None
         self._followers: set[asyncio.Task[None]] = set()
 

@@ -230,7 +230,7 @@ class StreamService:
         if last is not None and self._link.state().session != last.number:
             await asyncio.shield(
                 last.ended
-            )  # its client knows from rtloop that it has: a moment later, so do we
+            )  # its client knows the end from rtloop; the service reads it a moment later
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(await self._ownership.claim_motion(caller))
@@ -312,7 +312,7 @@ class StreamService:
                 return str(exc)
             session.report_refusal(state.record)
             cause = claim.interruption
-            if cause is not None and str(cause) != BY_STOP:  # for which rtloop has its own words
+            if cause is not None and str(cause) != BY_STOP:  # for which rtloop has a message of its own
                 code, by = cause.details.get("cause", ""), cause.details.get("by", "")
                 session.over = session.over or Reason(str(cause), code, (by,) if by else ())
             if state.session != session.number:

@@ -43,7 +43,8 @@ class QueueLine:
         self._planned: deque[QueuedMove] = deque()
         self._loose: deque[QueuedMove] = deque()
         self._planning: asyncio.Task[QueuedMove] | None = None
-        self._cuts = 0  # how often `end` has become another place than that of the last planned move
+        # number of times that `end` has become another place than the end of the last planned move
+        self._cuts = 0
 
     def __bool__(self) -> bool:
         return bool(self._planned or self._loose)

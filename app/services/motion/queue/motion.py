@@ -69,7 +69,7 @@ class QueueMotion:
         self._phase = _Phase.NONE
         self._joining: list[QueuedMove] = []  # on their way to rtloop
         self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
-        self._planning: asyncio.Task[Stretch] | None = None  # of what will prolong the motion
+        self._planning: asyncio.Task[Stretch] | None = None  # planning of moves that will prolong the motion
         self._runs = Runs(link)
         self._signals = QueueSignals(motion, lambda: self.moves)
         self._lead_s = FIRST_LEAD_S
@@ -103,7 +103,7 @@ class QueueMotion:
             stretch = await self._plan(claim, legs, radii)
         except CobotError:
             if claim.interruption is None and not line.begins_with(chain):
-                return None  # it was about a move that was taken out meanwhile
+                return None  # the error concerned a move that was removed meanwhile
             raise
         if claim.speed_override.paused or not line.take(chain):
             return None
@@ -259,7 +259,7 @@ class QueueMotion:
         self._dropped.append((move, error))
         self._link.request_stop()
         if self._phase is _Phase.UNDER_WAY:
-            claim.stops += 1  # for this motion alone; a stop from elsewhere counts in addition
+            claim.stops += 1  # only for this motion; a stop by another client counts in addition
         # Until then rtloop refuses the motion because of the stop, which `_start` counts.
         if self._planning is not None:
             self._planning.cancel()
@@ -284,7 +284,7 @@ class QueueMotion:
             if ends.get(move.number, now_s) > now_s:
                 break
             if self._dropped and self._signals.has_left(move):
-                continue  # it is done where the arm rests
+                continue  # the job ends where the arm rests
             self._end(move)
         move = self.moves[0]
         job, left_s = move.request.job, ends.get(move.number, now_s) - now_s
@@ -301,7 +301,7 @@ class QueueMotion:
         """
         try:
             chain = await self._planner.valid(line.head)
-        except CobotError:  # said when it would begin
+        except CobotError:  # reported when it would begin
             return
         running, state = self._runs.all[0], self._link.state()
         chain = joinable(self.moves, chain)
@@ -310,7 +310,7 @@ class QueueMotion:
         left_s = stretch.trajectory.duration_s - state.path_time_s
         if not legs or state.motion_result is not MotionResult.RUNNING or left_s < MIN_LEAD_S:
             return
-        if chain[0].stops_before:  # to be where the arm gets to, it stops there
+        if chain[0].stops_before:  # the arm stops before this move
             stretch = replace(stretch, radii_m=(*stretch.radii_m[:-1], 0.0))
         now_s, begun_s = state.path_time_s, self._link.clock.now_s()
         times_s = now_s, now_s + self._lead_s
@@ -331,7 +331,7 @@ class QueueMotion:
                 claim, longer.trajectory, longer.offset_s, planned_s, placement.signals
             )
             self._signals.take(placement, [*self.moves, *chain])
-        except CobotError as exc:  # the motion goes on as it was, and says by itself if it is to end
+        except CobotError as exc:  # the motion continues unchanged, and reports by itself if it must end
             self._runs.all = [running]
             if claim.interruption is None and not self._dropped:
                 line.give_back(self._joining)

@@ -215,7 +215,7 @@ class MotionQueue:
             log.warning("%sthe motion queue is emptied: %s", self._link.label, exc)
             claim.fail(exc)
             claim.interrupt(exc if isinstance(exc, ExecutionError) else ExecutionError(str(exc)))
-            async with self._turn:  # a move that is being planned is refused by now
+            async with self._turn:  # a move that is being planned has been rejected by now
                 self._empty(claim, exc)
         finally:
             if self._mender is not None:

@@ -205,7 +205,7 @@ class MovePlanner:
                 legs.append(found)
                 radii.append(radius_m)
                 start = found.motion.end
-            elif radii:  # it ends where the move before ends, so only its radius counts
+            elif radii:  # it ends where the previous move ends, so only its radius counts
                 radii[-1] = min(radii[-1], radius_m)
             parts.append(len(legs))
         if request.signals and not legs:
