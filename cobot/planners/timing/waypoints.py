@@ -198,7 +198,7 @@ def _slow_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
 
 
 def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
-    """The motion that was slowed down evenly, with a note that says so."""
+    """The motion that was slowed down evenly, with a note about this."""
     asked_s = motion.duration_s / motion.changes.stretch
     changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
