@@ -422,13 +422,13 @@ def send_and_lose(
         monkeypatch.setattr(lockstep._Pipe, "abort", lockstep._Pipe.close)
     hold(backend, way, 3)
     backend.wait(0.1)
-    way.cable.off = True
+    way.off = True
     backend.set_output("digital_out_3", 1.0)
     backend.write(np.zeros((3, 6)))
     for _ in range(30):
         backend.wait(0.1)
     assert not way.controller.digital_out
-    way.cable.off = False
+    way.off = False
     for _ in range(2000):
         backend.wait(0.002)
         with contextlib.suppress(BackendError):  # the program has ended meanwhile
