@@ -1,6 +1,7 @@
 """The distances of an arm from itself and its surroundings, for compiled code; see `clearance.pyx`."""
 
 from cobot.arrays cimport MAX_DOF
+from cobot.robot.cloud cimport CloudNode, Sphere
 from cobot.robot.mujoco cimport mjData, mjModel
 from cobot.robot.shapes cimport Solid
 
@@ -9,6 +10,7 @@ cdef extern from "lanes.h":
     enum:
         LANES_NEAR
         LANES_TREE
+        LANES_CLOUD
         LANES_BOX
         LANES_CYLINDER
         LANES_SEGMENT
@@ -79,6 +81,10 @@ cdef struct Link:
 
 cdef struct Part:
     Solid solid
+    Solid cube           # of a cloud: the geom that is moved to one cube after the other
+    const CloudNode* nodes
+    Sphere* spheres      # around it, in its own frame, if there are clouds
+    int sphere_count
     int joint            # that moves it; -1: it stands
     bint is_turned       # whether more of its orientation counts than its z axis
     double turn[9]       # in the joint's frame
@@ -101,6 +107,7 @@ cdef class Clearance:
     cdef readonly long evaluations
     cdef readonly tuple pairs
     cdef public double resolution_m
+    cdef readonly dict clouds
     cdef object _mj
     cdef const mjModel* _model
     cdef mjData* _data
@@ -131,6 +138,10 @@ cdef class Clearance:
     cdef double _hit_at
     cdef double _hit_m
 
+    cdef double _between(
+        self, const Part* first, const Part* second, double enough_m, double exact_m, double* line
+    ) noexcept nogil
+    cdef int _set_spheres(self, Part* part) except -1
     cdef int _common(self, int joint, int other) noexcept
     cdef int _after(self, int common, int joint) noexcept
     cdef void _find_near(

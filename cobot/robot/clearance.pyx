@@ -25,8 +25,9 @@ import mujoco
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
+from cobot.robot.cloud cimport CloudTree, Sphere, gap_to_cloud
 from cobot.robot.mujoco cimport kinematic_data_of, mj_deleteData, mj_kinematics, model_of
-from cobot.robot.shapes cimport BOX, CYLINDER, OTHER, PLANE, SEGMENT, far_bound, gap, solid_of
+from cobot.robot.shapes cimport BOX, CLOUD, CYLINDER, OTHER, PLANE, SEGMENT, far_bound, gap, solid_of
 
 from cobot.errors import ConfigError
 from cobot.robot.enclosing import tree_around
@@ -63,14 +64,16 @@ cdef class Clearance:
     Attributes:
         pairs: the checked pairs of geoms, by their indices; planes come first, boxes last.
         count: the number of pairs.
+        clouds: by the index of a standing geom that is a box, the cubes in it, which count in its place. The
+            next geom must be one cube; it belongs to no pair.
         evaluations: the number of configurations that have been checked so far.
         resolution_m: a motion that passes keeps at least the required distance less this. With a smaller
             value, more configurations are checked near obstacles.
     """
 
-    def __cinit__(self, mj, pairs, double resolution_m):
+    def __cinit__(self, mj, pairs, double resolution_m, clouds=None):
         cdef int index
-        self._mj = mj
+        self._mj, self.clouds = mj, dict(clouds or {})
         self.dof = checked_dof(mj.nv)
         self.resolution_m = resolution_m
         geoms = sorted({int(geom) for pair in pairs for geom in pair})
@@ -92,6 +95,8 @@ cdef class Clearance:
         frames = self._fold(mj)
         for index, geom in enumerate(geoms):
             self._set_part(mj, index, geom, frames)
+            if self.clouds:
+                self._set_spheres(&self._part[index])
         places = {geom: index for index, geom in enumerate(geoms)}
         for index, (first, second) in enumerate(self.pairs):
             self._set_pair(index, places[first], places[second])
@@ -102,6 +107,10 @@ cdef class Clearance:
         )
 
     def __dealloc__(self):
+        cdef int index
+        if self._part != NULL:
+            for index in range(self._parts):
+                free(self._part[index].spheres)
         free(self._part)
         free(self._pair)
         free(self._least)
@@ -142,9 +151,15 @@ cdef class Clearance:
 
     def _set_part(self, mj, int index, int geom, frames):
         cdef Part* part = &self._part[index]
+        cdef CloudTree cloud = self.clouds.get(geom)
         cdef int joint
         part.solid = solid_of(self._model, geom)
         part.joint, turn, offset = frames[mj.geom_bodyid[geom]]
+        if cloud is not None:
+            part.solid.kind, part.nodes = CLOUD, cloud.nodes
+            part.cube = solid_of(self._model, geom + 1)
+            if part.joint >= 0 or part.cube.kind != BOX or part.cube.size[0] != 0.5 * cloud.voxel_m:
+                raise ValueError(f"geom {geom} is a cloud: it must stand, and a cube must be next to it")
         part.is_turned = part.solid.kind != SEGMENT
         local = turn @ matrix_of(mj.geom_quat[geom])
         offset = offset + turn @ mj.geom_pos[geom]
@@ -158,6 +173,21 @@ cdef class Clearance:
                 reach += float(ends.max()) if mj.jnt_limited[joint] else MAX_SLIDE_M
             reach += float(np.linalg.norm([self._link[joint].offset[i] for i in range(3)]))
             joint = self._link[joint].before
+
+    cdef int _set_spheres(self, Part* part) except -1:
+        """Keep the spheres around a geom, which bound its distance from the cubes of a cloud."""
+        cdef int row, i
+        if part.solid.kind == CLOUD or part.solid.kind == PLANE or part.solid.kind == SEGMENT:
+            return 0
+        tree = tree_around(self._mj, part.solid.geom)
+        part.spheres, part.sphere_count = <Sphere*>calloc(len(tree), sizeof(Sphere)), len(tree)
+        if part.spheres == NULL:
+            raise MemoryError("no memory for the spheres around the arm")
+        for row in range(part.sphere_count):
+            for i in range(3):
+                part.spheres[row].place[i] = tree[row, i]
+            part.spheres[row].outer, part.spheres[row].skip = tree[row, 3], <int>tree[row, 5]
+        return 0
 
     def _set_pair(self, int index, int first, int second):
         cdef Pair* pair = &self._pair[index]
@@ -268,9 +298,10 @@ cdef class Clearance:
     def _tree(self, int index):
         """The nodes around a part, as `LaneNode`, in its joint's frame, or in the world's if it stands."""
         cdef Part* part = &self._part[index]
-        if part.joint < 0 and part.solid.kind != OTHER:
+        if part.joint < 0 and part.solid.kind != OTHER and part.solid.kind != CLOUD:
             return np.empty((0, 7), dtype=np.float32)
-        tree = tree_around(self._mj, part.solid.geom)
+        cloud = self.clouds.get(part.solid.geom)
+        tree = tree_around(self._mj, part.solid.geom) if cloud is None else cloud.spheres()
         turn = np.array([part.turn[i] for i in range(9)]).reshape(3, 3)
         nodes = np.empty((len(tree), 7), dtype=np.float32)
         nodes[:, :3] = tree[:, :3] @ turn.T + [part.offset[i] for i in range(3)]
@@ -296,6 +327,8 @@ cdef class Clearance:
             return 0
         if solid.solid.kind == PLANE:
             part.kind = LANES_PLANE
+        elif solid.solid.kind == CLOUD:
+            part.kind = LANES_CLOUD
         elif solid.solid.kind == BOX:
             part.kind = LANES_BOX
             for i in range(3):
@@ -394,8 +427,8 @@ cdef class Clearance:
         cdef double turned[MAX_DOF]
         cdef const double* middle = halves[1]
         cdef Pair* pair
-        cdef Solid* first
-        cdef Solid* second
+        cdef Part* first
+        cdef Part* second
         cdef int left = 0
         cdef int touching = -1
         cdef int index, which
@@ -409,14 +442,16 @@ cdef class Clearance:
         for index in range(count):
             which = order[index]
             pair = &self._pair[which]
-            first, second = &self._part[pair.first].solid, &self._part[pair.second].solid
+            first, second = &self._part[pair.first], &self._part[pair.second]
             needed = self._least[which] - self.resolution_m + (
                 self._sweep_of(pair.first, pair.first_joint, turned)
                 + self._sweep_of(pair.second, pair.second_joint, turned)
             )
-            if far_bound(self._data, first, second) >= needed:
+            if far_bound(self._data, &first.solid, &second.solid) >= needed:
                 continue
-            distance = gap(self._model, self._data, first, second, fmax(needed, self._least[which]), NULL)
+            distance = self._between(
+                first, second, fmax(needed, self._least[which]), self._least[which], NULL
+            )
             if distance < self._least[which] and touching < 0:
                 touching, touching_m = which, distance
                 if not ordered:
@@ -439,16 +474,16 @@ cdef class Clearance:
     cdef int _first_touching(self, int* order, int count, double* distance) noexcept nogil:
         """A pair of an order that violates its required distance in the current configuration, or -1."""
         cdef Pair* pair
-        cdef Solid* first
-        cdef Solid* second
+        cdef Part* first
+        cdef Part* second
         cdef int index, which
         for index in range(count):
             which = order[index]
             pair = &self._pair[which]
-            first, second = &self._part[pair.first].solid, &self._part[pair.second].solid
-            if far_bound(self._data, first, second) >= self._least[which]:
+            first, second = &self._part[pair.first], &self._part[pair.second]
+            if far_bound(self._data, &first.solid, &second.solid) >= self._least[which]:
                 continue
-            distance[0] = gap(self._model, self._data, first, second, self._least[which], NULL)
+            distance[0] = self._between(first, second, self._least[which], self._least[which], NULL)
             if distance[0] < self._least[which]:
                 order[index], order[0] = order[0], which
                 return which
@@ -1024,11 +1059,47 @@ cdef class Clearance:
         return out
 
     cdef double _gap(self, int index, double enough_m, double* line) noexcept nogil:
-        cdef Solid* first = &self._part[self._pair[index].first].solid
-        cdef Solid* second = &self._part[self._pair[index].second].solid
-        if far_bound(self._data, first, second) >= enough_m:
+        cdef Part* first = &self._part[self._pair[index].first]
+        cdef Part* second = &self._part[self._pair[index].second]
+        if far_bound(self._data, &first.solid, &second.solid) >= enough_m:
             return enough_m
-        return gap(self._model, self._data, first, second, enough_m, line)
+        return self._between(first, second, enough_m, enough_m, line)
+
+    cdef double _between(
+        self, const Part* first, const Part* second, double enough_m, double exact_m, double* line
+    ) noexcept nogil:
+        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`."""
+        if second.solid.kind != CLOUD:
+            return gap(self._model, self._data, &first.solid, &second.solid, enough_m, line)
+        return gap_to_cloud(
+            self._model, self._data, &first.solid, first.spheres, first.sphere_count, &second.solid,
+            &second.cube, second.nodes, enough_m, exact_m, line, NULL
+        )
+
+    def nearest_cube(self, joints, int index, double enough_m):
+        """The middle of the cube of a cloud that is nearest to the other geom of a pair at joints (dof,), in
+        the world's frame, shape (3,), m; None if the pair has no cloud, or no cube is nearer than
+        `enough_m`."""
+        cdef double given[MAX_DOF]
+        cdef int nearest = -1
+        cdef int i
+        if not 0 <= index < self.count:
+            raise ValueError(f"no pair {index}")
+        cdef Part* first = &self._part[self._pair[index].first]
+        cdef Part* second = &self._part[self._pair[index].second]
+        if second.solid.kind != CLOUD:
+            return None
+        _take(joints, self.dof, given)
+        self._move_to(given)
+        gap_to_cloud(
+            self._model, self._data, &first.solid, first.spheres, first.sphere_count, &second.solid,
+            &second.cube, second.nodes, enough_m, enough_m, NULL, &nearest
+        )
+        if nearest < 0:
+            return None
+        turn = np.array([self._data.geom_xmat[9 * second.solid.geom + i] for i in range(9)]).reshape(3, 3)
+        origin = np.array([self._data.geom_xpos[3 * second.solid.geom + i] for i in range(3)])
+        return origin + turn @ [second.nodes[nearest].middle[i] for i in range(3)]
 
     def gradient(self, joints, int index):
         """A pair's distance, m, at joints (dof,), and its derivative by the joints, shape (dof,), m/rad."""

@@ -17,7 +17,7 @@ from cobot.polynomials import control_points
 from cobot.robot.clearance import Clearance
 from cobot.robot.model import RobotModel
 from cobot.robot.nearest import NearestParts
-from cobot.robot.scene import Scene
+from cobot.robot.scene import Scene, clouds_in
 from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -77,16 +77,17 @@ class CollisionChecker:
             InputError: MuJoCo rejects them; nothing has changed.
         """
         tool = tool or self.tool
-        mj = self._model.among(scene, tool)
+        mj = self._model.among(scene, tool, by_voxels=True)
         apart = self.disabled | tool.mounted(scene).may_touch()
         pairs = [
             pair for pair in geom_pairs(mj) if frozenset(body_or_geom(mj, geom) for geom in pair) not in apart
         ]
-        self.clearance = Clearance(mj, pairs, RESOLUTION_M)
+        self.clearance = Clearance(mj, pairs, RESOLUTION_M, clouds_in(mj, scene))
         self.clearance.require(self.margin_m)
         self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)
         self._nearest: NearestParts | None = None
+        self._in_boxes: mujoco.MjModel | None = None
         self._proven: Trajectory | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
@@ -94,7 +95,7 @@ class CollisionChecker:
         them."""
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
-        self._nearest = None
+        self._nearest, self._in_boxes = None, other._in_boxes
         self._proven = None
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
@@ -108,7 +109,7 @@ class CollisionChecker:
     def twin(self) -> CollisionChecker:
         """A checker of the same arm, scene and tool with a memory of its own, for another thread."""
         other = copy.copy(self)
-        other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M)
+        other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M, self.clearance.clouds)
         other.clearance.require(self.margin_m)
         other._nearest = None
         return other
@@ -159,8 +160,17 @@ class CollisionChecker:
 
     @property
     def mj(self) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the tool's shapes."""
+        """MuJoCo's model with the scene's objects and the tool's shapes. For each standing point cloud it has
+        only the box around all its voxels."""
         return self._mj
+
+    @property
+    def mj_in_boxes(self) -> mujoco.MjModel:
+        """The same model with the boxes of the point clouds, as streams check them, for pictures."""
+        if self._in_boxes is None:
+            has_clouds = bool(self.clearance.clouds)
+            self._in_boxes = self._model.among(self.scene, self.tool) if has_clouds else self._mj
+        return self._in_boxes
 
     @property
     def body_names(self) -> list[str]:

@@ -7,7 +7,7 @@
 
 enum { LANES_NEAR = 2 };
 enum { LANES = 16, LANES_JOINTS = 16, LANES_DEPTH = 32 };
-enum { LANES_TREE, LANES_BOX, LANES_CYLINDER, LANES_SEGMENT, LANES_PLANE };
+enum { LANES_TREE, LANES_CLOUD, LANES_BOX, LANES_CYLINDER, LANES_SEGMENT, LANES_PLANE };
 
 typedef struct {
     float x, y, z, outer, inner;
@@ -23,7 +23,7 @@ typedef struct {
 
 typedef struct {
     int joint;                      /* that moves it; -1: it stands */
-    int kind;                       /* of a standing part: its shape, LANES_TREE for any other */
+    int kind;                       /* of a standing part: its shape, LANES_TREE for any other, LANES_CLOUD: a tree with more hits than its first leaves show */
     int count;                      /* of its nodes, in the joint's frame, or the world's if it stands */
     const LaneNode *nodes;
     float turn[9], origin[3], size[3], round; /* of a standing shape; `round` is added to it all around */

@@ -99,6 +99,7 @@ typedef struct {
     vf need;              /* required distance with motion and slack */
     float still, touch;   /* without motion; and below which a hit is certain */
     unsigned open, unsure;
+    unsigned decided;     /* lanes that are not looked at further: unsure ones, unless a hit may follow */
 } Walk;
 
 /* One bit for each lane in which a comparison is true. */
@@ -324,7 +325,7 @@ static unsigned LANES_NAME(between_trees)(
     const State *state, const LanePart *first, int one, const LanePart *second, int other, Walk *walk, unsigned active
 ) {
     const LaneNode *node = &first->nodes[one], *mate = &second->nodes[other];
-    unsigned left = active & ~walk->unsure, hit;
+    unsigned left = active & ~walk->decided, hit;
     if (!left) return 0;
     vf at[3], from[3], away;
     LANES_NAME(centre)(state, first, node, at);
@@ -333,9 +334,17 @@ static unsigned LANES_NAME(between_trees)(
     away = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
     LANES_NAME(judge)(&away, 0, node->outer + mate->outer, node->inner + mate->inner, walk, left, &left, &hit);
     if (hit || !left) return hit;
+    if (left & walk->unsure) { /* these are looked at for a hit alone, and there is none so far away */
+        const vf none = {0.0f};
+        float bound = node->outer + mate->outer + walk->touch;
+        vi far = away >= none + bound * bound;
+        left &= ~(walk->unsure & LANES_NAME(bits)(&far));
+        if (!left) return 0;
+    }
     int splits = node->skip > one + 1, mate_splits = mate->skip > other + 1;
     if (!splits && !mate_splits) {
         LANES_NAME(leaf)(&away, 0, node->outer + mate->outer, walk, left);
+        if (second->kind != LANES_CLOUD || walk->touch < -1e8f) walk->decided = walk->unsure;
         return 0;
     }
     if (splits && (!mate_splits || node->outer >= mate->outer)) {
@@ -386,8 +395,8 @@ static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, La
         walk.still = (least > 0.0f ? least : 0.0f) + slack; /* pieces apart do not limit how deep their bodies overlap */
         walk.touch = query->all == LANES_NEAR ? -1e9f : least - slack;
         walk.need += walk.still;
-        walk.open = walk.unsure = 0;
-        hit = second->kind == LANES_TREE
+        walk.open = walk.unsure = walk.decided = 0;
+        hit = second->kind <= LANES_CLOUD
             ? LANES_NAME(between_trees)(&state, first, 0, second, 0, &walk, active)
             : LANES_NAME(against_shape)(&state, first, second, &walk, active);
         if (hit) {

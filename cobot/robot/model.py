@@ -187,9 +187,12 @@ class RobotModel:
             if name := self.mj.body(index).name:
                 yield name, index, data.xpos[index], data.xmat[index]
 
-    def among(self, scene: Scene, tool: Tool | None = None) -> mujoco.MjModel:
+    def among(self, scene: Scene, tool: Tool | None = None, *, by_voxels: bool = False) -> mujoco.MjModel:
         """MuJoCo's model with the scene's objects and the tool's shapes, for distances only. `tool` defaults
         to the current one.
+
+        Args:
+            by_voxels: see `cobot.robot.scene.compiled`.
 
         Raises:
             InputError: MuJoCo rejects them.
@@ -212,7 +215,8 @@ class RobotModel:
             for name, each in tool.shapes.items()
         }
         whole = replace(scene, objects=objects | shapes)
-        return compiled(self.spec, whole, self.base, self.mj.site(self.tcp_site).name)
+        tcp = self.mj.site(self.tcp_site).name
+        return compiled(self.spec, whole, self.base, tcp, by_voxels=by_voxels)
 
     @cached_property
     def inverse_kinematics(self) -> Arm:

@@ -99,7 +99,13 @@ class NearestParts:
         data.qpos[:] = joints
         mujoco.mj_kinematics(mj, data)
         ends = np.zeros(6)
-        mujoco.mj_geomDistance(mj, data, *self._checker.pairs[pair], distance_m + SAME_M + FARTHEST_M, ends)
+        geom, other = self._checker.pairs[pair]
+        within_m = distance_m + SAME_M + FARTHEST_M
+        cube = self._checker.clearance.nearest_cube(joints, pair, within_m)
+        if cube is not None:
+            other += 1  # the geom that is one cube, see `Clearance`
+            data.geom_xpos[other] = cube
+        mujoco.mj_geomDistance(mj, data, geom, other, within_m, ends)
         base = data.body(self._base)
         first, second = (ends.reshape(2, 3) - base.xpos) @ base.xmat.reshape(3, 3)
         return _point(first), _point(second)

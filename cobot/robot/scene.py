@@ -16,6 +16,8 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from cobot.errors import ConfigError, InputError, exhausted
+from cobot.robot.cloud import CloudTree
+from cobot.robot.geometry.cells import tree_of
 from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences
 from cobot.types import Array, Numbers3, Numbers6, Numbers7
@@ -48,8 +50,13 @@ class SceneObject:
         inertia: about the centre of mass, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: that of a
             solid with uniform density.
         boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along its own axes, m.
+            Those of a point cloud contain all its voxels. Streams, pictures and masses use them; planners use
+            the voxels, unless the object is attached.
         hulls: the convex parts of a mesh that are not boxes: corners of each.
-        tolerance: how far the solids of a mesh may reach beyond it, m. 0: exact.
+        tolerance: how far the solids of a mesh may reach beyond it, or the boxes of a point cloud beyond its
+            voxels, m. 0: exact.
+        cells: the voxels of a point cloud, as text of `cobot.robot.geometry.cells.packed`.
+        voxel: edge of these voxels, m.
     """
 
     shape: Shape
@@ -63,6 +70,13 @@ class SceneObject:
     boxes: tuple[Numbers6, ...] = ()
     hulls: tuple[tuple[Numbers3, ...], ...] = ()
     tolerance: float = 0.0
+    cells: str = ""
+    voxel: float = 0.0
+
+    @property
+    def tree(self) -> CloudTree | None:
+        """The voxels of a point cloud."""
+        return tree_of(self.cells, self.voxel) if self.cells else None
 
     @property
     def solids(self) -> int:
@@ -132,6 +146,8 @@ class SceneFile:
         """
         try:
             scene = _FILE.validate_json(read_kept(self.path))
+            for name, each in scene.objects.items():
+                _require_whole(name, each)
             return replace(scene, objects={**scene.objects, **self.fixed})
         except FileNotFoundError:
             return Scene(objects=dict(self.fixed), version=1 if self.fixed else 0)
@@ -140,6 +156,8 @@ class SceneFile:
                 f"{self.path}: is not a scene: {sentences(exc.errors())}; correct it, or remove it to start "
                 "without objects"
             ) from exc
+        except InputError as exc:
+            raise ConfigError(f"{self.path}: {exc}") from exc
         except OSError as exc:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
@@ -153,14 +171,33 @@ class SceneFile:
         keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
 
 
+def _require_whole(name: str, each: SceneObject) -> None:
+    """Check the voxels of a point cloud in a file.
+
+    Raises:
+        InputError: they are damaged, or the boxes around them are missing.
+    """
+    try:
+        if each.tree is not None and not each.boxes:
+            raise InputError("boxes: are missing; put the point cloud again")
+    except InputError as exc:
+        raise InputError(f"objects.{name}.{exc}") from exc
+
+
 def symmetric(six: Numbers6) -> Array:
     """The symmetric matrix, shape (3, 3), from xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.MjModel:
+def compiled(
+    spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str, *, by_voxels: bool = False
+) -> mujoco.MjModel:
     """The model with the objects, each a body of its own name on the base or on the body with the TCP.
+
+    Args:
+        by_voxels: a standing point cloud is one box around all its voxels instead of its boxes; see
+            `clouds_in`.
 
     Raises:
         InputError: MuJoCo rejects it, with the reason.
@@ -172,13 +209,31 @@ def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.M
         if each.attached:  # a site cannot have children, so a body at the same place has them
             parent = site.parent.add_body(pos=site.pos, quat=site.quat)
         body = parent.add_body(name=name, pos=list(each.pose[:3]), quat=list(each.pose[3:]))
-        _fill(spec, body, name, each)
+        tree = each.tree if by_voxels and not each.attached else None
+        if tree is None:
+            _fill(spec, body, name, each)
+        else:
+            _fill_with_cloud(body, tree)
     try:
         return spec.compile()
     except ValueError as exc:
         if error := exhausted(exc):
             raise error from exc
         raise InputError(f"MuJoCo rejects the scene: {' '.join(str(exc).split())}") from exc
+
+
+def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
+    """The voxels of the standing point clouds, by their geoms in a model of `compiled` by voxels."""
+    trees = {name: each.tree for name, each in scene.objects.items() if not each.attached}
+    return {int(mj.body_geomadr[mj.body(name).id]): tree for name, tree in trees.items() if tree is not None}
+
+
+def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
+    """Add the box around all voxels, and one voxel, which no rule of MuJoCo lets collide; see `Clearance`."""
+    bounds = tree.bounds.tolist()
+    rule = {"mass": 0.0, "type": _GEOMS["box"], "pos": bounds[:3]}
+    body.add_geom(size=[0.5 * edge for edge in bounds[3:]], contype=1, conaffinity=1, **rule)
+    body.add_geom(size=[0.5 * tree.voxel_m] * 3, contype=0, conaffinity=0, **rule)
 
 
 def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObject) -> None:

@@ -8,6 +8,7 @@ cdef enum Kind:
     CYLINDER
     BOX
     OTHER
+    CLOUD       # cubes of a grid; see `cloud.pyx`, `gap` does not know them
 
 
 cdef struct Solid:
@@ -27,4 +28,11 @@ cdef double gap(
 cdef double between_axes(
     const double* middle, const double* turn, double half,
     const double* other, const double* other_turn, double other_half, double* along, double* other_along,
+) noexcept nogil
+cdef double axis_to_box(
+    const double* centre, const double* axis, double half, const double* box, double* normal, double* along
+) noexcept nogil
+cdef void into(
+    const double* middle, const double* turn, const double* other, const double* other_turn,
+    double* centre, double* axis,
 ) noexcept nogil

@@ -218,7 +218,7 @@ cdef double between_axes(
     return sqrt(square)
 
 
-cdef void _into(
+cdef void into(
     const double* middle, const double* turn, const double* other, const double* other_turn,
     double* centre, double* axis,
 ) noexcept nogil:
@@ -251,18 +251,35 @@ cdef double _segment_to_box(
     const double* middle, const double* turn, double half,
     const double* other, const double* other_turn, const double* box, double* line,
 ) noexcept nogil:
-    """The squared distance along the segment is convex and piecewise quadratic: its derivative is linear
-    between the planes of the box's faces, and where it vanishes is the nearest point.
-    """
     cdef double centre[3]
     cdef double axis[3]
     cdef double normal[3]
+    cdef double t, distance
+    cdef int i, k
+    into(middle, turn, other, other_turn, centre, axis)
+    distance = axis_to_box(centre, axis, half, box, normal, &t)
+    if line != NULL:
+        for i in range(3):
+            line[i], line[3 + i] = 0.0, middle[i] + t * turn[3 * i + 2]
+            for k in range(3):
+                line[i] += other_turn[3 * i + k] * normal[k]
+    return distance
+
+
+cdef double axis_to_box(
+    const double* centre, const double* axis, double half, const double* box, double* normal, double* along
+) noexcept nogil:
+    """The distance of a segment from a box, negative if they meet, with the direction in which it grows
+    fastest and the place on the segment. All are in the frame of the box.
+
+    The squared distance along the segment is convex and piecewise quadratic: its derivative is linear
+    between the planes of the box's faces, and where it vanishes is the nearest point.
+    """
     cdef double low = -half
     cdef double high = half
     cdef double square = 0.0
     cdef double below, above, t, at, slope, distance
-    cdef int i, k
-    _into(middle, turn, other, other_turn, centre, axis)
+    cdef int i
     below, above = _slope(centre, axis, box, low), _slope(centre, axis, box, high)
     if below >= 0.0:
         t = low
@@ -289,11 +306,7 @@ cdef double _segment_to_box(
             normal[i] /= distance
     else:
         distance = _axis_in_box(centre, axis, half, box, normal, &t)
-    if line != NULL:
-        for i in range(3):
-            line[i], line[3 + i] = 0.0, middle[i] + t * turn[3 * i + 2]
-            for k in range(3):
-                line[i] += other_turn[3 * i + k] * normal[k]
+    along[0] = t
     return distance
 
 
@@ -350,7 +363,7 @@ cdef double _segment_to_cylinder(
     cdef double high = half
     cdef double t, distance
     cdef int _step, i, k
-    _into(middle, turn, other, other_turn, centre, axis)
+    into(middle, turn, other, other_turn, centre, axis)
     t = low
     if _from_cylinder(centre, axis, low, cylinder, away, &distance) < 0.0:
         t = high

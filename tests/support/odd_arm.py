@@ -8,13 +8,15 @@ import numpy as np
 from cobot.types import Array
 
 SEED = 20261122
+STANDING = 3
+"""The number of geoms that stand around it."""
 ARM = """<mujoco>
 <asset><mesh name="cube" vertex="0 0 0  .2 0 0  0 .2 0  0 0 .2  .2 .2 0  .2 0 .2  0 .2 .2  .2 .2 .2"/></asset>
 <worldbody>
 <geom type="plane" size="1 1 1" pos="0 0 -.6" quat="1 .1 .2 0"/>
 <geom type="box" size=".1 .2 .3" pos=".6 .5 .1" quat="1 .5 .2 .3"/>
 <geom type="cylinder" size=".2 .1" pos="-.6 .4 .1" quat="1 .1 .2 .3"/>
-{}
+{}{}
 </worldbody></mujoco>"""
 GEOMS = (
     'type="capsule" size=".05 .1"',
@@ -26,8 +28,12 @@ GEOMS = (
 )
 
 
-def odd_arm() -> mujoco.MjModel:
-    """Turned axes, joints beside their bodies' origins, a slide, two joints in one body, two branches."""
+def odd_arm(around: str = "") -> mujoco.MjModel:
+    """Turned axes, joints beside their bodies' origins, a slide, two joints in one body, two branches.
+
+    Args:
+        around: further geoms that stand, from index `STANDING` on.
+    """
     random = np.random.default_rng(SEED)
 
     def body(geom: str, kind: str = "hinge", more: str = "") -> str:
@@ -41,6 +47,7 @@ def odd_arm() -> mujoco.MjModel:
     first, second, third, fourth, fifth, sixth = GEOMS
     return mujoco.MjModel.from_xml_string(
         ARM.format(
+            around,
             body(first)
             + body(second, "slide")
             + body(third, more='<joint axis="0 1 0"/>')
@@ -48,7 +55,7 @@ def odd_arm() -> mujoco.MjModel:
             + body(fourth)
             + body(fifth)
             + body(sixth)
-            + "</body>" * 5
+            + "</body>" * 5,
         )
     )
 

@@ -115,8 +115,8 @@ def geometry_version(robot: RobotDescription) -> Version:
 
 
 def geometry_of(robot: RobotDescription) -> Geometry:
-    """The robot's geometry as the collision checks use it, plus the visual geometry."""
-    mj = robot.collision.mj
+    """The robot's geometry as streams check it, plus the visual geometry."""
+    mj = robot.collision.mj_in_boxes
     tcp = robot.model.mj.site(robot.model.tcp_site)
     return Geometry(
         bodies=[_body(robot, mj, index) for index in range(mj.nbody)],

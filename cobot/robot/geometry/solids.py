@@ -88,10 +88,11 @@ def _rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / digits - 1e-9) * digits:.3g}")
 
 
-def joined(cells: Array) -> Array:
+def joined(cells: Array, hopeless: int | None = None) -> Array:
     """Join distinct cells of a grid, shape (n, 3), to boxes: low and high corner, shape (k, 6), in cells.
 
-    The best of the six orders of the axes is used; this is not necessarily the smallest number of boxes.
+    The best of the six orders of the axes is used; this is not necessarily the smallest number of boxes. If
+    the first order gives more than `hopeless` boxes, the others are not tried.
     """
     single = np.hstack([cells, cells + 1])
     best = single
@@ -101,6 +102,8 @@ def joined(cells: Array) -> Array:
             boxes = _along(boxes, axis)
         if len(boxes) < len(best):
             best = boxes
+        if hopeless is not None and len(best) > hopeless:
+            break
     return best
 
 

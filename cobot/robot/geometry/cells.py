@@ -1,0 +1,69 @@
+"""Point clouds as the cubes of a grid that contain their points, and these cubes as text for files."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import zlib
+from functools import lru_cache
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.robot.cloud import CloudTree, in_order
+from cobot.robot.geometry.solids import MAX_SOLIDS, joined
+from cobot.types import Array
+
+WORTH_TRYING = 4
+"""With more than this times the allowed number of boxes in the first order, no other order is tried."""
+ROW_BYTES = 12
+
+
+def packed(points: Array, voxel_m: float) -> str:
+    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`.
+
+    Args:
+        points: shape (n, 3), m, finite, at most 100 m from the origin along each axis.
+        voxel_m: edge of a voxel, at least 0.1 mm; the grid begins at the origin.
+    """
+    cells = in_order(np.floor(np.asarray(points, dtype=np.float64).reshape(-1, 3) / voxel_m).astype(np.int64))
+    steps = np.diff(cells, axis=0, prepend=np.zeros((1, 3), dtype=np.int32)).astype("<i4")
+    return base64.b64encode(zlib.compress(steps.tobytes(), 6)).decode("ascii")
+
+
+@lru_cache(maxsize=8)
+def tree_of(text: str, voxel_m: float) -> CloudTree:
+    """The tree of the voxels in a text of `packed`.
+
+    Raises:
+        InputError: it is no such text.
+    """
+    try:
+        steps = np.frombuffer(zlib.decompress(base64.b64decode(text, validate=True)), dtype="<i4")
+        cells = np.cumsum(steps.reshape(-1, 3), axis=0, dtype=np.int32)
+        if len(cells) and np.array_equal(cells, in_order(cells)):
+            return CloudTree(cells, voxel_m)
+    except (binascii.Error, zlib.error, ValueError) as exc:
+        raise InputError(f"cells: are damaged: {exc}; put the point cloud again") from exc
+    raise InputError("cells: are damaged: they are not in order; put the point cloud again")
+
+
+def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, float]:
+    """At most `room` boxes around voxels, shape (k, 6), m, and how far they may reach beyond them, m.
+
+    If the voxels can be joined to so few boxes, the boxes are exact (0 m).
+    """
+    tree = tree_of(text, voxel_m)
+    exact = _joined(text, voxel_m)
+    if exact is not None and len(exact) <= room:
+        low, high = voxel_m * exact[:, :3], voxel_m * exact[:, 3:]
+        return np.hstack([0.5 * (low + high), high - low]), 0.0
+    return tree.boxes(room)
+
+
+@lru_cache(maxsize=8)
+def _joined(text: str, voxel_m: float) -> Array | None:
+    """The voxels, joined to boxes; None if these are too many for every scene."""
+    cells = tree_of(text, voxel_m).cells.astype(np.int64)
+    boxes = joined(cells, WORTH_TRYING * MAX_SOLIDS)
+    return boxes if len(boxes) <= MAX_SOLIDS else None
