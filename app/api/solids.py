@@ -9,27 +9,39 @@ from typing import cast
 
 import numpy as np
 
-from app.api.schemas.scene import PutObject
+from app.api.schemas.scene import MAX_POINTS, PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
+from cobot.robot.geometry.cells import boxes_of, packed
 from cobot.robot.geometry.solids import cloud, columns
 from cobot.robot.scene import SceneObject
 from cobot.types import Array, Numbers3, Numbers6
 
 FARTHEST_M = 100.0
+POINT_BYTES = 12
 
 
-def solid_of(name: str, body: PutObject, touch: Sequence[str] = ()) -> SceneObject:
+def solid_of(
+    name: str, body: PutObject, touch: Sequence[str] = (), *, by_voxels: bool = False
+) -> SceneObject:
     """The solid of a request. For a large mesh or cloud this takes a second.
 
     Args:
         name: name of the object, for messages.
+        by_voxels: a point cloud keeps its voxels, however many these are. Otherwise it must consist of few
+            boxes, as everything that the arm carries.
 
     Raises:
         InputError, LimitError: the solid is invalid, or has too many parts.
     """
+    cells, tolerance = "", body.tolerance if body.shape == "mesh" else 0.0
     try:
-        boxes, hulls = _made(body)
+        if by_voxels and body.shape == "point_cloud":
+            cells = packed(_points(body), body.voxel or 0.0)
+            boxes, tolerance = boxes_of(cells, body.voxel or 0.0)
+            hulls: list[Array] = []
+        else:
+            boxes, hulls = _made(body)
     except (InputError, LimitError) as exc:
         raise type(exc)(f"{name}: {exc}") from exc
     size = body.numbers()
@@ -53,14 +65,16 @@ def solid_of(name: str, body: PutObject, touch: Sequence[str] = ()) -> SceneObje
             tuple[tuple[Numbers3, ...], ...],
             tuple(tuple(tuple(corner) for corner in hull.tolist()) for hull in hulls),
         ),
-        tolerance=body.tolerance if body.shape == "mesh" and len(boxes) else 0.0,
+        tolerance=tolerance if len(boxes) else 0.0,
+        cells=cells,
+        voxel=body.voxel or 0.0 if cells else 0.0,
     )
 
 
 def _made(body: PutObject) -> tuple[Array, list[Array]]:
     """The boxes and convex parts of a solid, if it consists of such parts."""
     if body.shape == "point_cloud":
-        return cloud(np.array(body.points), body.voxel or 0.0), []
+        return cloud(_points(body), body.voxel or 0.0), []
     if body.shape == "height_field":
         return _columns(body), []
     if body.shape == "mesh":
@@ -69,12 +83,44 @@ def _made(body: PutObject) -> tuple[Array, list[Array]]:
         if body.file is None:
             vertices, triangles = np.array(body.vertices), np.array(body.triangles)
         else:
-            vertices, triangles = read(_decoded(body.file))
+            vertices, triangles = read(_decoded("file", body.file))
         vertices = body.scale * vertices
         if not (np.abs(vertices) <= FARTHEST_M).all():
             raise LimitError(f"vertices: x, y and z must be at most {FARTHEST_M:g} m after scaling")
         return parts(vertices, triangles, body.tolerance)
     return np.zeros((0, 6)), []
+
+
+def _points(body: PutObject) -> Array:
+    """The points of a cloud, shape (n, 3), m.
+
+    Raises:
+        InputError: they are not whole points, or one is not finite.
+        LimitError: there are too many, or one is too far away.
+    """
+    if body.points_base64 is None:
+        return np.array(body.points)
+    data = _decoded("points_base64", body.points_base64)
+    if not data or len(data) % POINT_BYTES:
+        raise InputError(
+            f"points_base64: has {len(data)} bytes; each point has {POINT_BYTES}: x, y and z as float32 "
+            "(little-endian), and there must be at least one"
+        )
+    points = np.frombuffer(data, dtype="<f4").reshape(-1, 3).astype(np.float64)
+    if len(points) > MAX_POINTS:
+        raise LimitError(
+            f"points_base64: has {len(points)} points, at most {MAX_POINTS} are allowed: leave some out, for "
+            "example all but one in each voxel"
+        )
+    wrong = np.flatnonzero(~(np.abs(points) <= FARTHEST_M).all(axis=1))
+    if len(wrong):
+        which, shown = int(wrong[0]), ", ".join(f"{value:.6g}" for value in points[wrong[0]])
+        raise LimitError(
+            f"points_base64: point {which} is [{shown}], allowed are finite numbers from -{FARTHEST_M:g} to "
+            f"{FARTHEST_M:g} m ({len(wrong)} of {len(points)} points are not): leave such points out, and "
+            "check the unit"
+        )
+    return points
 
 
 def _columns(body: PutObject) -> Array:
@@ -86,8 +132,8 @@ def _columns(body: PutObject) -> Array:
     return columns(heights, body.resolution or 0.0, body.floor, body.step or 0.0)
 
 
-def _decoded(text: str) -> bytes:
+def _decoded(field: str, text: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
     except binascii.Error as exc:
-        raise InputError(f"file: is not base64: {exc}") from exc
+        raise InputError(f"{field}: is not base64: {exc}") from exc

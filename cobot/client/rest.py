@@ -9,6 +9,7 @@ that the service uses: an unreachable pose raises `UnreachableError`.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from cobot.client.events import EventConnection
 from cobot.client.force import ForceMoves
 from cobot.client.gripper import GripperCommands
 from cobot.client.steps import Steps
-from cobot.errors import CobotError, UnavailableError
+from cobot.errors import CobotError, InputError, UnavailableError
 
 RELOAD_S = 60.0
 PICTURE_S = 30.0
@@ -164,8 +165,10 @@ class Client(ForceMoves, Steps, EventConnection):
 
         Args:
             changes: `clear`, `detach`, `frames`, `objects`, `move`, `attach` and `allowed`, as in POST
-                /scene.
+                /scene. The `points` of a point cloud may be a numpy array, which is sent in compact form.
         """
+        if objects := changes.get("objects"):
+            changes["objects"] = {name: solid and _compact(solid) for name, solid in objects.items()}
         return self._json("POST", "/scene", json=changes)
 
     def put_object(self, name: str, shape: str, **solid: Any) -> Json:
@@ -174,7 +177,8 @@ class Client(ForceMoves, Steps, EventConnection):
         Args:
             shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud".
             solid: fields of the shape: `size`, or `radius` and `length`, m, or the `file` of a mesh as
-                base64; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
+                base64, or the `points` of a point cloud (a list, or a numpy array of shape (n, 3)) and its
+                `voxel`; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
         """
         return self.change_scene(objects={name: {"shape": shape, **solid}})
 
@@ -471,3 +475,15 @@ class Client(ForceMoves, Steps, EventConnection):
 
 def _program_path(program: str) -> str:
     return f"/programs/{quote(program, safe='')}"
+
+
+def _compact(solid: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a solid, with a numpy array of points as `points_base64`."""
+    fields = dict(solid)
+    points = fields.get("points")
+    if hasattr(points, "astype"):
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points: an array of shape (n, 3) is needed, got {points.shape}")
+        fields["points_base64"] = base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
+        del fields["points"]
+    return fields

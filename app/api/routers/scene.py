@@ -71,7 +71,7 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
 
 
 async def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
-    item = await asyncio.to_thread(solid_of, f"objects.{name}", solid)
+    item = await asyncio.to_thread(solid_of, f"objects.{name}", solid, by_voxels=True)
     return service.put_object(name, item, solid.frame_id)
 
 

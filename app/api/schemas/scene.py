@@ -24,9 +24,14 @@ FIELDS = {
     "height_field": ("heights", "resolution"),
     "point_cloud": ("points", "voxel"),
 }
-"""Fields that each shape requires. A mesh may have `file` instead."""
-OPTIONAL = {"mesh": ("file", "scale", "tolerance"), "height_field": ("floor", "step")}
-SHAPE_FIELDS = list(dict.fromkeys(name for each in (*FIELDS.values(), *OPTIONAL.values()) for name in each))
+"""Fields that each shape requires, unless it has those of `ENCODED`."""
+ENCODED = {"mesh": ("file",), "point_cloud": ("points_base64", "voxel")}
+"""Fields that a shape requires instead if the first one is given."""
+OPTIONAL = {"mesh": ("scale", "tolerance"), "height_field": ("floor", "step")}
+SHAPE_FIELDS = list(
+    dict.fromkeys(name for each in (FIELDS, ENCODED, OPTIONAL) for names in each.values() for name in names)
+)
+MAX_POINTS = 200_000
 Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 Indices = Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3)]
@@ -115,12 +120,18 @@ class PutObject(Place):
     points: list[Point] | None = Field(
         None,
         min_length=1,
-        max_length=200_000,
+        max_length=MAX_POINTS,
         fail_fast=True,
         description="For a point cloud: points, x, y, z each, m.",
     )
+    points_base64: str | None = Field(
+        None,
+        max_length=16 * MAX_POINTS,
+        description="For a large point cloud, instead of `points`: x, y, z of one point after the other, m, "
+        "as float32 numbers, little-endian, in base64.",
+    )
     voxel: Length | None = Field(
-        None, description="For a point cloud: edge of the cubes, m; a cube that contains a point is solid."
+        None, description="For a point cloud: edge of the voxels, m; a voxel that contains a point is solid."
     )
     mass: Annotated[float, Field(ge=0.0, le=10_000.0, allow_inf_nan=False)] = Field(
         0.0,
@@ -151,14 +162,15 @@ class PutObject(Place):
     @model_validator(mode="after")
     def _of_its_shape(self) -> PutObject:
         wanted, given = FIELDS[self.shape], self.model_fields_set
-        if self.shape == "mesh" and self.file is not None:
-            wanted = ("file",)
+        encoded = ENCODED.get(self.shape, ())
+        if encoded and getattr(self, encoded[0]) is not None:
+            wanted, encoded = encoded, ()
         allowed = {*wanted, *OPTIONAL.get(self.shape, ())}
         for name in SHAPE_FIELDS:
             missing = name in wanted and getattr(self, name) is None
             if missing or (name in given and name not in allowed and getattr(self, name) is not None):
                 problem = "is missing" if missing else "does not belong to it"
-                also = ", or file" if self.shape == "mesh" and self.file is None else ""
+                also = f", or {' and '.join(encoded)}" if encoded and name == wanted[0] else ""
                 raise ValueError(f"a {self.shape} has {' and '.join(wanted)}{also}: {name} {problem}")
         return self
 
@@ -223,11 +235,17 @@ class ObjectAnswer(BaseModel):
         "edges of the bounding box."
     )
     solids: int = Field(
-        1, description="Number of convex solids that represent the object in collision checks."
+        1,
+        description="Number of convex solids that represent the object in collision checks. For a point "
+        "cloud: number of boxes that streams check; planners check its voxels.",
     )
     tolerance: float = Field(
-        0.0, description="For a mesh: maximum deviation of these solids from it, m; 0: exact."
+        0.0,
+        description="For a mesh: maximum deviation of these solids from it, m. For a point cloud: how far "
+        "its boxes may reach beyond its voxels, m. 0: exact.",
     )
+    voxels: int | None = Field(None, description="For a point cloud: number of its voxels.")
+    voxel: float | None = Field(None, description="For a point cloud: edge of its voxels, m.")
     position: list[float] = Field(
         description="Position of the centre: x, y, z, m; in the base frame, or in the TCP frame if attached."
     )
@@ -244,12 +262,15 @@ class ObjectAnswer(BaseModel):
     @classmethod
     def of(cls, name: str, each: SceneObject) -> ObjectAnswer:
         """An object as it is in the scene or on the tool."""
+        tree = each.tree
         return cls(
             name=name,
             shape=each.shape,
             size=list(each.size),
             solids=each.solids,
             tolerance=each.tolerance,
+            voxels=None if tree is None else tree.count,
+            voxel=None if tree is None else tree.voxel_m,
             position=list(each.pose[:3]),
             quaternion=[*each.pose[4:], each.pose[3]],
             attached=each.attached,

@@ -13,7 +13,7 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
 from app.services.motion.retarget import RetargetService
-from app.services.motion.scene_edits import Edit, clear, named, require_room
+from app.services.motion.scene_edits import Edit, clear, named, with_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.rights.stop_reason import StopReason
@@ -34,6 +34,7 @@ from cobot.errors import (
 )
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
+from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.load import carrying, check_load
 from cobot.robot.scene import Scene, SceneObject, symmetric
 from cobot.robot.tool import Tool, check_inertia
@@ -121,9 +122,7 @@ class SceneService:
             if name not in scene.objects and len(scene.objects) >= MAX_OBJECTS:
                 raise LimitError(f"objects: no more than {MAX_OBJECTS} are allowed: remove one first")
             placed = replace(item, pose=self._placed(scene, item.pose, frame))
-            objects = {**scene.objects, name: placed}
-            require_room(objects)
-            return replace(scene, objects=objects)
+            return replace(scene, objects={**scene.objects, name: placed})
 
         return edit
 
@@ -170,6 +169,12 @@ class SceneService:
             if item.attached:
                 raise ConflictError(f"the object {shown(name)} is already attached")
             self._require_known(scene, touch)
+            if item.cells and item.tolerance > 0.0:
+                raise LimitError(
+                    f"the object {shown(name)} is a point cloud whose voxels make more than {MAX_SOLIDS} "
+                    "boxes together with the other objects, so it cannot be attached: put it again with a "
+                    "larger voxel"
+                )
             pose = (hand.inverse() @ Pose.from_numbers(item.pose)).numbers
             held = replace(item, pose=pose, attached=True, touch=tuple(touch))
             return replace(scene, objects={**scene.objects, name: held})
@@ -188,7 +193,7 @@ class SceneService:
         Raises:
             InputError: the robot has a part with this name, the frame is unknown, or MuJoCo rejects the
                 scene.
-            LimitError: there are too many objects, or the load is too heavy for the arm.
+            LimitError: there are too many objects or solids, or the load is too heavy for the arm.
             NotFoundError: there is no such object, frame or body.
             ConflictError: another client has control, the object is already attached or not attached, the arm
                 moves, or a streaming session is active.
@@ -214,6 +219,7 @@ class SceneService:
             for edit in edits:
                 scene = edit(scene, hand)
             scene = replace(self._with_fixtures(scene, edits), version=self.scene.version + 1)
+            scene = replace(scene, objects=await asyncio.to_thread(with_room, scene.objects))
             if scene.load == self.scene.load:
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)

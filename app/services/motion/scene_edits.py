@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import cast
 
 from cobot.errors import ConflictError, LimitError, NotFoundError
+from cobot.robot.geometry.cells import boxes_of
 from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.scene import Scene, SceneObject
 from cobot.strict import shown
-from cobot.types import Pose
+from cobot.types import Numbers6, Pose
 
 Edit = Callable[[Scene, Pose], Scene]
 """A function that takes a scene and the pose of the TCP, and returns the edited scene."""
@@ -56,16 +58,31 @@ def detach(name: str) -> Edit:
     return edit
 
 
-def require_room(objects: dict[str, SceneObject]) -> None:
-    """Reject a scene with more solids than allowed."""
-    count = sum(each.solids for each in objects.values())
-    if count > MAX_SOLIDS:
-        largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
-        held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
+def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
+    """The objects, with boxes around the voxels of point clouds that are no more than a stream can check
+    together with everything else. For large clouds this takes some 10 ms.
+
+    Raises:
+        LimitError: there are more solids than allowed.
+    """
+    clouds = {name: each for name, each in objects.items() if each.cells and not each.attached}
+    others = sum(each.solids for name, each in objects.items() if name not in clouds)
+    if others + len(clouds) > MAX_SOLIDS:
+        counts = {name: 1 if name in clouds else each.solids for name, each in objects.items()}
+        held = ", ".join(f"{name} of {counts[name]}" for name in sorted(counts, key=lambda n: -counts[n])[:3])
         raise LimitError(
-            f"objects: they consist of {count} solids ({held}), allowed: {MAX_SOLIDS}: remove an object, "
-            f"or make one coarser"
+            f"objects: they consist of {others + len(clouds)} solids ({held}), allowed: {MAX_SOLIDS}: remove "
+            f"an object, or make one coarser"
         )
+    left, fitted = MAX_SOLIDS - others, {}
+    fewest = {name: len(boxes_of(each.cells, each.voxel)[0]) for name, each in clouds.items()}
+    for number, name in enumerate(sorted(clouds, key=lambda name: (fewest[name], name))):
+        each = clouds[name]
+        boxes, beyond_m = boxes_of(each.cells, each.voxel, left // (len(clouds) - number))
+        rows = cast(tuple[Numbers6, ...], tuple(tuple(box) for box in boxes.tolist()))
+        fitted[name] = replace(each, boxes=rows, tolerance=beyond_m)
+        left -= len(rows)
+    return {name: fitted.get(name, each) for name, each in objects.items()}
 
 
 def named(scene: Scene, name: str) -> SceneObject:

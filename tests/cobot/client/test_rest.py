@@ -5,16 +5,19 @@ Oracles: the requests that arrive at a transport of the test, and the manual's p
 
 from __future__ import annotations
 
+import base64
 import email
 import email.policy
 import json
 import math
 import socket
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from cobot.client import Client
@@ -391,3 +394,19 @@ def test_a_broken_download_leaves_the_file_that_was_there(tmp_path: Path) -> Non
     assert file.readlink() == theirs
     assert theirs.read_bytes() == b"theirs"
     assert not (tmp_path / "backup.zip.part").exists()
+
+
+def test_an_array_of_points_is_sent_as_base64_and_a_list_as_it_is() -> None:
+    points = np.array([[0.1, 0.2, 0.3], [1.0, -2.0, 3.5]])
+    request = sent(lambda robot: robot.put_object("seen", "point_cloud", points=points, voxel=0.01, x=1.0))
+    solid = json.loads(request.content)["objects"]["seen"]
+    numbers = struct.unpack("<6f", base64.b64decode(solid.pop("points_base64")))
+    assert numbers == pytest.approx(points.ravel())
+    assert solid == {"shape": "point_cloud", "voxel": 0.01, "x": 1.0}
+    request = sent(lambda robot: robot.change_scene(objects={"seen": {"points": [[1, 2, 3]]}, "old": None}))
+    assert json.loads(request.content)["objects"] == {"seen": {"points": [[1, 2, 3]]}, "old": None}
+    with (
+        client(answering({})) as robot,
+        pytest.raises(InputError, match=r"points: an array of shape \(n, 3\) is needed, got \(3,\)"),
+    ):
+        robot.put_object("seen", "point_cloud", points=points[0], voxel=0.01)

@@ -1,5 +1,7 @@
 """The scene as a client sees it: kept, in force at once, and stopping what it has made wrong."""
 
+import base64
+
 import numpy as np
 import pytest
 from virtual_service import VirtualService
@@ -235,17 +237,108 @@ def test_other_shapes_are_in_the_way_too_and_kept(robot, shape):
     assert file_of(robot).read() == robot.app.state.services.scene.scene
 
 
-def test_more_solids_than_a_stream_can_watch_are_refused_with_what_would_fit(robot):
-    points = np.random.default_rng(8).uniform(-0.5, 0.5, (600, 3)).tolist()
-    cloud = {"shape": "point_cloud", "points": points, "x": 3.0, "y": 0.0, "z": 0.0}
-    refused = put(robot, "cloud", cloud | {"voxel": 0.001})
-    assert refused.status_code == 422
-    assert "objects.cloud: points: 600 points fill" in refused.json()["detail"]
-    assert "would fit" in refused.json()["detail"]
-    assert put(robot, "cloud", cloud | {"points": points[:300], "voxel": 0.001}).status_code == 200
-    more = put(robot, "more", cloud | {"points": points[300:], "voxel": 0.001})
+def test_more_solids_than_a_stream_can_watch_are_refused(robot):
+    field = {"shape": "height_field", "resolution": 0.01, "x": 3.0, "y": 0.0, "z": 0.0}
+    heights = np.random.default_rng(8).uniform(0.1, 0.2, (10, 30)).tolist()
+    assert put(robot, "field", field | {"heights": heights}).status_code == 200
+    more = put(robot, "more", field | {"heights": heights})
     assert more.status_code == 422
-    assert "consist of 600 solids (cloud of 300, more of 300), allowed: 500" in more.json()["detail"]
+    assert "consist of 600 solids (field of 300, more of 300), allowed: 500" in more.json()["detail"]
+    cloud = {"shape": "point_cloud", "points_base64": encoded(np.zeros((1, 3))), "voxel": 0.1, "x": 3.0}
+    assert put(robot, "cloud", cloud | {"y": 0.0, "z": 0.0}).status_code == 200
+
+
+def encoded(points):
+    return base64.b64encode(np.asarray(points, dtype="<f4").tobytes()).decode()
+
+
+def shell(robot, count):
+    """Points on a sphere around the hand, open towards the base."""
+    hand = robot.app.state.services.robot.model.forward(np.array(robot.joints())).position
+    ways = np.random.default_rng(9).normal(size=(count, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    return (hand + 0.5 * ways)[ways @ (hand / np.linalg.norm(hand)) > 0.2]
+
+
+def test_a_large_cloud_is_checked_by_voxels_and_streams_have_boxes_around_all_of_them(robot):
+    """The oracle for streams is numpy: each voxel is in a box."""
+    points = shell(robot, 160_000)
+    far = {"shape": "point_cloud", "voxel": 0.01, "x": 0.0, "y": 0.0, "z": 0.0}
+    body = far | {"points_base64": encoded(points)}
+    assert len(body["points_base64"]) < 2 * 2**20
+    assert put(robot, "cloud", body).status_code == 200
+    (told,) = robot.get("/scene").json()["objects"]
+    expected = np.unique(np.floor(points.astype("<f4").astype(float) / 0.01).astype(int), axis=0)
+    assert (told["voxels"], told["voxel"]) == (len(expected), 0.01)
+    assert len(expected) > 10_000
+    assert 400 < told["solids"] <= 500
+    assert 0.0 < told["tolerance"] < 0.2
+    service, file = robot.app.state.services.scene, file_of(robot)
+    assert file.read() == service.scene
+    assert file.path.stat().st_size < 600_000
+    boxes = np.array(service.scene.objects["cloud"].boxes)
+    for middle in 0.01 * (expected[::97] + 0.5):
+        assert (np.abs(middle - boxes[:, :3]) + 0.005 <= 0.5 * boxes[:, 3:] + 1e-6).all(axis=1).any()
+    # Other objects take the room of its boxes, and give it back.
+    field = {"shape": "height_field", "resolution": 0.01, "x": 3.0, "y": 0.0, "z": 0.0}
+    heights = np.random.default_rng(8).uniform(0.1, 0.2, (10, 40)).tolist()
+    assert put(robot, "field", field | {"heights": heights}).status_code == 200
+    coarse = {each["name"]: each for each in robot.get("/scene").json()["objects"]}["cloud"]
+    assert coarse["solids"] <= 100
+    assert coarse["tolerance"] > told["tolerance"]
+    refused = change(robot, attach={"cloud": []})
+    assert refused.status_code == 422
+    assert "is a point cloud whose voxels make more than 500 boxes together" in refused.json()["detail"]
+    assert change(robot, objects={"field": None}).status_code == 200
+    assert robot.get("/scene").json()["objects"] == [told]
+
+
+def test_a_voxel_in_the_way_is_planned_around_and_a_gap_of_the_voxels_is_free(robot):
+    place = in_the_way(robot)
+    points = np.random.default_rng(10).uniform(-0.04, 0.04, (3000, 3)) + [place[axis] for axis in "xyz"]
+    sparse = shell(robot, 40_000)
+    body = {"shape": "point_cloud", "voxel": 0.01, "x": 0.0, "y": 0.0, "z": 0.0}
+    assert (
+        put(robot, "cloud", body | {"points_base64": encoded(np.vstack([points, sparse]))}).status_code == 200
+    )
+    refused = robot.post("/robot/move/joints", there(robot)).json()
+    assert "cloud" in refused["message"]
+    around = robot.post("/robot/move/joints", there(robot) | {"planner": "ompl"}).json()
+    assert around["success"], around
+    nearest = robot.get("/robot/clearance").json()
+    assert "cloud" in str(nearest)
+
+
+@pytest.mark.parametrize(
+    ("points", "voxel", "says"),
+    [
+        (
+            encoded([[0, 0, 0], [1, np.nan, 0]]),
+            0.01,
+            "objects.cloud: points_base64: point 1 is [1, nan, 0], allowed",
+        ),
+        (
+            encoded([[0, np.inf, 0]]),
+            0.01,
+            "point 0 is [0, inf, 0], allowed are finite numbers from -100 to 100 m",
+        ),
+        (encoded([[0, 0, 0], [0, 0, 1e4]]), 0.01, "point 1 is [0, 0, 10000], allowed"),
+        (encoded(np.zeros((0, 3))), 0.01, "objects.cloud: points_base64: has 0 bytes; each point has 12"),
+        (encoded([[0, 0, 0]])[:-4], 0.01, "has 9 bytes; each point has 12"),
+        ("no base64!", 0.01, "objects.cloud: points_base64: is not base64"),
+        (encoded([[0, 0, 0]]), 0.0, "voxel: must be greater than or equal to 0.0001"),
+        (encoded([[0, 0, 0]]), 1e-9, "voxel: must be greater than or equal to 0.0001"),
+        (encoded([[0, 0, 0]]), None, "a point_cloud has points_base64 and voxel: voxel is missing"),
+        (None, 0.1, "a point_cloud has points and voxel, or points_base64 and voxel: points is missing"),
+    ],
+)
+def test_a_cloud_that_is_wrong_is_refused_and_nothing_changes(robot, points, voxel, says):
+    before = robot.get("/scene").json()
+    body = {"shape": "point_cloud", "points_base64": points, "voxel": voxel, "x": 3.0, "y": 0.0, "z": 0.0}
+    refused = put(robot, "cloud", body)
+    assert refused.status_code == 422
+    assert says in refused.json()["detail"]
+    assert robot.get("/scene").json() == before
 
 
 def info(robot):
