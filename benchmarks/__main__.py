@@ -20,6 +20,7 @@ from benchmarks.loop import crowd, cycle, hot, idle, modes, recording, torn, vir
 from benchmarks.planning import (
     around,
     budgets,
+    clouds,
     clutter,
     corners,
     explanations,
@@ -75,6 +76,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "around": lambda quick: around.around(10 if quick else 100),
     "budgets": lambda quick: budgets.budgets(100 if quick else 20),
     "problem_sets": lambda quick: problem_sets.problem_sets(50 if quick else 10),
+    "clouds": lambda quick: clouds.clouds(100 if quick else 30),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
     "straightness": lambda quick: planning_time.straightness(2 if quick else 12),
     "timed": lambda quick: timed.timed(5 if quick else 40),

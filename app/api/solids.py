@@ -12,7 +12,7 @@ import numpy as np
 from app.api.schemas.scene import MAX_POINTS, PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.geometry.cells import boxes_of, packed
+from cobot.robot.geometry.cells import boxes_of, packed, tree_of
 from cobot.robot.geometry.solids import cloud, columns
 from cobot.robot.scene import SceneObject
 from cobot.types import Array, Numbers3, Numbers6
@@ -68,6 +68,7 @@ def solid_of(
         tolerance=tolerance if len(boxes) else 0.0,
         cells=cells,
         voxel=body.voxel or 0.0 if cells else 0.0,
+        voxels=tree_of(cells, body.voxel or 0.0).count if cells else 0,
     )
 
 

@@ -480,7 +480,7 @@ def _program_path(program: str) -> str:
 def _compact(solid: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a solid, with a numpy array of points as `points_base64`."""
     fields = dict(solid)
-    points = fields.get("points")
+    points: Any = fields.get("points")
     if hasattr(points, "astype"):
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points: an array of shape (n, 3) is needed, got {points.shape}")

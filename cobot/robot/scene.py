@@ -57,6 +57,7 @@ class SceneObject:
             voxels, m. 0: exact.
         cells: the voxels of a point cloud, as text of `cobot.robot.geometry.cells.packed`.
         voxel: edge of these voxels, m.
+        voxels: their number.
     """
 
     shape: Shape
@@ -72,6 +73,7 @@ class SceneObject:
     tolerance: float = 0.0
     cells: str = ""
     voxel: float = 0.0
+    voxels: int = 0
 
     @property
     def tree(self) -> CloudTree | None:

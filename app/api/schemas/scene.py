@@ -262,15 +262,14 @@ class ObjectAnswer(BaseModel):
     @classmethod
     def of(cls, name: str, each: SceneObject) -> ObjectAnswer:
         """An object as it is in the scene or on the tool."""
-        tree = each.tree
         return cls(
             name=name,
             shape=each.shape,
             size=list(each.size),
             solids=each.solids,
             tolerance=each.tolerance,
-            voxels=None if tree is None else tree.count,
-            voxel=None if tree is None else tree.voxel_m,
+            voxels=each.voxels if each.cells else None,
+            voxel=each.voxel if each.cells else None,
             position=list(each.pose[:3]),
             quaternion=[*each.pose[4:], each.pose[3]],
             attached=each.attached,

@@ -13,6 +13,8 @@ from cobot.robot.scene import Scene, SceneObject
 from cobot.strict import shown
 from cobot.types import Numbers6, Pose
 
+MAX_VOXELS = 500_000
+"""Maximum number of voxels of all point clouds together. A process needs about 250 bytes for each."""
 Edit = Callable[[Scene, Pose], Scene]
 """A function that takes a scene and the pose of the TCP, and returns the edited scene."""
 
@@ -63,8 +65,14 @@ def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
     together with everything else. For large clouds this takes some 10 ms.
 
     Raises:
-        LimitError: there are more solids than allowed.
+        LimitError: there are more solids or voxels than allowed.
     """
+    voxels = sum(each.voxels for each in objects.values())
+    if voxels > MAX_VOXELS:
+        raise LimitError(
+            f"objects: their point clouds have {voxels} voxels together, allowed: {MAX_VOXELS}: remove a "
+            "cloud, or use a larger voxel"
+        )
     clouds = {name: each for name, each in objects.items() if each.cells and not each.attached}
     others = sum(each.solids for name, each in objects.items() if name not in clouds)
     if others + len(clouds) > MAX_SOLIDS:

@@ -64,6 +64,6 @@ def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, 
 @lru_cache(maxsize=8)
 def _joined(text: str, voxel_m: float) -> Array | None:
     """The voxels, joined to boxes; None if these are too many for every scene."""
-    cells = tree_of(text, voxel_m).cells.astype(np.int64)
+    cells = tree_of(text, voxel_m).cells.astype(np.float64)
     boxes = joined(cells, WORTH_TRYING * MAX_SOLIDS)
     return boxes if len(boxes) <= MAX_SOLIDS else None

@@ -286,6 +286,12 @@ def test_a_large_cloud_is_checked_by_voxels_and_streams_have_boxes_around_all_of
     coarse = {each["name"]: each for each in robot.get("/scene").json()["objects"]}["cloud"]
     assert coarse["solids"] <= 100
     assert coarse["tolerance"] > told["tolerance"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.services.motion.scene_edits.MAX_VOXELS", 2 * len(expected) - 1)
+        refused = put(robot, "again", body)
+    assert refused.status_code == 422
+    limit = f"{2 * len(expected)} voxels together, allowed: {2 * len(expected) - 1}"
+    assert f"objects: their point clouds have {limit}: remove a cloud" in refused.json()["detail"]
     refused = change(robot, attach={"cloud": []})
     assert refused.status_code == 422
     assert "is a point cloud whose voxels make more than 500 boxes together" in refused.json()["detail"]
