@@ -140,8 +140,12 @@ class SceneFile:
     path: Path
     fixed: dict[str, SceneObject] = field(default_factory=dict)
 
-    def read(self) -> Scene:
+    def read(self, *, by_voxels: bool = True) -> Scene:
         """Read the scene; without a file it has only the fixed objects.
+
+        Args:
+            by_voxels: check the voxels of point clouds too, which takes up to 0.1 s. Without them, only the
+                boxes may be used.
 
         Raises:
             ConfigError: the file cannot be read or is invalid.
@@ -149,7 +153,7 @@ class SceneFile:
         try:
             scene = _FILE.validate_json(read_kept(self.path))
             for name, each in scene.objects.items():
-                _require_whole(name, each)
+                _require_whole(name, each, by_voxels)
             return replace(scene, objects={**scene.objects, **self.fixed})
         except FileNotFoundError:
             return Scene(objects=dict(self.fixed), version=1 if self.fixed else 0)
@@ -173,15 +177,17 @@ class SceneFile:
         keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
 
 
-def _require_whole(name: str, each: SceneObject) -> None:
-    """Check the voxels of a point cloud in a file.
+def _require_whole(name: str, each: SceneObject, by_voxels: bool) -> None:
+    """Check a point cloud in a file.
 
     Raises:
-        InputError: they are damaged, or the boxes around them are missing.
+        InputError: its voxels are damaged, or the boxes around them are missing.
     """
     try:
-        if each.tree is not None and not each.boxes:
+        if each.cells and not each.boxes:
             raise InputError("boxes: are missing; put the point cloud again")
+        if by_voxels and each.cells:
+            tree_of(each.cells, each.voxel)
     except InputError as exc:
         raise InputError(f"objects.{name}.{exc}") from exc
 

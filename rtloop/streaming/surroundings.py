@@ -47,7 +47,7 @@ class Surroundings:
         Raises:
             CobotError: a file is damaged, or MuJoCo rejects its content.
         """
-        scene = scene_file(self._settings).read()
+        scene = scene_file(self._settings).read(by_voxels=False)
         self.version = scene.version
         tool = tool_file(self._settings).read_checked(
             self._settings.robot.max_payload_kg, self._model.file_gravity

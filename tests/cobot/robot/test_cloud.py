@@ -253,3 +253,7 @@ def test_a_cloud_survives_its_file_and_a_damaged_one_is_named(tmp_path) -> None:
     file.path.write_text(whole.replace(scene.objects["cloud"].cells[20:60], "A" * 40))
     with pytest.raises(ConfigError, match=r"scene.json: objects.cloud.cells: are damaged"):
         file.read()
+    assert file.read(by_voxels=False).objects["cloud"].boxes == scene.objects["cloud"].boxes
+    file.write(Scene(3, {"cloud": replace(scene.objects["cloud"], boxes=())}))
+    with pytest.raises(ConfigError, match=r"scene.json: objects.cloud.boxes: are missing"):
+        file.read(by_voxels=False)
