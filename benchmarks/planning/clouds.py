@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import Problem, archive, panda, problems
+from benchmarks.planning.problem_sets import Problem, archive, problems, robot_of
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -38,7 +38,7 @@ def clouds(every: int) -> Iterator[Row]:
     if source is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        robot = panda(source, Path(folder))
+        robot = robot_of(source, Path(folder), "panda")
         chosen = list(problems(Path(folder), "panda", every))
         usual = _plans(robot, chosen, lambda problem: problem.scene)
         for count in COUNTS:
