@@ -37,7 +37,7 @@ from benchmarks.ros import dds, ros2_control
 from benchmarks.streams import latency, overshoot, policy, servo, smoothness, stopping
 from benchmarks.stress import run as stress
 from benchmarks.table import HEADER, Row
-from benchmarks.web import answers, events, fleet, floods, memory, pages, panel, preview, steady
+from benchmarks.web import answers, events, fleet, floods, looks, memory, pages, panel, preview, steady
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
@@ -88,6 +88,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
     "preview": lambda quick: preview.preview(5 if quick else 20),
     "panel": lambda quick: panel.panel(*(2, 5.0, 20.0) if quick else (20, 30.0, 600.0)),
+    "looks": lambda quick: looks.looks(*(2, 5.0) if quick else (10, 20.0)),
     "fanuc": lambda quick: fanuc.fanuc(*(2000, 4, 1) if quick else (20_000, 20, 5)),
     "fri": lambda quick: fri.fri(*(2000, 4, 2) if quick else (20_000, 40, 10)),
     "rsi": lambda quick: rsi.rsi(*(2000, 4, 2) if quick else (100_000, 40, 10)),

@@ -3,6 +3,7 @@ hears of what happens; and whether the memory of the service stays as it is whil
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 import threading
 import time
@@ -55,29 +56,23 @@ def panel(repetitions: int, duration_s: float, memory_s: float) -> Iterator[Row]
                 ratio_of="p50",
                 aim="1500 ms",
             )
-        yield from _open(run, repetitions, duration_s, memory_s)
+        yield drawing(run, duration_s)
+        yield from _open(run, repetitions, memory_s)
 
 
-def _open(run: Run, repetitions: int, duration_s: float, memory_s: float) -> Iterator[Row]:
-    """With one panel open."""
-    app, rtloop = process(run, "app"), process(run, "rtloop")
-    alone = shares([app, rtloop], duration_s)
-    with (
-        tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
-        browsing(Path(folder), SOFTWARE) as tools,
-        Client(run.url, motion_timeout_s=120.0) as robot,
-    ):
-        page = Page(tools)
-        page.visit(f"{run.url}/")
-        _until_drawn(page)
+def drawing(run: Run, duration_s: float, what: str = "one panel open") -> Row:
+    """How often a panel draws while the arm moves to its position "work", and what that costs."""
+    processes = [process(run, "app"), process(run, "rtloop")]
+    alone = shares(processes, duration_s)
+    with _panel(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
         with motion(robot, "work", SLOWLY):
             until_cruising(reader(run))
             frames, begun_s = page.run("cobotPanel.view.frames"), time.monotonic()
-            beside = shares([app, rtloop], duration_s)
+            beside = shares(processes, duration_s)
             drawn = (page.run("cobotPanel.view.frames") - frames) / (time.monotonic() - begun_s)
             robot.stop()
-        yield row(
-            f"one panel open while the arm moves: {drawn:.1f} pictures/s, drawn in software",
+        return row(
+            f"{what} while the arm moves: {drawn:.1f} pictures/s, drawn in software",
             "",
             beside,
             "no panel, the arm at rest",
@@ -85,6 +80,25 @@ def _open(run: Run, repetitions: int, duration_s: float, memory_s: float) -> Ite
             columns=("share of a core, service", "share of a core, rtloop"),
             aim="20 pictures/s, 0.1 more of the service",
         )
+
+
+@contextlib.contextmanager
+def _panel(run: Run) -> Iterator[Page]:
+    """A browser with the panel, in which the arm is drawn."""
+    with (
+        tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
+        browsing(Path(folder), SOFTWARE) as tools,
+    ):
+        page = Page(tools)
+        page.visit(f"{run.url}/")
+        while not page.run("!!window.cobotPanel?.view?.looks.size && !!cobotPanel.state"):
+            time.sleep(0.1)
+        yield page
+
+
+def _open(run: Run, repetitions: int, memory_s: float) -> Iterator[Row]:
+    """With one panel open."""
+    with _panel(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
         yield row(
             "a mode that changes in rtloop to a page's EventSource",
             "ms",
@@ -93,12 +107,7 @@ def _open(run: Run, repetitions: int, duration_s: float, memory_s: float) -> Ite
             (5.0, 10.0, 10.0),
             ratio_of="p99",
         )
-        yield _memory(run, app, robot, memory_s)
-
-
-def _until_drawn(page: Page) -> None:
-    while not page.run("!!window.cobotPanel?.view?.arm && !!cobotPanel.state"):
-        time.sleep(0.1)
+        yield _memory(run, process(run, "app"), robot, memory_s)
 
 
 def _latencies(page: Page, run: Run, repetitions: int) -> list[float]:

@@ -241,9 +241,9 @@ class Pair(Run):
 class RunOfFolder(Run):
     """`cobot run --config FOLDER` of a folder that new-robot has made."""
 
-    def __init__(self, made: Path) -> None:
+    def __init__(self, made: Path, clock: str = "fast") -> None:
         self.made = made
-        super().__init__(made.parent)
+        super().__init__(made.parent, clock)
 
     def command(self) -> list[str]:
         return [*super().command()[:-1], str(self.made)]

@@ -18,6 +18,10 @@ from cobot.types import Array
 MAX_BYTES = 300_000_000
 MAX_TRIANGLES = 2_000_000
 MAX_LOOK_TRIANGLES = 500_000
+MIN_TRIANGLES = 12
+"""Triangles below which no part of a mesh is simplified, as many as a box has."""
+EDGE_RAD = 0.5
+"""Angle between two triangles above which a simplified mesh is drawn with an edge."""
 
 
 def read_mesh(file: Path) -> tuple[Array, Indices]:
@@ -36,13 +40,36 @@ def read_mesh(file: Path) -> tuple[Array, Indices]:
     return vertices, triangles
 
 
-def as_glb(file: Path) -> bytes:
-    """The mesh with its colours, without textures."""
+def as_glb(file: Path, triangles: int) -> bytes:
+    """The mesh with its colours, without textures, simplified to about this number of triangles."""
     if file.suffix.lower() == ".msh":
         scene = trimesh.Scene(trimesh.Trimesh(*_msh(_content(file))))
     else:
         scene = _scene(file, MAX_LOOK_TRIANGLES)
+    meshes = {name: each for name, each in scene.geometry.items() if isinstance(each, trimesh.Trimesh)}
+    share = triangles / max(sum(len(each.faces) for each in meshes.values()), 1)
+    if share < 1.0:
+        for name, mesh in meshes.items():
+            scene.geometry[name] = _simplified(mesh, max(int(share * len(mesh.faces)), MIN_TRIANGLES))
     return bytes(trimesh.exchange.gltf.export_glb(scene))
+
+
+def _simplified(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
+    """The mesh with fewer triangles and the same colour; one with several colours stays as it is."""
+    visual = mesh.visual
+    colours = np.asarray(visual.face_colors if visual.kind in ("face", "vertex") else [])
+    if len(mesh.faces) <= triangles or (colours != colours[:1]).any():
+        return mesh
+    whole = mesh.copy()
+    whole.merge_vertices(merge_tex=True, merge_norm=True)  # or the seams of normals would stay
+    simple = whole.simplify_quadric_decimation(face_count=triangles)
+    simple.update_faces(simple.nondegenerate_faces())
+    made = trimesh.graph.smooth_shade(simple, angle=EDGE_RAD)
+    if visual.kind == "texture":
+        made.visual = trimesh.visual.TextureVisuals(material=visual.material)
+    elif len(colours):
+        made.visual = trimesh.visual.ColorVisuals(made, face_colors=colours[0])
+    return made
 
 
 def _scene(file: Path, max_triangles: int) -> trimesh.Scene:

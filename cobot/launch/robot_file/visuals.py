@@ -23,6 +23,10 @@ from cobot.xml_file import numbers
 SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
 """Timeout for converting one mesh, s. After it the visual is left out."""
+MAX_TRIANGLES = 40_000
+"""Triangles of all meshes of a robot. Meshes with more are simplified, so that the panel draws the robot at
+once, also without a graphics card.
+"""
 
 
 class Visuals:
@@ -36,6 +40,8 @@ class Visuals:
             for visual in link.findall("visual")
         ]
         self._written: dict[Path, str] = {}
+        meshes = [mesh for _, visual in self._found for mesh in visual.iterfind("geometry/mesh")]
+        self._triangles = MAX_TRIANGLES // max(len({each.get("filename") for each in meshes}), 1)
         self._colours = {
             material.get("name"): colour
             for material in root.findall("material")
@@ -81,7 +87,8 @@ class Visuals:
             (folder / SUBFOLDER).mkdir(exist_ok=True)
             name = f"{SUBFOLDER}/{len(self._written)}_{safe_stem(path)}.glb"
             try:
-                worker.ask("look", TIMEOUT_S, file=absolute(path), into=absolute(folder / name))
+                into = absolute(folder / name)
+                worker.ask("look", TIMEOUT_S, file=absolute(path), into=into, triangles=self._triangles)
             except ConfigError as exc:
                 raise ConfigError(f"{path} {exc}") from exc
             self._written[path] = name

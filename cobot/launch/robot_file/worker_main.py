@@ -28,11 +28,11 @@ def write_solids(file: str, into: str, name: str, scale: list[float], split: boo
     return {"files": files, "size": size, "void": found.void_m, "wrong": found.is_wrong, "flat": found.flat}
 
 
-def write_look(file: str, into: str) -> dict[str, Any]:
-    """Write a mesh with its colours as GLB, in metres."""
+def write_look(file: str, into: str, triangles: int) -> dict[str, Any]:
+    """Write a mesh with its colours as GLB, in metres; see `mesh_reading.as_glb`."""
     from cobot.launch.robot_file import mesh_reading
 
-    Path(into).write_bytes(mesh_reading.as_glb(Path(file)))
+    Path(into).write_bytes(mesh_reading.as_glb(Path(file), triangles))
     return {}
 
 

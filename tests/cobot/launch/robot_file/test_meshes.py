@@ -20,6 +20,7 @@ from cobot.errors import ConfigError
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.launch.robot_file.convex import solids
 from cobot.launch.robot_file.mesh_reading import as_glb, read_mesh
+from cobot.launch.robot_file.visuals import MAX_TRIANGLES
 from cobot.launch.robot_file.worker import Worker, absolute
 from cobot.robot.description import load_robot
 from cobot.robot.geometry.visuals import visuals_of
@@ -84,7 +85,7 @@ def as_msh() -> bytes:
 
 def as_glb_file(folder: Path) -> bytes:
     (folder / "source.obj").write_bytes(as_obj())
-    return as_glb(folder / "source.obj")
+    return as_glb(folder / "source.obj", 4)
 
 
 def as_gltf(uri: str) -> bytes:
@@ -182,7 +183,7 @@ def test_a_buffer_of_a_size_that_is_only_claimed_is_not_allocated(tmp_path: Path
 
 def test_a_worker_that_takes_too_long_is_killed_and_the_next_request_has_another(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_bytes(as_binary_stl())
-    request = {"file": absolute(tmp_path / "a.stl"), "into": absolute(tmp_path / "a.glb")}
+    request = {"file": absolute(tmp_path / "a.stl"), "into": absolute(tmp_path / "a.glb"), "triangles": 12}
     with Worker() as worker:
         with pytest.raises(ConfigError, match="takes longer than 0 s"):
             worker.ask("look", 0.0, **request)
@@ -293,3 +294,56 @@ def test_visuals_are_kept_beside_the_model_and_change_nothing_in_it(tmp_path: Pa
         "link0: a <visual> is left out: " in each and "gone.dae does not exist" in each
         for each in new.guessed
     )
+
+
+def test_fine_visuals_are_simplified_to_a_budget_and_keep_form_and_colour(tmp_path: Path) -> None:
+    """Oracle: the sphere, whose radius is 0.1 m everywhere."""
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.1)
+    red = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255])
+    ball.visual = trimesh.visual.TextureVisuals(material=red)
+    (tmp_path / "red.glb").write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(ball)))
+    (tmp_path / "plain.stl").write_bytes(ball.export(file_type="stl"))
+    seen = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("red.glb", "plain.stl")
+    )
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace("<collision>", f"{seen}<collision>", 1))
+    NewRobot(tmp_path / "arm.urdf").write(tmp_path / "made")
+    files = sorted((tmp_path / "made" / "visuals").iterdir())
+    found = [next(iter(trimesh.load_scene(each).geometry.values())) for each in files]
+    assert 2 * len(ball.faces) > MAX_TRIANGLES
+    assert 0.9 * MAX_TRIANGLES < sum(len(each.faces) for each in found) <= MAX_TRIANGLES
+    for each in found:
+        assert np.abs(np.linalg.norm(each.triangles_center, axis=1) - 0.1).max() < 3e-4
+        assert each.area == pytest.approx(4.0 * np.pi * 0.1**2, rel=1e-3)
+    assert found[0].visual.material.baseColorFactor.tolist() == [255, 0, 0, 255]
+
+
+@pytest.mark.parametrize("colours", [1, 2])
+def test_a_mesh_of_one_colour_is_simplified_and_one_of_several_stays(tmp_path: Path, colours: int) -> None:
+    """PLY has a colour for each corner, which a simplified mesh could not keep."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    ball.visual.vertex_colors = [[0, 0, 255, 255]] * len(ball.vertices)
+    if colours == 2:
+        ball.visual.vertex_colors[0] = [0, 255, 0, 255]
+    (tmp_path / "ball.ply").write_bytes(ball.export(file_type="ply"))
+    (tmp_path / "ball.glb").write_bytes(as_glb(tmp_path / "ball.ply", 500))
+    found = next(iter(trimesh.load_scene(tmp_path / "ball.glb").geometry.values()))
+    assert len(found.faces) == (500 if colours == 1 else len(ball.faces))
+    assert len(np.unique(found.visual.vertex_colors, axis=0)) == colours
+    assert [0, 0, 255, 255] in found.visual.vertex_colors.tolist()
+
+
+def test_the_parts_of_a_mesh_share_its_budget_and_keep_their_edges(tmp_path: Path) -> None:
+    """Oracle: the two boxes, whose volume, corners and normals are known."""
+    parts = [trimesh.creation.box(extents=[0.1, 0.2, 0.3]) for _ in range(2)]
+    fine = [part.subdivide().subdivide().subdivide().subdivide() for part in parts]
+    scene = trimesh.Scene({"near": fine[0], "far": fine[1].apply_translation([1.0, 0.0, 0.0])})
+    (tmp_path / "two.glb").write_bytes(trimesh.exchange.gltf.export_glb(scene))
+    (tmp_path / "few.glb").write_bytes(as_glb(tmp_path / "two.glb", 600))
+    found = list(trimesh.load_scene(tmp_path / "few.glb").geometry.values())
+    assert all(100 < len(each.faces) <= 300 for each in found)
+    for each in found:
+        assert each.volume == pytest.approx(0.1 * 0.2 * 0.3, rel=1e-6)
+        normals = np.abs(each.vertex_normals)
+        np.testing.assert_allclose(normals.max(axis=1), 1.0, atol=1e-6)
