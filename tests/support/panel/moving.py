@@ -249,7 +249,7 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
         np.testing.assert_allclose(panel.run.joints(), place, atol=5e-3)
         set_to(panel, "#position-name", "home")
         panel.page.click("#position-teach")
-        panel.until("document.querySelector('#plan').innerText.includes('SRDF')")
+        panel.until("document.querySelector('#plan').innerText.startsWith('This name is already in use')")
         assert panel.page.run("document.querySelector('#position-forget').disabled")
         set_to(panel, "#position-name", "bench")
         panel.page.click("#position-forget")
