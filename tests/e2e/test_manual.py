@@ -23,6 +23,7 @@ QUESTIONS = {
     "PLC": "questions.html#how-do-i-connect-a-plc",
     "change the port": "questions.html#how-do-i-change-the-port",
     "robot does not move": "questions.html#why-does-the-robot-not-move",
+    "why did the robot stop": "questions.html#why-did-the-robot-stop",
     "change the speed": "change-the-speed.html",
     "teach a position": "questions.html#how-do-i-teach-a-position",
     "set tool weight": "questions.html#how-do-i-set-the-tool-and-its-weight",

@@ -100,7 +100,7 @@ export class Run {
     element("run-list").replaceChildren(...choices.map((each) => this.row(each, each === choice)));
     if (focused !== undefined) element("run-list").querySelector(`[data-run="${focused}"]`)?.focus();
     element("run-what").textContent = choice ? "" : word("run_none");
-    for (const id of ["points-run", "points-step"]) allow(element(id), choice ? "" : "run_none");
+    for (const id of ["points-run", "points-step"]) allow(element(id), this.job ? "why_program_runs" : choice ? "" : "run_none");
     allow(element("run-from"), choice?.kind === "lua" ? "why_lua" : "");
     element("run-why").textContent = this.words();
   }

@@ -12,10 +12,10 @@ export function word(name, values = {}, otherwise = name) {
   return text.replace(/\{(\w+)\}/g, (whole, key) => named(values[key] ?? whole));
 }
 
-// The service calls a client '"NAME" from ADDRESS', and a client without a token and a name "anonymous from ADDRESS".
+// The service calls a client '"NAME"' or '"NAME" from ADDRESS', and a client without a token and a name "anonymous from ADDRESS".
 export function named(text) {
   if (typeof text !== "string") return text;
-  return text.replace(/"([^"]*)" from ([\w.:]+)/g, "$1 ($2)").replace(/\banonymous(?: from ([\w.:]+))?/g, (_, address) => word(address ? "unnamed_at" : "unnamed", { address }));
+  return text.replace(/^"([^"]*)"$/, "$1").replace(/"([^"]*)" from ([\w.:]+)/g, "$1 ($2)").replace(/\banonymous(?: from ([\w.:]+))?/g, (_, address) => word(address ? "unnamed_at" : "unnamed", { address }));
 }
 
 // Called now and whenever another language is chosen.

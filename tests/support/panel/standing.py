@@ -41,7 +41,7 @@ def test_a_person_is_asked_once_for_a_name_and_others_see_it(panel: Panel) -> No
         assert httpx.get(control, timeout=WAIT_S).json()["holder"] == '"<b>Jürgen</b> 李"'
         panel.page.run("cobotPanel.api.control = ''")  # as another page sees it
         panel.page.run("cobotPanel.status.look()")
-        panel.until("""document.querySelector('#control').innerText === '"<b>Jürgen</b> 李"'""")
+        panel.until("""document.querySelector('#control').innerText === '<b>Jürgen</b> 李'""")
         panel.page.run("cobotPanel.stream.send({ type: 'release' })")
         until(lambda: not httpx.get(control, timeout=WAIT_S).json()["held"])
     finally:

@@ -212,8 +212,11 @@ def test_a_program_is_run_step_by_step_paused_and_ended(panel: Panel) -> None:
     panel.page.click("#points-run")
     until(lambda: newest_job(panel)["state"] == "running" and panel.mode() == "TRAJECTORY")
     panel.until("!document.querySelector('#end').disabled")
+    start = "document.querySelector('#points-run')"
+    panel.until(f"{start}.disabled && {start}.title.startsWith('This program runs.')")
     panel.page.click("#end")
     panel.until("document.querySelector('#run-why').innerText.includes('Ended by an unnamed client')")
+    assert not panel.page.run(f"{start}.disabled")
     assert newest_job(panel)["state"] == "cancelled"
     panel.stays()
     set_to(panel, "#points-rounds", "1")
