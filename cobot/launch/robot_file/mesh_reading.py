@@ -64,6 +64,8 @@ def _simplified(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
     whole.merge_vertices(merge_tex=True, merge_norm=True)  # or the seams of normals would stay
     simple = whole.simplify_quadric_decimation(face_count=triangles)
     simple.update_faces(simple.nondegenerate_faces())
+    if not len(simple.faces):
+        return mesh  # one without area
     made = trimesh.graph.smooth_shade(simple, angle=EDGE_RAD)
     if visual.kind == "texture":
         made.visual = trimesh.visual.TextureVisuals(material=visual.material)

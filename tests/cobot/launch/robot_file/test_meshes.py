@@ -334,6 +334,17 @@ def test_a_mesh_of_one_colour_is_simplified_and_one_of_several_stays(tmp_path: P
     assert [0, 0, 255, 255] in found.visual.vertex_colors.tolist()
 
 
+def test_a_mesh_without_area_stays_as_it_is(tmp_path: Path) -> None:
+    """Oracle: its triangles, of which each is a line."""
+    line = trimesh.Trimesh(
+        np.arange(300.0)[:, None] * [1.0, 0.0, 0.0], np.arange(300).reshape(-1, 3), process=False
+    )
+    (tmp_path / "line.stl").write_bytes(line.export(file_type="stl"))
+    (tmp_path / "line.glb").write_bytes(as_glb(tmp_path / "line.stl", 50))
+    found = next(iter(trimesh.load_scene(tmp_path / "line.glb", process=False).geometry.values()))
+    assert len(found.faces) == 100
+
+
 def test_the_parts_of_a_mesh_share_its_budget_and_keep_their_edges(tmp_path: Path) -> None:
     """Oracle: the two boxes, whose volume, corners and normals are known."""
     parts = [trimesh.creation.box(extents=[0.1, 0.2, 0.3]) for _ in range(2)]
