@@ -50,12 +50,12 @@ def as_glb(file: Path, triangles: int) -> bytes:
     share = triangles / max(sum(len(each.faces) for each in meshes.values()), 1)
     if share < 1.0:
         for name, mesh in meshes.items():
-            scene.geometry[name] = _simplified(mesh, max(int(share * len(mesh.faces)), MIN_TRIANGLES))
+            scene.geometry[name] = _simplify(mesh, max(int(share * len(mesh.faces)), MIN_TRIANGLES))
     return bytes(trimesh.exchange.gltf.export_glb(scene))
 
 
-def _simplified(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
-    """The mesh with fewer triangles and the same colour; one with several colours stays as it is."""
+def _simplify(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
+    """Return the mesh with fewer triangles and the same colour; one with several colours stays as it is."""
     visual = mesh.visual
     colours = np.asarray(visual.face_colors if visual.kind in ("face", "vertex") else [])
     if len(mesh.faces) <= triangles or (colours != colours[:1]).any():
