@@ -21,7 +21,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length, without_detours
-from cobot.planners.search.sampling import ATTEMPTS, RANGE_RAD, SHARES, find_path, room
+from cobot.planners.search.sampling import ATTEMPTS, FIRST_SHARES, RANGE_RAD, find_path, room
 from cobot.planners.shortcut import shorten
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -193,7 +193,7 @@ def _best(problem: Problem, run_s: float) -> float:
     collision, limits = problem.robot.collision, problem.robot.limits
     bounds = limits.min_position, limits.max_position
     ends = np.array([problem.start, problem.goal])
-    direct, rooms = _direct(problem), (*SHARES, 1.0)
+    direct, rooms = _direct(problem), (*FIRST_SHARES[:3], 1.0)
     shortest: list[float] = []
     with collision.keeping(room(problem.robot, ends)) as clearance:
         for run in range(RUNS):

@@ -19,6 +19,7 @@ from cobot.robot.clearance cimport Clearance
 cdef enum:
     GROWTH = 256
     LOOK = 16    # number of draws between two checks of the time
+    AHEAD = 16   # configurations that are drawn and checked together
     DRAWS = 50   # number of draws for each attempt, because most configurations are too far away
     TRAPPED = -1
     NO_MEMORY = -2
@@ -90,6 +91,10 @@ cdef int _grow(
     cdef uint64_t state = seed
     cdef double end_s = _now_s() + timeout_s
     cdef double wanted[MAX_DOF]
+    cdef double ahead[AHEAD * MAX_DOF]
+    cdef unsigned blocked = 0
+    cdef int filled = 0
+    cdef int used = 0
     cdef long drawn = 0
     cdef long tried = 0
     cdef int side = 0
@@ -106,22 +111,25 @@ cdef int _grow(
             met[0], met[1] = 0, index
             return 1
     while True:
-        drawn += 1
-        if drawn % LOOK == 0 and (_now_s() > end_s or (attempts and drawn > DRAWS * attempts)):
-            return 0
-        if isinf(shorter_than_rad) or uniform(&state) < 0.5:
-            for index in range(dof):
-                wanted[index] = low[index] + uniform(&state) * (high[index] - low[index])
-        else:
-            index = <int>(uniform(&state) * goal_count)
-            _draw_between(start, &goals[index * dof], shorter_than_rad, dof, &state, wanted)
-        if not _is_wanted(wanted, start, goals, goal_count, low, high, shorter_than_rad, dof):
-            continue
+        if used == filled:
+            filled = _draw(
+                start, goals, goal_count, low, high, shorter_than_rad, dof, &state, end_s,
+                DRAWS * attempts if attempts else 0, &drawn, ahead,
+            )
+            if not filled:
+                return 0
+            used, blocked = 0, clearance.c_are_blocked(ahead, filled)
+        index, used = used, used + 1
+        memcpy(wanted, &ahead[index * dof], dof * sizeof(double))
         tried += 1
         if attempts and tried > attempts:
             return 0
         side = 0 if trees[0].count <= trees[1].count else 1
-        added = _extend(clearance, &trees[side], _nearest(&trees[side], wanted, dof), wanted, range_rad)
+        other = _nearest(&trees[side], wanted, dof)
+        # An edge to a configuration that is not free needs no check of its own.
+        if blocked >> index & 1 and _apart(&trees[side].nodes[other * dof], wanted, dof) <= range_rad:
+            continue
+        added = _extend(clearance, &trees[side], other, wanted, range_rad)
         if added == TRAPPED:
             continue
         if added == NO_MEMORY:
@@ -136,6 +144,31 @@ cdef int _grow(
             if other >= 0 and _apart(&trees[1 - side].nodes[other * dof], wanted, dof) == 0.0:
                 met[1 - side] = other
                 return 1
+
+
+cdef int _draw(
+    const double* start, const double* goals, int goal_count, const double* low, const double* high,
+    double shorter_than_rad, int dof, uint64_t* state, double end_s, long most, long* drawn, double* out,
+) noexcept nogil:
+    """Draw the next configurations to try, (AHEAD, dof). Returns their number, 0 once time or draws have run
+    out."""
+    cdef double* wanted
+    cdef int count = 0
+    cdef int index
+    while count < AHEAD:
+        drawn[0] += 1
+        if drawn[0] % LOOK == 0 and (_now_s() > end_s or (most and drawn[0] > most)):
+            return count
+        wanted = &out[count * dof]
+        if isinf(shorter_than_rad) or uniform(state) < 0.5:
+            for index in range(dof):
+                wanted[index] = low[index] + uniform(state) * (high[index] - low[index])
+        else:
+            index = <int>(uniform(state) * goal_count)
+            _draw_between(start, &goals[index * dof], shorter_than_rad, dof, state, wanted)
+        if _is_wanted(wanted, start, goals, goal_count, low, high, shorter_than_rad, dof):
+            count += 1
+    return count
 
 
 cdef bint _is_wanted(

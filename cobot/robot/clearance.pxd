@@ -169,6 +169,7 @@ cdef class Clearance:
     cdef void _look_at_rows(
         self, const double* rows, int count, LaneQuery* query, LaneAnswer* answer
     ) noexcept nogil
+    cdef unsigned c_are_blocked(self, const double* rows, int count) noexcept nogil
     cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil
     cdef void _look(
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,

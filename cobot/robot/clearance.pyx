@@ -41,6 +41,7 @@ cdef enum:
     MAX_LANES = 16
     INTERVALS = 256      # of an edge that may wait
     GENERATIONS = 12
+    LIKELY = 16          # pairs, the ones of the last hits
     WEIGHT = 4           # evaluations that a look of the spheres counts for
     BATCH = 64           # pieces of a motion
     MAX_STRETCHES = 1024
@@ -658,6 +659,21 @@ cdef class Clearance:
         query.joints, query.rates, query.half, query.bend = joints, rates, half, self._bend
         query.active = (1 << count) - 1
         self._check(&self._lanes, query, answer)
+
+    cdef unsigned c_are_blocked(self, const double* rows, int count) noexcept nogil:
+        """A bit for each of at most MAX_LANES rows of joints, set only if spheres show a hit of one of the
+        pairs that were hit last."""
+        cdef LaneQuery query
+        cdef LaneAnswer answer
+        if self._check == NULL:
+            return 0
+        self.evaluations += WEIGHT
+        query.pairs, query.pair_count, query.all = self._lane_order, min(self.count, LIKELY), True
+        answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
+        self._look_at_rows(rows, count, &query, &answer)
+        if answer.hit:
+            self._raise(answer.hit_pair)
+        return answer.hit
 
     cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil:
         """For each part and joint, how large the second derivative of a point of it can be along the edge if

@@ -34,14 +34,15 @@ DIRECT = 1.25
 """A path is not improved if its length is at most this factor times that of the direct way."""
 ROUNDS, PATHS = 6, 2
 """Number of rounds for a longer path, and number of paths whose detours each round removes together."""
-SHARES = (0.1, 0.25, 0.4)
-"""The searches in turn: how much longer than the direct way a path may be, as a share of how much longer the
-best path is. The smaller the space, the sooner a search finds a path within it.
+FIRST_SHARES, LATER_SHARES = 2 * (0.1, 0.25, 0.4), (0.4,)
+"""The searches of the first round, and those of each later one: how much longer than the direct way a path
+may be, as a share of how much longer the best path is. The smaller the space, the sooner a search finds a
+path within it. Small spaces that contained none in the first round are not searched again.
 """
-SEARCHES, ATTEMPTS = 6, 3000
-"""Maximum number of searches in a round, and of attempts to add a node in each."""
-MUCH_WORK, MUCH_LONGER = 150_000, 0.5
-"""No search begins after this many collision checks (about 0.4 s) if the path exceeds the direct way by at
+ATTEMPTS = 3000
+"""Maximum number of attempts of such a search to add a node."""
+MUCH_WORK, MUCH_LONGER = 100_000, 0.5
+"""No search begins after this many collision checks (about 0.1 s) if the path exceeds the direct way by at
 least the second value, as a share of it. For a shorter path the number is proportionally smaller. It is a
 count instead of a time, because one seed must give one path."""
 ROUNDING_RAD = 1e-9
@@ -82,7 +83,7 @@ def _connect(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
     """The first path if it is close to the direct way; otherwise the shortest of several and of their
-    combination, see `without_detours`.
+    combination, see `without_detours`. A round whose searches find no path is the last one.
     """
     bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s
@@ -102,8 +103,8 @@ def _connect(
         share = min(1.0, (length(best) / direct_rad - 1.0) / MUCH_LONGER)
         return clearance.evaluations - begun > share * MUCH_WORK or time.monotonic() > deadline_s
 
-    for _ in range(ROUNDS):
-        for share in itertools.islice(itertools.cycle(SHARES), SEARCHES):
+    for number in range(ROUNDS):
+        for share in LATER_SHARES if number else FIRST_SHARES:
             if is_enough() or is_too_much() or len(paths) >= PATHS:
                 break
             seed, left_s = int(random.integers(2**62)), deadline_s - time.monotonic()
@@ -117,7 +118,7 @@ def _connect(
             break
         near = goals[away <= length(best) + ROUNDING_RAD]
         best = min(best, without_detours(clearance, paths or [best], near, bounds, seed), key=length)
-        if is_enough() or is_too_much():
+        if is_enough() or is_too_much() or not paths:
             break
         paths = []
     return best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +16,13 @@ from benchmarks.planning import scenes
 from cobot.motions.requests import MotionRequest
 from cobot.planners.roadmap import shortest
 from cobot.planners.rrt_connect import connect
+from cobot.planners.search import sampling
 from cobot.planners.search.detours import length, without_detours
 from cobot.planners.search.sampling import find_path, room
 from cobot.planners.shortcut import shorten
+from cobot.robot.clearance import INSTRUCTIONS
 from cobot.robot.description import RobotDescription
-from cobot.types import PlannerName, Scaling
+from cobot.types import Array, PlannerName, Scaling
 
 SEED = 20261122
 IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
@@ -103,6 +106,50 @@ def test_a_search_may_be_confined_to_what_a_short_path_passes(robot: RobotDescri
     for path in found:
         away = np.linalg.norm(path[:, None] - ends, axis=2).sum(axis=1)
         assert away.max() <= longest * (1.0 + 1e-12)
+
+
+def test_a_search_looks_at_configurations_together_and_finds_the_path_of_exact_distances(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The oracle is the search with exact distances alone, which looks at one edge after the other."""
+    limits, attempts = robot.limits, 600
+    problem = list(scenes.problems(robot, "bin", 42))[-1]
+    longest = 1.2 * float(np.linalg.norm(problem.goal - problem.start))
+    args = (problem.start, problem.goal[None], limits.min_position, limits.max_position)
+    found: dict[str, list[Array | None]] = {}
+    for instructions in ("", "exact"):
+        monkeypatch.setenv(INSTRUCTIONS, instructions)
+        clearance = problem.robot.collision.twin().clearance
+        paths = found[instructions] = []
+        for seed in range(8):
+            before = clearance.evaluations
+            paths.append(connect(clearance, *args, seed, WAIT_S, 2.0, longest, attempts))
+            if paths[-1] is None and not instructions:
+                looks = 4 * attempts
+                assert clearance.evaluations - before < looks, "less than a look for each attempt"
+    for path, expected in zip(*found.values(), strict=True):
+        assert (path is None) == (expected is None)
+        assert path is None or expected is None or np.array_equal(path, expected)
+    assert any(path is None for path in found[""])
+    assert any(path is not None for path in found[""])
+
+
+def test_a_round_of_searches_without_a_path_is_the_last_one(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confined = []
+
+    def only_the_first(*args: Any) -> Array | None:
+        if np.isinf(args[8]):
+            return connect(*args)
+        confined.append(args[8])
+        return None
+
+    monkeypatch.setattr(sampling, "connect", only_the_first)
+    problem = list(scenes.problems(robot, "cage", 17))[-1]
+    request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), timeout_s=WAIT_S)
+    find_path(problem.robot, request, problem.goal[None])
+    assert len(confined) == len(sampling.FIRST_SHARES) + len(sampling.LATER_SHARES)
 
 
 def test_detours_are_taken_out_and_what_is_left_is_free(robot: RobotDescription) -> None:
