@@ -33,7 +33,7 @@ from benchmarks.planning import (
     time_law,
     timed,
 )
-from benchmarks.ros import dds, ros2_control
+from benchmarks.ros import dds, ros2_control, ros2_control_stream
 from benchmarks.streams import latency, overshoot, policy, servo, smoothness, stopping
 from benchmarks.stress import run as stress
 from benchmarks.table import HEADER, Row
@@ -95,6 +95,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "ur": lambda quick: ur.ur(*(2000, 4, 2) if quick else (20_000, 20, 5)),
     "franka": lambda quick: franka.franka(2000 if quick else 20_000),
     "ros2_control": lambda quick: ros2_control.ros2_control(20 if quick else 100),
+    "ros2_control_stream": ros2_control_stream.ros2_control_stream,
     "policy": lambda quick: policy.policy(*(100, 2) if quick else (1000, 10)),
     "floods": lambda quick: floods.floods(3 if quick else 40),
     "steady": lambda quick: steady.steady(60.0 if quick else 600.0),

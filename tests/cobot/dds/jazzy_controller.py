@@ -6,6 +6,7 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
 
     good            as it should be
     reject abort never late silent degrees swapped nan frozen missing slow
+    ahead           its clock is five hours ahead; otherwise it is that of 1970
     inactive        the controller is deactivated, which ends its goal
     replace         another goal replaces the current one
     speed SHARE     of the speed slider
@@ -43,6 +44,7 @@ from ur_msgs.msg import Analog, Digital, IOStates
 from ur_msgs.srv import SetIO
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
+AHEAD_S = int(time.time()) + 18_000
 SLOW_S, STATE_S = 0.5, 0.02
 """Time between two joint states in the mode `slow`, and between two states of the controller."""
 JTC, FORWARD = "joint_trajectory_controller", "forward_position_controller"
@@ -257,7 +259,7 @@ class Controllers(Node):
             position=[0.04, *(position[n] for n in order)],
             velocity=[0.0, *(velocity[n] for n in order)],
         )
-        message.header.stamp.sec = 12  # a clock that differs: nobody may compare it
+        message.header.stamp.sec = AHEAD_S if self.mode == "ahead" else 12  # nobody may compare clocks
         self.states.publish(message)
 
     def slide(self) -> None:

@@ -141,7 +141,7 @@ def recover(arm: Ros2ControlArm, double: Double) -> float:
 def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(
     arm: Ros2ControlArm, double: Double
 ) -> None:
-    """Joint states have another order, another joint, and stamps of 1970."""
+    """Joint states have another order, another joint, and stamps of 1970; then stamps five hours ahead."""
     changes = itertools.cycle((0.2, -0.2))
 
     def moved() -> float:
@@ -159,6 +159,7 @@ def test_a_motion_is_followed_as_its_joints_are_named_and_ordered(
         return took_s if looks > 10 else math.inf
 
     require_quick(moved, 2.5 + 1.0)
+    double.be("ahead")
     follow(arm, begin(arm, next(changes), 2.5))
 
 
