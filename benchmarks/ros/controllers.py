@@ -1,8 +1,8 @@
 """Simulated controllers whose joint states are numbered, whose datagrams get lost, and which have faults.
 
 python -m benchmarks.ros.controllers DOMAIN RATE_HZ: a line of its input is a JSON object with what changes,
-`loss` (share of the datagrams, in each direction), `silent`, `nan`, `active`, `forward` or `is_numbered`; each
-is answered with its state.
+`loss` (share of the datagrams, in each direction), `silent`, `nan`, `active`, `forward` or `is_numbered`;
+each is answered with its state.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from benchmarks.backends.driven import PRIORITY
 from cobot.config import load_settings
 from cobot.dds.controller_simulator import COMMANDS, SimulatedControllers
 from cobot.dds.names import ENCLAVE, NodeName
@@ -27,6 +28,7 @@ from cobot.dds.node import DdsNode, Message
 from cobot.dds.rtps import Participant
 from cobot.robot.description import load_robot
 from cobot.ros.messages import Messages
+from rtloop.realtime import prepare
 
 ECHO = "/echo/commands"
 TRAJECTORIES, FORWARD = "joint_trajectory_controller", "forward_position_controller"
@@ -159,4 +161,5 @@ class ControllersProcess:
 
 
 if __name__ == "__main__":
+    prepare(PRIORITY, None, None)
     asyncio.run(_serve(int(sys.argv[1]), float(sys.argv[2])))

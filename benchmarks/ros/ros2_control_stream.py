@@ -44,7 +44,7 @@ class RunAtControllers(Run):
 
     def start(self) -> subprocess.Popen[str]:
         settings = yaml.safe_load(self.config.read_text(encoding="utf-8"))
-        settings["robot"]["backend"] = {"type": self._kind, "connect_s": 20.0}
+        settings["robot"]["backend"] = {"type": self._kind, "connect_s": 20.0, "state_timeout_s": 0.5}
         settings["rt"] |= {"period_s": 0.004, "frozen_after_s": 0.5}
         self.config.write_text(yaml.safe_dump(settings), encoding="utf-8")
         return super().start()

@@ -79,7 +79,8 @@ class BackendOptions(BaseModel):
 class Backend(Protocol):
     """A robot arm that takes a joint command in each cycle.
 
-    The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block.
+    The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block. In a
+    reset `enable` blocks the cycle, so a device that may not answer is `Stepwise`.
     `read` and `write` are called in each cycle and must be real-time safe: bounded, without deliberate
     allocation, without I/O except the device's own. Each method may raise BackendError.
 
@@ -376,8 +377,9 @@ class TrajectoryDevice(Protocol):
     """A robot arm that takes a whole motion at a time and executes it by itself, used instead of a `Backend`.
 
     Constructor and attributes are those of a `Backend`; it may also implement `Reporting`, `CarriesTool` and
-    `HasIo`. Each method may raise BackendError and may wait for the device for some tenths of a second. A
-    thread calls them one at a time; no cycle waits for it.
+    `HasIo`. Each method may raise BackendError and may wait for the device for some tenths of a second,
+    `enable` for seconds. A thread calls them one at a time. Only `set_tool` and `disable` are called in the
+    cycle, while nothing moves.
 
     Two attributes are optional: `state_period_s`, the interval at which the device is polled (0.05), and
     `point_period_s`, the time between points of a motion (0.02).

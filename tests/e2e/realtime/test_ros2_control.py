@@ -574,11 +574,20 @@ def test_the_cycle_goes_on_and_a_stop_is_obeyed_while_another_process_hangs(
                 until(lambda: cycle(service) > first + 50)
                 return None if asked.done() else asked
 
-            if frozen == "driver":
-                waits = until(waiting)
-                until(lambda: "a reset is enabling the robot" in device_text(service))
+            def stopped() -> bool:
+                """A stop ends a waiting reset."""
+                waits = waiting()
+                if waits is None:
+                    return False
+                until(lambda: waits.done() or "a reset is enabling the robot" in device_text(service))
                 httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
-                assert "a stop was requested meanwhile" in waits.result().text
+                return "a stop was requested meanwhile" in waits.result().text
+
+            if frozen == "driver":
+                until(stopped)
+            else:
+                first = cycle(service)
+                until(lambda: cycle(service) > first + 50)
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.kill(victim, signal.SIGCONT)
