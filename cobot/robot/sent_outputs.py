@@ -9,8 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-SAME = 1e-6
-"""Maximum difference between a set and a reported value."""
+from cobot.robot.io_points import ANALOG_SHARE
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +52,8 @@ class SentOutputs:
         for name, sent in list(self._sent.items()):
             after_s = now_s - sent.sent_s
             in_time = after_s <= self._timeout_s and not sent.is_late
-            if abs(reported.get(name, math.nan) - sent.value) <= SAME:
+            here = reported.get(name, math.nan)
+            if math.isclose(here, sent.value, rel_tol=ANALOG_SHARE, abs_tol=ANALOG_SHARE):
                 del self._sent[name]
                 if not in_time:
                     problem = (

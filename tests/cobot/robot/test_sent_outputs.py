@@ -15,6 +15,14 @@ def test_a_value_in_time_needs_no_word() -> None:
     assert not sent
 
 
+def test_an_analog_value_is_reported_as_the_device_has_it() -> None:
+    """With 12 bits for 10 V."""
+    sent = SentOutputs(TIMEOUT_S)
+    sent.add("valve", 2.5, 10.0)
+    assert sent.explain({"valve": 2.5 + 10.0 / 4096}, 11.0) == ""
+    assert not sent
+
+
 def test_a_value_that_comes_late_is_named_once() -> None:
     sent = SentOutputs(TIMEOUT_S)
     sent.add("lamp", 1.0, 10.0)
