@@ -353,15 +353,30 @@ def reaches(run: Run, joint1_rad: float) -> float:
     return reached
 
 
+def surface_of_a_ball(radius_m: float, number: int) -> list[list[float]]:
+    """Points about the origin, shape (number, 3), m."""
+    points = np.random.default_rng(0).normal(size=(number, 3))
+    return (radius_m * points / np.linalg.norm(points, axis=1, keepdims=True)).tolist()
+
+
 @pytest.mark.thorough
-def test_a_stream_keeps_away_from_an_object_of_the_scene_after_a_restart_too(run: Run) -> None:
-    """The ball is where the hand would be after two thirds of the way."""
+@pytest.mark.parametrize(
+    "solid",
+    [
+        {"shape": "sphere", "radius": 0.05},
+        {"shape": "point_cloud", "voxel": 0.005, "points": surface_of_a_ball(0.05, 10_000)},
+    ],
+    ids=["sphere", "point_cloud"],
+)
+def test_a_stream_keeps_away_from_an_object_of_the_scene_after_a_restart_too(
+    run: Run, solid: dict[str, Any]
+) -> None:
+    """The object is where the hand would be after two thirds of the way."""
     post(run, "/robot/move/joints", joints=[0.8, *HOME[1:]])
     pose = httpx.get(f"{run.url}/robot/pose", timeout=WAIT_S).json()["position"]
     assert reaches(run, 1.2) == pytest.approx(1.2, abs=0.01), "nothing is in the way"
-    ball = {"shape": "sphere", "radius": 0.05, **pose}
     try:
-        post(run, "/scene", objects={"ball": ball}).raise_for_status()
+        post(run, "/scene", objects={"ball": {**solid, **pose}}).raise_for_status()
         assert 0.2 < reaches(run, 1.2) < 0.75
         rtloop = run.child("rtloop")
         assert rtloop is not None
