@@ -158,7 +158,7 @@ cdef int _draw(
     while count < AHEAD:
         drawn[0] += 1
         if drawn[0] % LOOK == 0 and (_now_s() > end_s or (most and drawn[0] > most)):
-            return count
+            return 0
         wanted = &out[count * dof]
         if isinf(shorter_than_rad) or uniform(state) < 0.5:
             for index in range(dof):

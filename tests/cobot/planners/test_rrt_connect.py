@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -53,6 +54,20 @@ def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription
     assert corners is not None
     assert np.array_equal(corners[-1], problem.goal)
     assert connect(clearance, problem.start, inside[None], *bounds, 1, WAIT_S, 2.0, attempts=200) is None
+
+
+@pytest.mark.parametrize("share", [np.inf, 4.0, 1.2])
+def test_a_search_that_finds_nothing_ends_when_its_time_is_over(
+    robot: RobotDescription, share: float
+) -> None:
+    """Oracle: the goal, which is in the floor."""
+    problem = next(scenes.problems(robot, "table", 1, SEED))
+    limits, clearance = robot.limits, problem.robot.collision.clearance
+    longest = share * float(np.linalg.norm(IN_THE_FLOOR - problem.start))
+    args = (problem.start, IN_THE_FLOOR[None], limits.min_position, limits.max_position)
+    begun_s = time.monotonic()
+    assert connect(clearance, *args, 1, 0.1, 2.0, longest) is None
+    assert 0.1 < time.monotonic() - begun_s < WAIT_S
 
 
 @pytest.mark.parametrize("kind", few(scenes.KINDS))
