@@ -60,6 +60,7 @@ def connect(Clearance clearance, start, goals, low, high, uint64_t seed, double 
     if not (np.isfinite(begin).all() and np.isfinite(ends).all()):
         raise ValueError("a joint is not finite")
     clearance.enclose()
+    clearance.forget_hits()  # or the work, which callers limit, would depend on earlier searches
     try:
         with nogil:
             found = _grow(

@@ -239,6 +239,13 @@ cdef class Clearance:
             self._check = check
         self._is_enclosed = True
 
+    def forget_hits(self):
+        """Check the pairs in their first order again, as a new object would. The order decides which edges
+        `c_are_blocked` spares, and so the number of evaluations."""
+        cdef int index
+        for index in range(self.count if self._lane_order != NULL else 0):
+            self._lane_order[index] = index
+
     def _give_lanes(self):
         """Give `lanes_check.h` the kinematics, the spheres around each moving part, and the pairs."""
         cdef int index, i, joint

@@ -149,6 +149,24 @@ def test_a_search_looks_at_configurations_together_and_finds_the_path_of_exact_d
     assert any(path is not None for path in found[""])
 
 
+def test_earlier_searches_change_neither_the_path_nor_the_work_of_a_search(robot: RobotDescription) -> None:
+    """Oracle: the same search with a memory of its own. Work is what limits further searches."""
+    limits = robot.limits
+    random = np.random.default_rng(SEED)
+    problem = list(scenes.problems(robot, "cage", 6))[-1]
+    args = (problem.start, problem.goal[None], limits.min_position, limits.max_position)
+    used = problem.robot.collision.twin().clearance
+    for seed in range(samples(8)):
+        for ends in pairwise(random.uniform(limits.min_position, limits.max_position, (40, limits.dof))):
+            used.is_edge_free(*ends)
+        new = problem.robot.collision.twin().clearance
+        before = used.evaluations, new.evaluations
+        found = [connect(each, *args, seed, WAIT_S, 2.0, attempts=2000) for each in (used, new)]
+        assert used.evaluations - before[0] == new.evaluations - before[1], seed
+        assert (found[0] is None) == (found[1] is None)
+        assert found[0] is None or np.array_equal(*found)
+
+
 def test_a_round_of_searches_without_a_path_is_the_last_one(
     robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
 ) -> None:
