@@ -64,7 +64,7 @@ def drawing(run: Run, duration_s: float, what: str = "one panel open") -> Row:
     """How often a panel draws while the arm moves to its position "work", and what that costs."""
     processes = [process(run, "app"), process(run, "rtloop")]
     alone = shares(processes, duration_s)
-    with _panel(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
+    with panel_of(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
         with motion(robot, "work", SLOWLY):
             until_cruising(reader(run))
             frames, begun_s = page.run("cobotPanel.view.frames"), time.monotonic()
@@ -83,7 +83,7 @@ def drawing(run: Run, duration_s: float, what: str = "one panel open") -> Row:
 
 
 @contextlib.contextmanager
-def _panel(run: Run) -> Iterator[Page]:
+def panel_of(run: Run) -> Iterator[Page]:
     """A browser with the panel, in which the arm is drawn."""
     with (
         tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
@@ -98,7 +98,7 @@ def _panel(run: Run) -> Iterator[Page]:
 
 def _open(run: Run, repetitions: int, memory_s: float) -> Iterator[Row]:
     """With one panel open."""
-    with _panel(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
+    with panel_of(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
         yield row(
             "a mode that changes in rtloop to a page's EventSource",
             "ms",

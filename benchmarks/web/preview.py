@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-from chromium import CHROMIUM, Page, browsing
+from chromium import CHROMIUM, Page
 
 from benchmarks.planning.plan_requests import boxes_of
 from benchmarks.planning.scenes import problems
 from benchmarks.service import service
 from benchmarks.table import Row, row
-from benchmarks.web.panel import SOFTWARE, _until_drawn
+from benchmarks.web.panel import panel_of
 from cobot.client import Client
 from cobot.config import load_settings
 from cobot.robot.description import load_robot
@@ -45,13 +43,9 @@ def preview(presses: int) -> Iterator[Row]:
     planned_ms: list[float] = []
     with (
         service("fast") as run,
-        tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
-        browsing(Path(folder), SOFTWARE) as tools,
+        panel_of(run) as page,
         Client(run.url, motion_timeout_s=120.0) as client,
     ):
-        page = Page(tools)
-        page.visit(f"{run.url}/")
-        _until_drawn(page)
         for problem in problems(robot, "shelf", presses):
             client.change_scene(clear=True)
             client.move_joints(problem.start.tolist(), speed=1.0, planner="auto")
