@@ -195,8 +195,9 @@ export class Motions {
       this.say(() => `${gain && word(gain)} ${described(found, this.name)}`.trim(), found.note);
     } catch (error) {
       if (isShown()) this.say(() => reasonOf(error), error.message);
+    } finally {
+      this.turn(""); // also when another plan is shown by now
     }
-    this.turn("");
   }
 
   // Returns the plan; null if planning failed, or the user has asked for another plan meanwhile.
