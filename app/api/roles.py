@@ -57,7 +57,7 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
-    # a token of an agent may plan and move only through app.mcp.tools
+    # the tools of /mcp that plan or move need an agent: app.mcp.tools
     return table | twins | {MCP: Role.OBSERVER}
 
 
