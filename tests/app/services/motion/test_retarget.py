@@ -471,10 +471,10 @@ def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
     job = moving(around, FAR | {"speed": 0.3})
     at_once = asyncio.to_thread
 
-    async def slowly(work: Any, *values: Any) -> Any:
+    async def slowly(work: Any, *values: Any, **named: Any) -> Any:
         if getattr(work, "__name__", "") == "check_trajectory":
             await asyncio.sleep(0.15)
-        return await at_once(work, *values)
+        return await at_once(work, *values, **named)
 
     monkeypatch.setattr(asyncio, "to_thread", slowly)
     assert "ball" in around.post("/scene", ball_at(around, 1.1)).json()["stopped"]
