@@ -158,6 +158,8 @@ cdef class Clearance:
         part.joint, turn, offset = frames[mj.geom_bodyid[geom]]
         if cloud is not None:
             part.solid.kind, part.nodes = CLOUD, cloud.nodes
+            if geom + 1 == mj.ngeom:
+                raise ValueError(f"geom {geom} is a cloud: a cube must be next to it")
             part.cube = solid_of(self._model, geom + 1)
             if part.joint >= 0 or part.cube.kind != BOX or part.cube.size[0] != 0.5 * cloud.voxel_m:
                 raise ValueError(f"geom {geom} is a cloud: it must stand, and a cube must be next to it")

@@ -78,11 +78,14 @@ class CollisionChecker:
         """
         tool = tool or self.tool
         mj = self._model.among(scene, tool, by_voxels=True)
-        apart = self.disabled | tool.mounted(scene).may_touch()
+        apart, clouds = self.disabled | tool.mounted(scene).may_touch(), clouds_in(mj, scene)
+        cubes = {geom + 1 for geom in clouds}
         pairs = [
-            pair for pair in geom_pairs(mj) if frozenset(body_or_geom(mj, geom) for geom in pair) not in apart
+            pair
+            for pair in geom_pairs(mj)
+            if cubes.isdisjoint(pair) and frozenset(body_or_geom(mj, geom) for geom in pair) not in apart
         ]
-        self.clearance = Clearance(mj, pairs, RESOLUTION_M, clouds_in(mj, scene))
+        self.clearance = Clearance(mj, pairs, RESOLUTION_M, clouds)
         self.clearance.require(self.margin_m)
         self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)

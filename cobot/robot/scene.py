@@ -237,11 +237,12 @@ def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
 
 
 def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
-    """Add the box around all voxels, and one voxel, which no rule of MuJoCo lets collide; see `Clearance`."""
+    """Add the box around all voxels, and one voxel, which `Clearance` moves. MuJoCo would discard it from
+    the model of a URDF if it had no contact type, so those who list the pairs leave it out."""
     bounds = tree.bounds.tolist()
-    rule = {"mass": 0.0, "type": _GEOMS["box"], "pos": bounds[:3]}
-    body.add_geom(size=[0.5 * edge for edge in bounds[3:]], contype=1, conaffinity=1, **rule)
-    body.add_geom(size=[0.5 * tree.voxel_m] * 3, contype=0, conaffinity=0, **rule)
+    rule = {"mass": 0.0, "type": _GEOMS["box"], "pos": bounds[:3], "contype": 1, "conaffinity": 1}
+    body.add_geom(size=[0.5 * edge for edge in bounds[3:]], **rule)
+    body.add_geom(size=[0.5 * tree.voxel_m] * 3, **rule)
 
 
 def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObject) -> None:

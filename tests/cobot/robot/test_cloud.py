@@ -8,15 +8,17 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 import pytest
+from independent_models import urdf
 from odd_arm import STANDING, by_mujoco, odd_arm
 from sample_counts import samples
 
 from cobot.errors import ConfigError, InputError
 from cobot.robot.clearance import INSTRUCTIONS, Clearance
 from cobot.robot.cloud import CloudTree, in_order
-from cobot.robot.collision import RESOLUTION_M
+from cobot.robot.collision import RESOLUTION_M, CollisionChecker
 from cobot.robot.description import RobotDescription
 from cobot.robot.geometry.cells import boxes_of, packed, tree_of
+from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.types import Array
 
@@ -257,3 +259,19 @@ def test_a_cloud_survives_its_file_and_a_damaged_one_is_named(tmp_path) -> None:
     file.write(Scene(3, {"cloud": replace(scene.objects["cloud"], boxes=())}))
     with pytest.raises(ConfigError, match=r"scene.json: objects.cloud.boxes: are missing"):
         file.read(by_voxels=False)
+
+
+def test_a_robot_from_a_urdf_sees_the_voxels(robot: RobotDescription, tmp_path) -> None:
+    """MuJoCo discards the geoms of a URDF that collide with nothing."""
+    file, ball = tmp_path / "arm.urdf", '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    file.write_text(urdf().replace("</link>", f"{ball}</link>"), encoding="utf-8")
+    model = RobotModel.load(file, robot.limits)
+    joints = np.array(robot.positions["home"].joints)
+    item = cloud_object(model.forward(joints).position + np.array([[0.2, 0.0, 0.0], [-0.8, 0.0, 0.0]]), 0.01)
+    checker = CollisionChecker(model, 0.01).among(Scene(1, {"seen": item}))
+    nearest = checker.nearest.at(joints)[1]
+    assert nearest is not None
+    assert nearest.second == "seen"
+    beyond = np.abs(0.01 * (item.tree.cells + 0.5) - nearest.points[1])  # type: ignore[union-attr]
+    assert beyond.max(axis=1).min() < 0.005 + 1e-6, "the nearest point is on a voxel"
+    assert not any(other == checker.mj.ngeom - 1 for pair in checker.pairs for other in pair)
