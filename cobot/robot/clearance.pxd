@@ -139,7 +139,8 @@ cdef class Clearance:
     cdef double _hit_m
 
     cdef double _between(
-        self, const Part* first, const Part* second, double enough_m, double exact_m, double* line
+        self, const Part* first, const Part* second, double enough_m, double exact_m, double decided_m,
+        double* line
     ) noexcept nogil
     cdef int _set_spheres(self, Part* part) except -1
     cdef int _common(self, int joint, int other) noexcept

@@ -57,6 +57,8 @@ MAX_SLIDE_M = 1e3
 
 # The largest sum of the turns of all joints, rad, in a stretch that spheres look at first.
 cdef double SHORT = 0.2
+# No depth is beyond this.
+cdef double DEEPEST = -1e300
 
 
 cdef class Clearance:
@@ -460,7 +462,7 @@ cdef class Clearance:
             if far_bound(self._data, &first.solid, &second.solid) >= needed:
                 continue
             distance = self._between(
-                first, second, fmax(needed, self._least[which]), self._least[which], NULL
+                first, second, fmax(needed, self._least[which]), self._least[which], self._least[which], NULL
             )
             if distance < self._least[which] and touching < 0:
                 touching, touching_m = which, distance
@@ -493,7 +495,9 @@ cdef class Clearance:
             first, second = &self._part[pair.first], &self._part[pair.second]
             if far_bound(self._data, &first.solid, &second.solid) >= self._least[which]:
                 continue
-            distance[0] = self._between(first, second, self._least[which], self._least[which], NULL)
+            distance[0] = self._between(
+                first, second, self._least[which], self._least[which], self._least[which], NULL
+            )
             if distance[0] < self._least[which]:
                 order[index], order[0] = order[0], which
                 return which
@@ -1088,17 +1092,19 @@ cdef class Clearance:
         cdef Part* second = &self._part[self._pair[index].second]
         if far_bound(self._data, &first.solid, &second.solid) >= enough_m:
             return enough_m
-        return self._between(first, second, enough_m, enough_m, line)
+        return self._between(first, second, enough_m, enough_m, DEEPEST, line)
 
     cdef double _between(
-        self, const Part* first, const Part* second, double enough_m, double exact_m, double* line
+        self, const Part* first, const Part* second, double enough_m, double exact_m, double decided_m,
+        double* line
     ) noexcept nogil:
-        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`."""
+        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`. One below
+        `decided_m` may be given too large, but not above `decided_m`."""
         if second.solid.kind != CLOUD:
             return gap(self._model, self._data, &first.solid, &second.solid, enough_m, line)
         return gap_to_cloud(
             self._model, self._data, &first.solid, first.spheres, first.sphere_count, &second.solid,
-            &second.cube, second.nodes, enough_m, exact_m, line, NULL
+            &second.cube, second.nodes, enough_m, exact_m, decided_m, line, NULL
         )
 
     def nearest_cube(self, joints, int index, double enough_m):
@@ -1118,7 +1124,7 @@ cdef class Clearance:
         self._move_to(given)
         gap_to_cloud(
             self._model, self._data, &first.solid, first.spheres, first.sphere_count, &second.solid,
-            &second.cube, second.nodes, enough_m, enough_m, NULL, &nearest
+            &second.cube, second.nodes, enough_m, enough_m, DEEPEST, NULL, &nearest
         )
         if nearest < 0:
             return None

@@ -30,5 +30,5 @@ cdef class CloudTree:
 cdef double gap_to_cloud(
     const mjModel* model, mjData* data, const Solid* first, const Sphere* around, int spheres,
     const Solid* second, const Solid* cube, const CloudNode* nodes, double enough_m, double exact_m,
-    double* line, int* nearest
+    double decided_m, double* line, int* nearest
 ) noexcept nogil

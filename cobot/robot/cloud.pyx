@@ -166,13 +166,15 @@ cdef inline double _apart(const CloudNode* node, const CloudNode* other) noexcep
 cdef double gap_to_cloud(
     const mjModel* model, mjData* data, const Solid* first, const Sphere* around, int spheres,
     const Solid* second, const Solid* cube, const CloudNode* nodes, double enough_m, double exact_m,
-    double* line, int* nearest
+    double decided_m, double* line, int* nearest
 ) noexcept nogil:
     """As `gap`, with the cubes of a cloud as the second geom.
 
     Args:
         exact_m: a distance of at least this may be given too small: it is that of the spheres then. So a
             verdict about this distance needs few exact distances.
+        decided_m: a distance below this may be given too large, but not above `decided_m`: it is that of some
+            cube then. So a verdict does not look for the deepest one.
         around: the spheres around the first geom in its own frame; not used for a capsule.
         cube: the geom with the size of a cube, which is left at the last cube that was looked at.
         line, nearest: need an exact distance. The nearest cube is given as a node; -1: none is nearer than
@@ -190,7 +192,9 @@ cdef double gap_to_cloud(
     cdef double relative[9]
     cdef double found[6]
     cdef double best = enough_m
-    cdef double distance, other
+    cdef double distance, other, apart
+    cdef double extent[12]
+    cdef bint is_deep = False
     cdef const CloudNode* node
     cdef int size = 1
     cdef int index, near, far, i, k
@@ -229,8 +233,18 @@ cdef double gap_to_cloud(
                     nearest[0] = index
             continue
         near, far = index + 1, index + 2 * (node.count // 2)
-        distance = _bound(first, around, spheres, centre, axis, relative, &nodes[near], best)
-        other = _bound(first, around, spheres, centre, axis, relative, &nodes[far], best)
+        apart = best if best < decided_m else fmax(best, 0.0)
+        if best < 0.0 and apart == 0.0 and not is_deep and spheres:
+            _extend(around, spheres, relative, extent)
+            is_deep = True
+        distance = _bound(
+            first, around, spheres, centre, axis, relative, &nodes[near], best, apart,
+            extent if is_deep else NULL
+        )
+        other = _bound(
+            first, around, spheres, centre, axis, relative, &nodes[far], best, apart,
+            extent if is_deep else NULL
+        )
         if other < distance:
             near, far = far, near
             distance, other = other, distance
@@ -258,9 +272,10 @@ cdef inline double _from_box(const double* point, const double* half) noexcept n
 
 cdef double _bound(
     const Solid* first, const Sphere* around, int spheres, const double* centre, const double* axis,
-    const double* relative, const CloudNode* node, double best
+    const double* relative, const CloudNode* node, double best, double apart, const double* extent
 ) noexcept nogil:
-    """A lower bound of the distance between the first geom and the cubes of a node."""
+    """A lower bound of the distance between the first geom and the cubes of a node; `apart`: see
+    `_from_spheres`; `extent`: see `_extend`, or NULL."""
     cdef double off[3]
     cdef double normal[3]
     cdef double bound, along
@@ -272,7 +287,55 @@ cdef double _bound(
         return bound
     if first.kind == SEGMENT:
         return axis_to_box(off, axis, first.half_m, node.half, normal, &along) - first.radius_m
-    return fmax(bound, _from_spheres(around, spheres, off, relative, node.half, best))
+    if extent != NULL:
+        bound = fmax(bound, _along_axes(off, relative, extent, node.half))
+        if bound >= best:
+            return bound
+    return fmax(bound, _from_spheres(around, spheres, off, relative, node.half, apart))
+
+
+cdef void _extend(
+    const Sphere* around, int spheres, const double* relative, double* extent
+) noexcept nogil:
+    """The lowest and the highest value of a geom along the three axes of the cloud, then along its own three,
+    from its middle."""
+    cdef double at
+    cdef int index, i
+    for i in range(6):
+        extent[2 * i], extent[2 * i + 1] = 1e300, -1e300
+    for index in range(spheres):
+        if around[index].skip != index + 1:
+            continue
+        for i in range(6):
+            if i < 3:
+                at = (
+                    relative[3 * i] * around[index].place[0] + relative[3 * i + 1] * around[index].place[1]
+                    + relative[3 * i + 2] * around[index].place[2]
+                )
+            else:
+                at = around[index].place[i - 3]
+            extent[2 * i] = fmin(extent[2 * i], at - around[index].outer)
+            extent[2 * i + 1] = fmax(extent[2 * i + 1], at + around[index].outer)
+
+
+cdef double _along_axes(
+    const double* off, const double* relative, const double* extent, const double* half
+) noexcept nogil:
+    """The largest distance of a geom from a box along one of their axes: no way out is longer than the
+    overlap along an axis."""
+    cdef double found = -1e300
+    cdef double at, reach
+    cdef int i, k
+    for i in range(6):
+        if i < 3:
+            at, reach = off[i], half[i]
+        else:
+            at, reach = 0.0, 0.0
+            for k in range(3):
+                at += off[k] * relative[3 * k + i - 3]
+                reach += half[k] * fabs(relative[3 * k + i - 3])
+        found = fmax(found, fmax(at + extent[2 * i], -at - extent[2 * i + 1]) - reach)
+    return found
 
 
 cdef double _from_spheres(
@@ -280,7 +343,8 @@ cdef double _from_spheres(
     double best
 ) noexcept nogil:
     """The distance of the spheres around a geom from a box, at most `best`. Where they overlap it says
-    nothing about the depth, because the whole may be deeper than its parts."""
+    nothing about the depth, because the whole may be deeper than its parts: with a negative `best` it is no
+    bound."""
     cdef double point[3]
     cdef const Sphere* sphere
     cdef double distance

@@ -83,6 +83,27 @@ def test_the_distance_of_each_shape_is_that_from_the_nearest_cube() -> None:
     assert touching > 10 or len(rows) < 40
 
 
+def test_a_depth_is_that_of_the_deepest_cube_and_no_verdict_permits_a_deeper_one() -> None:
+    """Oracle: a clearance with each cube as a geom of its own. The way out of a collision requires negative
+    distances, see `cobot.planners.escape`."""
+    cloud = CloudTree(cells(), VOXEL_M)
+    clearance, (mj, pairs) = with_cloud(cloud), with_cubes(cloud)
+    cubes = Clearance(mj, pairs, RESOLUTION_M)
+    rows = rows_near(clearance, 40, np.random.default_rng(SEED + 10))
+    expected = cubes.distances(rows, 5.0).reshape(len(rows), -1, cloud.count).min(axis=2)
+    assert np.abs(clearance.distances(rows, 5.0) - expected).max() < 1e-5
+    assert (expected < -VOXEL_M).any() or len(rows) < 40, "some are deeper than a cube is large"
+    for index in range(clearance.count):
+        for permitted_m in (-0.01, -0.03, -0.06):
+            least_m = np.full(clearance.count, -50.0)
+            least_m[index] = permitted_m
+            clearance.require(least_m)
+            free = np.array([clearance.is_free(row) for row in rows])
+            assert (expected[free, index] >= permitted_m - 1e-5).all()
+            assert (expected[~free, index] < permitted_m + 1e-5).all()
+            assert np.array_equal(clearance.are_free(rows), free)
+
+
 def test_the_nearest_cube_is_where_the_distance_is() -> None:
     cloud = CloudTree(cells(), VOXEL_M)
     clearance = with_cloud(cloud)
