@@ -180,9 +180,10 @@ cdef class Clearance:
             joint = self._link[joint].before
 
     cdef int _set_spheres(self, Part* part) except -1:
-        """Keep the spheres around a geom, which bound its distance from the cubes of a cloud."""
+        """Keep the spheres around a moving geom, which bound its distance from the cubes of a cloud. Around
+        what stands, such as a large floor, they could take seconds, and no pair needs them."""
         cdef int row, i
-        if part.solid.kind == CLOUD or part.solid.kind == PLANE or part.solid.kind == SEGMENT:
+        if part.joint < 0 or part.solid.kind == SEGMENT:
             return 0
         tree = tree_around(self._mj, part.solid.geom)
         part.spheres, part.sphere_count = <Sphere*>calloc(len(tree), sizeof(Sphere)), len(tree)
@@ -198,6 +199,8 @@ cdef class Clearance:
         cdef Pair* pair = &self._pair[index]
         if self._part[first].solid.kind > self._part[second].solid.kind:
             first, second = second, first
+        if self._part[second].solid.kind == CLOUD and self._part[first].joint < 0:
+            raise ValueError(f"pair {index} is a cloud and a geom that stands: only moving ones are checked")
         pair.first, pair.second = first, second
         common = self._common(self._part[first].joint, self._part[second].joint)
         pair.first_joint = self._after(common, self._part[first].joint)

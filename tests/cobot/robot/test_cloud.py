@@ -17,6 +17,7 @@ from cobot.robot.clearance import INSTRUCTIONS, Clearance
 from cobot.robot.cloud import CloudTree, in_order
 from cobot.robot.collision import RESOLUTION_M, CollisionChecker
 from cobot.robot.description import RobotDescription
+from cobot.robot.enclosing import _box_tree
 from cobot.robot.geometry.cells import boxes_of, packed, tree_of
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene, SceneFile, SceneObject
@@ -280,6 +281,23 @@ def test_a_cloud_survives_its_file_and_a_damaged_one_is_named(tmp_path) -> None:
     file.write(Scene(3, {"cloud": replace(scene.objects["cloud"], boxes=())}))
     with pytest.raises(ConfigError, match=r"scene.json: objects.cloud.boxes: are missing"):
         file.read(by_voxels=False)
+
+
+def test_no_spheres_are_made_around_a_large_floor(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Around 6 m x 6 m they took 8 s, in which the service answered nothing."""
+    made: list[float] = []
+
+    def note(*size: float) -> Array:
+        made.append(max(size))
+        return _box_tree(*size)
+
+    monkeypatch.setattr("cobot.robot.enclosing._box_tree", note)
+    floor = SceneObject("box", (2.0, 2.0, 0.1), (0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0))
+    item = cloud_object(np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.0]]), 0.01)
+    robot.collision.among(Scene(1, {"floor": floor, "seen": item})).clearance.enclose()
+    assert not [half for half in made if half > 0.5]
 
 
 def test_a_robot_from_a_urdf_sees_the_voxels(robot: RobotDescription, tmp_path) -> None:
