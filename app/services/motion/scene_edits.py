@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import cast
 
 from cobot.errors import ConflictError, LimitError, NotFoundError
-from cobot.robot.geometry.cells import boxes_of
+from cobot.robot.geometry.cells import MAX_VOXELS, boxes_of
 from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.scene import Scene, SceneObject
 from cobot.strict import shown
 from cobot.types import Numbers6, Pose
 
-MAX_VOXELS = 500_000
-"""Maximum number of voxels of all point clouds together. A process needs about 250 bytes for each."""
 Edit = Callable[[Scene, Pose], Scene]
 """A function that takes a scene and the pose of the TCP, and returns the edited scene."""
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import binascii
+import threading
 import zlib
-from functools import lru_cache
+from collections import OrderedDict
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +18,22 @@ from cobot.types import Array
 
 WORTH_TRYING = 4
 """With more than this times the allowed number of boxes in the first order, no other order is tried."""
-ROW_BYTES = 12
+MAX_VOXELS = 500_000
+"""Maximum number of voxels of all point clouds of a scene. A process needs about 250 bytes for each."""
+
+_LOCK = threading.Lock()
+_KEPT: OrderedDict[tuple[str, float], _Voxels] = OrderedDict()
+"""Voxels by their text and edge, those used last at the end: no more than a scene may have, so those of the
+current scene are among them however many clouds it has. Guarded by `_LOCK`."""
+
+
+@dataclass(slots=True)
+class _Voxels:
+    """Voxels, and the boxes to which they can be joined exactly; None if these are too many for a scene."""
+
+    tree: CloudTree
+    boxes: Array | None = None
+    are_joined: bool = False
 
 
 def packed(points: Array, voxel_m: float) -> str:
@@ -31,13 +48,46 @@ def packed(points: Array, voxel_m: float) -> str:
     return base64.b64encode(zlib.compress(steps.tobytes(), 6)).decode("ascii")
 
 
-@lru_cache(maxsize=8)
 def tree_of(text: str, voxel_m: float) -> CloudTree:
     """The tree of the voxels in a text of `packed`.
 
     Raises:
         InputError: it is no such text.
     """
+    return _voxels_of(text, voxel_m).tree
+
+
+def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, float]:
+    """At most `room` boxes around voxels, shape (k, 6), m, and how far they may reach beyond them, m.
+
+    If the voxels can be joined to so few boxes, the boxes are exact (0 m).
+    """
+    voxels = _voxels_of(text, voxel_m)
+    if not voxels.are_joined:
+        boxes = joined(voxels.tree.cells.astype(np.float64), WORTH_TRYING * MAX_SOLIDS)
+        voxels.boxes, voxels.are_joined = boxes if len(boxes) <= MAX_SOLIDS else None, True
+    exact = voxels.boxes
+    if exact is not None and len(exact) <= room:
+        low, high = voxel_m * exact[:, :3], voxel_m * exact[:, 3:]
+        return np.hstack([0.5 * (low + high), high - low]), 0.0
+    return voxels.tree.boxes(room)
+
+
+def _voxels_of(text: str, voxel_m: float) -> _Voxels:
+    with _LOCK:
+        if (known := _KEPT.get((text, voxel_m))) is not None:
+            _KEPT.move_to_end((text, voxel_m))
+            return known
+    found = _Voxels(_read(text, voxel_m))
+    with _LOCK:
+        _KEPT[text, voxel_m] = found
+        count = sum(each.tree.count for each in _KEPT.values())
+        while count > MAX_VOXELS and len(_KEPT) > 1:
+            count -= _KEPT.popitem(last=False)[1].tree.count
+    return found
+
+
+def _read(text: str, voxel_m: float) -> CloudTree:
     try:
         steps = np.frombuffer(zlib.decompress(base64.b64decode(text, validate=True)), dtype="<i4")
         cells = np.cumsum(steps.reshape(-1, 3), axis=0, dtype=np.int32)
@@ -46,24 +96,3 @@ def tree_of(text: str, voxel_m: float) -> CloudTree:
     except (binascii.Error, zlib.error, ValueError) as exc:
         raise InputError(f"cells: are damaged: {exc}; put the point cloud again") from exc
     raise InputError("cells: are damaged: they are not in order; put the point cloud again")
-
-
-def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, float]:
-    """At most `room` boxes around voxels, shape (k, 6), m, and how far they may reach beyond them, m.
-
-    If the voxels can be joined to so few boxes, the boxes are exact (0 m).
-    """
-    tree = tree_of(text, voxel_m)
-    exact = _joined(text, voxel_m)
-    if exact is not None and len(exact) <= room:
-        low, high = voxel_m * exact[:, :3], voxel_m * exact[:, 3:]
-        return np.hstack([0.5 * (low + high), high - low]), 0.0
-    return tree.boxes(room)
-
-
-@lru_cache(maxsize=8)
-def _joined(text: str, voxel_m: float) -> Array | None:
-    """The voxels, joined to boxes; None if these are too many for every scene."""
-    cells = tree_of(text, voxel_m).cells.astype(np.float64)
-    boxes = joined(cells, WORTH_TRYING * MAX_SOLIDS)
-    return boxes if len(boxes) <= MAX_SOLIDS else None

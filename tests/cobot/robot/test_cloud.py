@@ -226,6 +226,17 @@ def test_the_boxes_contain_each_voxel_and_reach_no_further_than_they_say(room: i
         assert away <= beyond_m + 1e-9
 
 
+def test_trees_are_kept_for_all_clouds_of_a_scene_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera may send a new cloud each second; a scene may have 200 small ones."""
+    random = np.random.default_rng(SEED + 11)
+    texts = [packed(random.uniform(-1.0, 1.0, (100, 3)), 0.001) for _ in range(60)]
+    monkeypatch.setattr("cobot.robot.geometry.cells.MAX_VOXELS", 3000)
+    trees = [tree_of(text, 0.001) for text in texts]
+    assert sum(tree.count for tree in trees[30:]) == 3000
+    assert all(tree_of(text, 0.001) is tree for text, tree in zip(texts[30:], trees[30:], strict=True))
+    assert not any(tree_of(text, 0.001) is tree for text, tree in zip(texts[:30], trees[:30], strict=True))
+
+
 def test_few_boxes_are_exact() -> None:
     wall = np.stack(np.meshgrid(np.arange(30), np.arange(2), np.arange(20)), axis=-1).reshape(-1, 3) + 0.5
     boxes, beyond_m = boxes_of(packed(0.01 * wall, 0.01), 0.01)
