@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 from collections.abc import Sequence
 from typing import cast
 
@@ -136,5 +135,5 @@ def _columns(body: PutObject) -> Array:
 def _decoded(field: str, text: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
-    except binascii.Error as exc:
+    except ValueError as exc:  # binascii.Error, and what is not ASCII
         raise InputError(f"{field}: is not base64: {exc}") from exc

@@ -332,6 +332,7 @@ def test_a_voxel_in_the_way_is_planned_around_and_a_gap_of_the_voxels_is_free(ro
         (encoded(np.zeros((0, 3))), 0.01, "objects.cloud: points_base64: has 0 bytes; each point has 12"),
         (encoded([[0, 0, 0]])[:-4], 0.01, "has 9 bytes; each point has 12"),
         ("no base64!", 0.01, "objects.cloud: points_base64: is not base64"),
+        ("не base64", 0.01, "objects.cloud: points_base64: is not base64"),
         (encoded([[0, 0, 0]]), 0.0, "voxel: must be greater than or equal to 0.0001"),
         (encoded([[0, 0, 0]]), 1e-9, "voxel: must be greater than or equal to 0.0001"),
         (encoded([[0, 0, 0]]), None, "a point_cloud has points_base64 and voxel: voxel is missing"),
