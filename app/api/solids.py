@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from app.api.schemas.scene import MAX_POINTS, PutObject
+from app.api.schemas.scene import PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.geometry.cells import boxes_of, packed, tree_of
@@ -95,8 +95,8 @@ def _points(body: PutObject) -> Array:
     """The points of a cloud, shape (n, 3), m.
 
     Raises:
-        InputError: they are not whole points, or one is not finite.
-        LimitError: there are too many, or one is too far away.
+        InputError: they are not base64, or not whole points.
+        LimitError: one is not finite or too far away.
     """
     if body.points_base64 is None:
         return np.array(body.points)
@@ -107,11 +107,6 @@ def _points(body: PutObject) -> Array:
             "(little-endian), and there must be at least one"
         )
     points = np.frombuffer(data, dtype="<f4").reshape(-1, 3).astype(np.float64)
-    if len(points) > MAX_POINTS:
-        raise LimitError(
-            f"points_base64: has {len(points)} points, at most {MAX_POINTS} are allowed: leave some out, for "
-            "example all but one in each voxel"
-        )
     wrong = np.flatnonzero(~(np.abs(points) <= FARTHEST_M).all(axis=1))
     if len(wrong):
         which, shown = int(wrong[0]), ", ".join(f"{value:.6g}" for value in points[wrong[0]])
