@@ -12,31 +12,42 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENABLE_S = 20.0
 """Timeout for the device to be enabled, s. It is shorter than that of `POST /robot/reset`."""
+MAX_LOOK_AGE_S = 0.5
+"""Maximum age of the cycle's last look at an attempt that begins, s. After a stop or a timeout the cycle does
+not look any more, so a device that answers again is not switched on unexpectedly.
+"""
 
 
 @dataclass(slots=True)
 class _Attempt:
     """Attributes:
+    begun_s, looked_s: times of its beginning and of the cycle's last look, on the monotonic clock.
     result: None until the thread has ended it.
     is_cancelled: whether the drives must be switched off after it.
+    is_off: whether that is done.
     """
 
     begun_s: float = field(default_factory=time.monotonic)
+    looked_s: float = field(default_factory=time.monotonic)
     result: Accepted | Rejected | None = None
     is_cancelled: bool = False
+    is_off: bool = False
 
     @property
     def waits(self) -> bool:
-        return self.result is None and not self.is_cancelled
+        is_awaited = time.monotonic() - self.looked_s < MAX_LOOK_AGE_S
+        return self.result is None and not self.is_cancelled and is_awaited
 
 
 class ThreadedEnabling:
     """The cycle begins an attempt and looks at it in each step; the thread that polls the device performs it.
 
-    An attempt that a stop has ended is still performed to its end. The next one begins after it.
+    An attempt that the thread has begun is performed to its end, also after a stop. The next one begins after
+    it.
     """
 
-    def __init__(self, enable: Callable[[], None], disable: Callable[[], None]) -> None:
+    def __init__(self, enable: Callable[[], None], disable: Callable[[], bool]) -> None:
+        """disable: switches the drives off, and returns whether that has succeeded."""
         self._enable, self._disable = enable, disable
         self._attempt: _Attempt | None = None
 
@@ -51,36 +62,50 @@ class ThreadedEnabling:
             BackendError: the device cannot be enabled, or does not answer.
         """
         attempt = self._attempt
-        if attempt is not None and attempt.result is not None:
+        if attempt is None:
+            return False
+        attempt.looked_s = time.monotonic()
+        if attempt.result is not None:
             require_accepted(attempt.result)
             return True
-        if attempt is not None and time.monotonic() - attempt.begun_s > ENABLE_S:
+        if attempt.looked_s - attempt.begun_s > ENABLE_S:
             raise BackendError(
                 f"the device has not answered for {ENABLE_S:g} s: check that its driver runs, then reset"
             )
         return False
 
     def cancel(self) -> bool:
-        """Have the drives switched off as soon as the current attempt has ended. Returns False if there is
-        no current attempt.
+        """Have the drives switched off by the thread, as soon as it has ended the current attempt and any
+        earlier one. Returns False if there is no current attempt.
         """
         attempt = self._attempt
-        if attempt is not None:
-            attempt.is_cancelled = True
-        return attempt is not None and attempt.result is None
+        if attempt is None:
+            return False
+        attempt.is_cancelled = True
+        if attempt.result is None:
+            return True
+        attempt.is_off = True  # by the caller
+        return False
 
     def perform(self) -> None:
-        """Perform the attempt, if one waits. Called by the thread."""
+        """Perform the attempt, if one waits, and switch the drives off after a cancelled one. Called by the
+        thread. If the drives cannot be switched off, the next call tries again.
+        """
         attempt = self._attempt
-        if attempt is None or not attempt.waits:
+        if attempt is None:
             return
-        result: Accepted | Rejected = ACCEPTED
+        if attempt.waits:
+            # The result is set before the look at is_cancelled, which `cancel` sets before it looks at the
+            # result.
+            attempt.result = self._result()
+        if attempt.is_cancelled and not attempt.is_off:
+            attempt.is_off = self._disable()
+
+    def _result(self) -> Accepted | Rejected:
         try:
             self._enable()
         except BackendError as exc:
-            result = Rejected(plain_text(exc))
+            return Rejected(plain_text(exc))
         except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-            result = Rejected(plain_error(exc))
-        attempt.result = result  # before the look at is_cancelled, which `cancel` sets before it looks here
-        if attempt.is_cancelled:
-            self._disable()
+            return Rejected(plain_error(exc))
+        return ACCEPTED

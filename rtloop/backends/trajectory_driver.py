@@ -134,6 +134,7 @@ class TrajectoryDriver:
         self._status = DeviceStatus(connection="not connected")
         self._turn = threading.RLock()  # its holder may call the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
+        self._off_problem = ""  # Why the drives could not be switched off after a reset.
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._threaded, self._ending = threaded, False
@@ -195,12 +196,17 @@ class TrajectoryDriver:
         if not self._enabling.cancel():
             with self._turn_soon():
                 self.device.disable()
+        elif not self._threaded:
+            self._enabling.perform()
 
     def close(self) -> None:
+        self._enabling.cancel()
         self._ending = True
         self._wake.set()
         if self._thread is not None:
             self._thread.join(SILENCE_S)
+            if self._thread.is_alive():
+                log.error("the device has not answered at the end for %g s; its drives may be on", SILENCE_S)
         self.device.close()
 
     # MovesByItself
@@ -261,13 +267,19 @@ class TrajectoryDriver:
         finally:
             self._turn.release()
 
-    def _switch_off(self) -> None:
-        """Switch the drives off after a reset that a stop has ended."""
+    def _switch_off(self) -> bool:
+        """Switch the drives off after a reset that a stop has ended. Returns whether this has succeeded."""
         with self._turn:
             try:
                 self.device.disable()
             except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-                log.error("the drives could not be switched off after a stop: %s", plain_text(exc))
+                problem = plain_text(exc)
+                if problem != self._off_problem:  # it is tried several times a second
+                    log.error("the drives could not be switched off after a stop: %s", problem)
+                self._off_problem = problem
+                return False
+        self._off_problem = ""
+        return True
 
     def _set_tool(self, tool: Tool) -> None:
         with self._turn_soon():
@@ -282,6 +294,7 @@ class TrajectoryDriver:
             with self._turn:
                 if not self._ending:
                     self._ask()
+        self._enabling.perform()  # the last reset may have been cancelled meanwhile
 
     def _ask(self) -> None:
         """Poll the device: pass on requests, then read its state."""

@@ -28,6 +28,7 @@ from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
 from rtloop.backends import BackendError, CarriesTool, Measured, make_backend
+from rtloop.backends.threaded_enabling import MAX_LOOK_AGE_S
 from rtloop.backends.trajectory_driver import TrajectoryDriver, as_backend
 from rtloop.contract.toy_trajectory import STATE_PERIOD_S, ToyArm, ToyDevice
 
@@ -267,6 +268,140 @@ class SlowToEnable(ToyArm):
 
     def disable(self) -> None:
         self.calls.append("disable")
+
+
+class Unanswering(SlowToEnable):
+    """Polls of it hang while `hangs` is set."""
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        super().__init__(settings, limits)
+        self.hangs, self.is_hanging = threading.Event(), threading.Event()
+        self.refusals = 0
+
+    def state(self, measured: Measured) -> None:
+        while self.hangs.is_set():
+            self.is_hanging.set()
+            time.sleep(0.001)
+        self.is_hanging.clear()
+        super().state(measured)
+
+    def disable(self) -> None:
+        super().disable()
+        if self.refusals:
+            self.refusals -= 1
+            raise BackendError("the drives do not answer")
+
+
+@pytest.fixture
+def unanswering(settings: Settings, robot: RobotDescription) -> Iterator[tuple[Unanswering, Rig]]:
+    """A device and the cycle, in FAULT with the drives on."""
+    arm = Unanswering(settings, robot.limits)
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
+    try:
+        rig.loop.controller.fault("drive 3 is hot")
+        rig.step(300)
+        yield arm, rig
+    finally:
+        arm.hangs.clear()
+        arm.may_go.set()
+        rig.loop.close()
+        rig.close()
+
+
+def switched_off(rig: Rig) -> None:
+    """A stop of category 1, after which the cycle counts the drives as off."""
+    rig.memory.requests.data["fast_stops"] += 1
+    rig.request()
+    until(lambda: rig.step(100) or rig.loop.controller.drives.off)
+
+
+def test_a_cycle_that_switches_off_a_device_whose_reset_has_not_begun_switches_it_off(
+    unanswering: tuple[Unanswering, Rig],
+) -> None:
+    """The thread still waits for a poll. Oracle: the device."""
+    arm, rig = unanswering
+    arm.hangs.set()
+    assert arm.is_hanging.wait(60.0)
+    rig.send(Command.RESET)
+    rig.step(10)
+    switched_off(rig)
+    arm.hangs.clear()
+    until(lambda: rig.step() or arm.calls[-1] == "disable")
+    assert arm.calls == ["enable", "enabled", "disable"]
+
+
+def test_drives_are_off_after_a_second_reset_that_waited_for_the_first(
+    unanswering: tuple[Unanswering, Rig],
+) -> None:
+    arm, rig = unanswering
+    arm.may_go.clear()
+    rig.send(Command.RESET)
+    until(lambda: rig.step() or arm.calls[-1] == "enable")
+    rig.request()
+    rig.send(Command.RESET)
+    rig.step(10)
+    switched_off(rig)
+    arm.may_go.set()
+    until(lambda: rig.step() or arm.calls[-1] == "disable")
+    rig.step(200)
+    assert arm.calls == ["enable", "enabled", "enable", "enabled", "disable"]
+    assert rig.loop.controller.drives.off
+
+
+def test_a_device_that_answers_again_is_not_switched_on_for_a_reset_that_has_ended(
+    unanswering: tuple[Unanswering, Rig],
+) -> None:
+    arm, rig = unanswering
+    arm.hangs.set()
+    assert arm.is_hanging.wait(60.0)
+    reset = rig.send(Command.RESET)
+    rig.step(10)
+    rig.request()
+    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    time.sleep(MAX_LOOK_AGE_S)
+    arm.hangs.clear()
+    until(lambda: not arm.is_hanging.is_set())
+    time.sleep(0.2)
+    rig.step(10)
+    assert arm.calls == ["enable", "enabled"]
+    again = rig.send(Command.RESET)
+    until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
+    assert rig.answer(again) == ""
+
+
+def test_drives_that_cannot_be_switched_off_after_a_hanging_reset_are_switched_off_later(
+    unanswering: tuple[Unanswering, Rig], caplog: pytest.LogCaptureFixture
+) -> None:
+    arm, rig = unanswering
+    arm.may_go.clear()
+    rig.send(Command.RESET)
+    until(lambda: rig.step() or arm.calls[-1] == "enable")
+    switched_off(rig)
+    arm.refusals = 3
+    arm.may_go.set()
+    until(lambda: rig.step() or arm.calls.count("disable") == 4)
+    time.sleep(0.2)
+    assert arm.calls == ["enable", "enabled", "enable", "enabled", *["disable"] * 4]
+    assert caplog.text.count("could not be switched off after a stop: the drives do not answer") == 1
+
+
+def test_a_shutdown_during_a_reset_leaves_the_drives_off(settings: Settings, robot: RobotDescription) -> None:
+    arm = Unanswering(settings, robot.limits)
+    backend = as_backend(arm, robot.limits.dof, 0.001)
+    assert isinstance(backend, TrajectoryDriver)
+    backend.open(np.array(robot.positions["home"].joints))
+    arm.hangs.set()
+    try:
+        assert arm.is_hanging.wait(60.0)
+        backend.recover_step()
+        backend.disable()
+        ending = threading.Thread(target=backend.close)
+        ending.start()
+        until(lambda: backend._ending)
+    finally:
+        arm.hangs.clear()
+    ending.join(60.0)
+    until(lambda: arm.calls == ["disable"])
 
 
 def test_the_cycle_goes_on_while_a_device_hangs_in_a_reset_and_a_stop_ends_it(

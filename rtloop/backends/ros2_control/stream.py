@@ -90,7 +90,7 @@ class Ros2ControlStream(ControllerClient):
         self._problem = ""
         self._enabled = False
         self._wanted: deque[tuple[str, float]] = deque()
-        self._enabling = ThreadedEnabling(self._make_ready, lambda: None)
+        self._enabling = ThreadedEnabling(self._make_ready, lambda: True)
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
 
