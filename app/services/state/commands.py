@@ -189,13 +189,23 @@ class Commands:
 
         Raises:
             ExecutionError: the device rejects the value; the error has the reason.
-            UnavailableError: rtloop does not answer.
+            UnavailableError: rtloop does not answer this or an earlier command. The output is not set later.
         """
-        async with self._turn:
+        try:
+            async with asyncio.timeout(ACKNOWLEDGE_S):
+                await self._turn.acquire()
+        except TimeoutError as exc:  # a reset may take much longer, and the client does not wait for it
+            raise UnavailableError(
+                f"{name} is not set: rtloop has been busy with another command, for example a reset, for "
+                f"{ACKNOWLEDGE_S:g} s"
+            ) from exc
+        try:
             record = self._memory.output.data
             record["name"], record["value"] = name.encode(), value
             self._memory.output.publish()
             await self._send(Command.OUTPUT, stops=self._link.stops)
+        finally:
+            self._turn.release()
 
     async def reset_cell(self) -> None:
         """Reset the simulated cell to its state at the start.

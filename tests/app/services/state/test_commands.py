@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rig import CAPACITY, Rig
 
+from app.services.state import commands
 from app.services.state.commands import IN_THREAD_SEGMENTS, loading_s
 from app.services.state.link import RobotLink
 from cobot.errors import NotReadyError, UnavailableError
@@ -82,6 +83,32 @@ def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
         asyncio.run(link.commands.reset(0.2))
     rig.step(500)
     assert rig.mode is LoopMode.ESTOP
+    link.close()
+
+
+def test_an_output_that_waits_for_a_long_reset_is_not_set_later(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its client has given up by then. A device that hangs delays the answer to a reset."""
+    rig.request("estops")
+    rig.step(10)
+    link = attached(rig)
+    monkeypatch.setattr(commands, "ACKNOWLEDGE_S", 0.05)
+
+    async def refused() -> None:
+        reset = asyncio.ensure_future(link.commands.reset(STALE_S))
+        await asyncio.sleep(0)
+        with pytest.raises(UnavailableError, match="suction is not set: rtloop has been busy"):
+            await link.commands.set_output("suction", 1.0)
+        while not reset.done():
+            rig.step()
+            await asyncio.sleep(0)
+        await reset
+        with pytest.raises(UnavailableError, match="has not answered a OUTPUT"):  # the turn is free again
+            await link.commands.set_output("suction", 1.0)
+
+    asyncio.run(refused())
+    assert int(link.memory.head.data["id"]) == 2
     link.close()
 
 
