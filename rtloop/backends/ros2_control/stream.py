@@ -138,10 +138,12 @@ class Ros2ControlStream(ControllerClient):
         if not self._stream.threaded:
             self._look()
         if self._problem:
+            self._enabled = False  # because the thread may be about to overwrite the problem
             raise BackendError(self._problem)
         age_s = self._stream.latest(self._rows)
         if not age_s <= self._options.state_timeout_s:
             self._problem = words.silence_of(self._expected.topic, age_s, self._options.state_timeout_s)
+            self._enabled = False
             raise BackendError(self._problem)
         measured.position[:] = self._rows[0]
         for order, row in enumerate(ROWS):
@@ -149,7 +151,7 @@ class Ros2ControlStream(ControllerClient):
                 getattr(measured, row)[:] = self._rows[order]
 
     def write(self, command: Array) -> None:
-        if self._enabled and not self._problem:  # after a fault the arm may have moved: `enable` comes first
+        if self._enabled and not self._problem:  # after a fault the arm may have moved: a reset comes first
             self._stream.command(command[0])
 
     def set_output(self, name: str, value: float) -> None:

@@ -72,6 +72,34 @@ def test_nothing_is_sent_between_a_fault_and_the_reset(rig: StreamRig) -> None:
     assert len(rig.wire) == 2
 
 
+def test_nothing_is_sent_after_a_silence_that_the_thread_overlooks(
+    rig: StreamRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cycle finds the joint states too old while the thread examines the facts of its last poll."""
+    settings = settings_with(connect_s=0.1)
+    arm = Ros2ControlStream(settings, load_robot(load_settings()).limits, RigStream(rig))
+    arm.open(np.zeros(7))
+    arm.enable()
+    measured, latest = Measured(7), arm._stream.latest
+    arm.read(measured)
+    command = np.zeros((3, 7))
+    command[0] = measured.position
+
+    def overlooked(_: object) -> str:
+        monkeypatch.setattr(arm._stream, "latest", lambda rows: np.inf)
+        monkeypatch.setattr(arm, "_look", lambda: None)  # the thread's, in which this is
+        with pytest.raises(BackendError, match="joint_states"):
+            arm.read(measured)
+        return ""
+
+    monkeypatch.setattr(arm, "_of_driver", overlooked)
+    arm._look()
+    monkeypatch.setattr(arm._stream, "latest", latest)
+    arm.read(measured)
+    arm.write(command)
+    assert not rig.wire
+
+
 def test_a_stream_sets_outputs_with_its_next_poll() -> None:
     settings = settings_with(connect_s=0.1, outputs={"suction": "tool/vacuum"})
     rig = StreamRig(Ros2ControlStream, settings, load_robot(load_settings()).limits)
