@@ -63,16 +63,19 @@ class GpioIo:
 
     def set_output(self, interface: str, value: float) -> None:
         """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
-        so earlier values must be in it too.
+        so earlier values must be in it too. A value that was not set in time is not sent again.
         """
         if not self._commands.readers:
             raise CobotError(
                 f"{interface} cannot be set: {self._controller}/commands has no subscriber; activate the "
                 "GPIO controller, or correct robot.backend.gpio_controller"
             )
-        self.problem = ""
+        self.problem, now_s = "", time.monotonic()
+        self._outputs = {
+            name: each for name, each in self._outputs.items() if not self._sent.is_overdue(name, now_s)
+        }
         self._outputs[interface] = value
-        self._sent.add(interface, value, time.monotonic())
+        self._sent.add(interface, value, now_s)
         self._commands.publish(message_of(self._outputs))
 
     def _take(self, message: Message) -> None:

@@ -44,6 +44,11 @@ class SentOutputs:
         if self._sent.get(name) is sent:
             del self._sent[name]
 
+    def is_overdue(self, name: str, now_s: float) -> bool:
+        """Whether the device has not reported the value of this output in time."""
+        sent = self._sent.get(name)
+        return sent is not None and (sent.is_late or now_s - sent.sent_s > self._timeout_s)
+
     def explain(self, reported: Mapping[str, float], now_s: float) -> str:
         """Compare with the values that the device reports now. Returns a sentence about a value that it has
         not reported in time, or reports late; "" if there is nothing new.
@@ -51,7 +56,7 @@ class SentOutputs:
         problem = ""
         for name, sent in list(self._sent.items()):
             after_s = now_s - sent.sent_s
-            in_time = after_s <= self._timeout_s and not sent.is_late
+            in_time = not self.is_overdue(name, now_s)
             here = reported.get(name, math.nan)
             if math.isclose(here, sent.value, rel_tol=ANALOG_SHARE, abs_tol=ANALOG_SHARE):
                 del self._sent[name]

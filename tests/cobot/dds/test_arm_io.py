@@ -1,6 +1,6 @@
-"""Outputs of the driver of Universal Robots beside a service that the test makes up.
+"""Outputs of the driver of Universal Robots beside a service of the test, and of a GPIO controller.
 
-Oracle: the definition of ur_msgs/srv/SetIO, and the clock of the event loop.
+Oracle: the definition of ur_msgs/srv/SetIO, the clock of the event loop, and the messages that are sent.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from cobot.dds import arm_io
-from cobot.dds.arm_io import SET_DIGITAL_OUT, UrIo
+from cobot.dds.arm_io import SET_DIGITAL_OUT, GpioIo, UrIo
+from cobot.dds.gpio_values import message_of, values_of
 from cobot.dds.node import Message
 from cobot.errors import CobotError, InputError
 
@@ -90,3 +91,35 @@ def test_an_output_without_a_service_is_rejected_at_once(
     with pytest.raises(CobotError, match="/io/set_io has no server; start the driver's io_and_status"):
         made.set_output("digital_out/8", 1.0)
     assert asked == []
+
+
+def test_an_output_that_was_not_set_in_time_is_not_sent_with_another_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A user has been told that it was not set, so it must not be set by the next request for another one."""
+    now_s, sent = [10.0], list[dict[str, float]]()
+    monkeypatch.setattr(arm_io.time, "monotonic", lambda: now_s[0])
+
+    class Commands:
+        readers = 1
+
+        def publish(self, message: Message) -> None:
+            sent.append(values_of(message))
+
+    class Node:
+        def subscription(self, *_: object, **__: object) -> None: ...
+
+        def publisher(self, *_: object, **__: object) -> Commands:
+            return Commands()
+
+    node: Any = Node()
+    made = GpioIo(node, "/gpio", ["tool/vacuum", "tool/valve", "tool/lamp"], 2.0)
+    made.set_output("tool/lamp", 1.0)
+    made._take(message_of({"tool/lamp": 1.0}))
+    made.set_output("tool/vacuum", 1.0)
+    now_s[0] = 11.0
+    made.set_output("tool/valve", 1.0)
+    assert sent[-1] == {"tool/lamp": 1.0, "tool/vacuum": 1.0, "tool/valve": 1.0}
+    now_s[0] = 12.5
+    made.set_output("tool/valve", 0.0)
+    assert sent[-1] == {"tool/lamp": 1.0, "tool/valve": 0.0}
