@@ -93,8 +93,8 @@ cdef class Drives:
         return self._take_over(measured)
 
     def end_reset(self):
-        """End the reset, with any result. Drives that were off before it are off after it, unless it was
-        accepted. Returns the number of its command.
+        """End the reset, with any result. Drives that it has not switched on yet are switched off, because
+        the device may still execute the request. Returns the number of its command.
         """
         self._reset = NO_RESET
         self._device.is_enabling = False
