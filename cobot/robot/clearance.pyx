@@ -1101,8 +1101,9 @@ cdef class Clearance:
         self, const Part* first, const Part* second, double enough_m, double exact_m, double decided_m,
         double* line
     ) noexcept nogil:
-        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`. One below
-        `decided_m` may be given too large, but not above `decided_m`."""
+        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`.
+        A distance below `decided_m` may be given too large, but not above `decided_m`.
+        """
         if second.solid.kind != CLOUD:
             return gap(self._model, self._data, &first.solid, &second.solid, enough_m, line)
         return gap_to_cloud(
