@@ -38,7 +38,8 @@ def plan_requests(count: int) -> Iterator[Row]:
         for planner, path, body in _free(robot, count):
             _measure(client, f"{planner}, free space", path, body, took_ms)
         for problem in problems(robot, CLUTTER, count):
-            _send(client, "/scene", {"clear": True, "objects": boxes_of(problem.robot)})
+            scene = {"clear": True, "objects": boxes_of(problem.robot)}
+            client.post("/scene", json=scene).raise_for_status()
             body = {"start": problem.start.tolist(), "joints": problem.goal.tolist(), "planner": "ompl"}
             _measure(client, "ompl, shelves", JOINTS, body, took_ms)
     floor = _three(took_ms.pop(FLOOR))

@@ -32,6 +32,7 @@ document.addEventListener("click", () => {
 }, { capture: true, once: true });
 """
 """The time in ms from the next click until a picture with the ghost is drawn, and its pictures."""
+WAIT_S = 120.0
 
 
 def preview(presses: int) -> Iterator[Row]:
@@ -71,7 +72,10 @@ def preview(presses: int) -> Iterator[Row]:
 
 
 def _until(page: Page, condition: str) -> None:
+    end_s = time.monotonic() + WAIT_S
     while not page.run(condition):
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"{condition} is not true after {WAIT_S:g} s")
         time.sleep(0.02)
 
 
