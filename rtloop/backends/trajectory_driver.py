@@ -70,7 +70,7 @@ class PollAnswer:
     Attributes:
         values: as `Measured.values`.
         motion: number of the motion to which `done_s`, in path time, belongs.
-        halted: whether a stop was sent before.
+        halted: number of the last motion for which a stop was sent before; 0 if there is none.
         result: ACCEPTED, or the reason why the answer cannot be used.
         time_s: time of the answer, on this computer's clock.
     """
@@ -78,7 +78,7 @@ class PollAnswer:
     values: Array
     motion: int = 0
     done_s: float = 0.0
-    halted: bool = False
+    halted: int = 0
     result: Accepted | Rejected = ACCEPTED
     time_s: float = 0.0
 
@@ -142,7 +142,7 @@ class TrajectoryDriver:
         self._motion: Motion | None = None
         self._number = 0
         self._loaded = 0  # the number of the motion that the device has
-        self._halting = self._halted = False
+        self._halting, self._halted = False, 0
         self._loading: Accepted | Rejected = ACCEPTED  # Whether the device accepts the motion.
         self._same, self._same_at = 0, np.zeros(dof)
         self._cycles = 0
@@ -213,7 +213,7 @@ class TrajectoryDriver:
 
     def begin(self, breakpoints_s: Array, coefficients: Array, share: float) -> None:
         self._number += 1
-        self._halting = self._halted = False
+        self._halting = False
         self._motion = Motion(self._number, breakpoints_s, coefficients, share)
         self._wake.set()
 
@@ -225,7 +225,7 @@ class TrajectoryDriver:
         self._wake.set()
 
     def is_halted(self) -> bool:
-        return self._said.halted
+        return self._said.halted == self._number
 
     # Its own
 
@@ -236,7 +236,7 @@ class TrajectoryDriver:
         """
         said = self._said
         require_accepted(said.result)
-        if not said.halted:
+        if said.halted != self._number:
             require_accepted(self._loading)
         silence_s = time.monotonic() - said.time_s
         if self._threaded and silence_s > SILENCE_S + self._state_period_s:
@@ -331,10 +331,10 @@ class TrajectoryDriver:
     def _pass_on(self) -> None:
         motion = self._motion
         if self._halting:
-            self._halted = True  # from now on the measured position counts, not the path
+            self._halted = self._number  # from now on the measured position counts, not the path
             self.device.stop()
             self._halting = False
-        elif motion is not None and not self._halted and self._loaded != motion.number:
+        elif motion is not None and motion.number not in (self._halted, self._loaded):
             self._loaded, self._same = motion.number, 0
             try:
                 self.device.load(*motion.points(self._point_period_s))
@@ -357,7 +357,7 @@ class TrajectoryDriver:
         motion, before = self._motion, self._said
         if not (before.values.size and np.array_equal(found.values, before.values)):
             self._same = 0
-        elif self._same < FROZEN_ASKED and motion is not None and not self._halted:
+        elif self._same < FROZEN_ASKED and motion is not None and motion.number != self._halted:
             there = motion.position(done_s)
             if np.abs(there - self._same_at).max() > FROZEN_RAD:
                 self._same += 1

@@ -460,6 +460,50 @@ def test_drives_that_a_hanging_reset_switches_on_after_an_estop_are_switched_off
         rig.close()
 
 
+class SlowToLoad(Arm):
+    """It takes a motion as soon as `may_load` is set."""
+
+    def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice) -> None:
+        super().__init__(settings, limits, device)
+        self.may_load = threading.Event()
+        self.may_load.set()
+
+    def load(self, times_s: Array, rows: Array) -> None:
+        self.calls.append("loading")
+        self.may_load.wait(60.0)
+        super().load(times_s, rows)
+
+    def start(self) -> None:
+        self.calls.append("start")
+        super().start()
+
+
+def test_a_stop_while_a_motion_is_loaded_waits_for_the_stop_of_the_device_also_after_an_earlier_stop(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    """Oracle: the device, which starts the motion that it was loading. Until it is stopped, the arm moves."""
+    arm = SlowToLoad(settings, robot.limits, ToyDevice(robot.limits.dof))
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
+    try:
+        assert rig.start(motion(rig)) == ""
+        until(lambda: rig.step() or "start" in arm.calls)
+        rig.request()
+        until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
+        arm.may_load.clear()
+        assert rig.start(motion(rig)) == ""
+        until(lambda: rig.step() or arm.calls[-1] == "loading")
+        rig.request()
+        rig.step(500)
+        assert rig.mode is LoopMode.STOPPING
+        arm.may_load.set()
+        until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
+        assert arm.calls[-3:] == ["load", "start", "stop"]
+    finally:
+        arm.may_load.set()
+        rig.loop.close()
+        rig.close()
+
+
 def test_a_tool_is_refused_in_words_while_the_device_hangs(
     settings: Settings, robot: RobotDescription
 ) -> None:
