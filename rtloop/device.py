@@ -17,7 +17,15 @@ from cobot.ipc.shm import RobotMemory, encoded
 from cobot.robot.io_points import IoPoint, io_points, output_of, require_number
 from cobot.strict import shown
 from cobot.types import Array
-from rtloop.backends import Backend, BackendError, HasIo, Reporting, Simulated, capabilities_of
+from rtloop.backends import (
+    Backend,
+    BackendError,
+    HasIo,
+    Reporting,
+    Simulated,
+    SwitchesOffLater,
+    capabilities_of,
+)
 from rtloop.backends.guarded import ForeignError
 from rtloop.cell_watch import CellWatch
 from rtloop.results import ACCEPTED, Accepted, Rejected
@@ -42,7 +50,6 @@ class DeviceWatch:
         capabilities: capabilities of the device.
         period_s: interval at which the device is polled.
         cell: reports the simulated cell.
-        drives_off: whether a stop of category 1 has switched the drives off.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
         unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
         is_enabling: whether a reset that takes several cycles is in progress.
@@ -55,15 +62,16 @@ class DeviceWatch:
         self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
         is_real = self.capabilities.hardware
         self._simulation = backend if isinstance(backend, Simulated) and not is_real else None
+        self._switching = backend if isinstance(backend, SwitchesOffLater) else None
         self._read_input = getattr(backend, "read_input", None) if self._io is not None else None
         self._points: tuple[IoPoint, ...] | None = None
         self._left_out: list[str] = []
-        self.asks = self._device is not None or self._io is not None
+        self.asks = any(each is not None for each in (self._device, self._io, self._switching))
         self.period_s = _report_period_s(backend)
         self.cell = CellWatch(memory, backend, self.period_s)
         record = self._block.data
         known = self._block.sequence > 0 and self._block.try_read()
-        self.drives_off = bool(known and record["drives_off"])
+        self._off = bool(known and record["drives_off"])
         self._acknowledged = bool(known and record["hardware"] and not record["unacknowledged"])
         self.unacknowledged = ""
         self.is_enabling = False
@@ -77,6 +85,11 @@ class DeviceWatch:
     def share(self) -> float:
         """The permitted speed of planned motions, as a share from 0 to 1."""
         return self._slowed * self._scaling * (FIRST_SHARE if self.unacknowledged else 1.0)
+
+    @property
+    def drives_off(self) -> bool:
+        """Whether a stop of category 1 has switched the drives off. False while the device has yet to do so."""
+        return self._off and not (self._switching is not None and self._switching.is_switching_off())
 
     def slow_down(self, share: float) -> None:
         """Slow all planned motions down to this share, because of the device's own limits."""
@@ -101,7 +114,7 @@ class DeviceWatch:
 
     def set_drives(self, *, off: bool) -> None:
         """Register that the drives are off now, or on."""
-        self.drives_off = off
+        self._off = off
         self._publish()
 
     def ask(self) -> None:
@@ -122,6 +135,8 @@ class DeviceWatch:
                 raise ForeignError(
                     f"the backend's {name}() returns an unusable value: {plain_error(exc)}"
                 ) from exc
+        if bool(self._block.data["drives_off"]) != self.drives_off:
+            self._publish()
 
     def _report_status(self) -> None:
         if self._device is None:

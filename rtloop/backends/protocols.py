@@ -4,6 +4,7 @@
     Paced                an externally clocked device
     Reporting            the device reports its status
     Stepwise             enabling and recovery take several cycles, in which its packets are answered
+    SwitchesOffLater     the drives may be off only after `disable` has returned
     ImpedanceControlled  the drives have adjustable stiffness and damping
     TorqueControlled     the drives take torques in addition to positions
     WrenchControlled     the drives take a force at the TCP in addition to positions
@@ -167,6 +168,15 @@ class Stepwise(Protocol):
         Raises:
             BackendError: the device cannot recover; the error has the reason.
         """
+        ...
+
+
+@runtime_checkable
+class SwitchesOffLater(Protocol):
+    """A device whose `disable` may return before the drives are off."""
+
+    def is_switching_off(self) -> bool:
+        """Whether drives that `disable` has to switch off may still be on. Real-time safe."""
         ...
 
 

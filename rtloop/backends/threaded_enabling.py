@@ -38,6 +38,10 @@ class _Attempt:
         is_awaited = time.monotonic() - self.looked_s < MAX_LOOK_AGE_S
         return self.result is None and not self.is_cancelled and is_awaited
 
+    @property
+    def is_switching_off(self) -> bool:
+        return self.is_cancelled and not self.is_off
+
 
 class ThreadedEnabling:
     """The cycle begins an attempt and looks at it in each step; the thread that polls the device performs it.
@@ -52,7 +56,7 @@ class ThreadedEnabling:
         self._attempt: _Attempt | None = None
 
     def begin(self) -> None:
-        """Begin a new attempt. Real-time safe, as are `is_done` and `cancel`."""
+        """Begin a new attempt. Real-time safe, as are the other methods, except `perform`."""
         self._attempt = _Attempt()
 
     def is_done(self) -> bool:
@@ -87,6 +91,11 @@ class ThreadedEnabling:
         attempt.is_off = True  # by the caller
         return False
 
+    def is_switching_off(self) -> bool:
+        """Whether the thread has not switched the drives off yet after a cancelled attempt."""
+        attempt = self._attempt
+        return attempt is not None and attempt.is_switching_off
+
     def perform(self) -> None:
         """Perform the attempt, if one waits, and switch the drives off after a cancelled one. Called by the
         thread. If the drives cannot be switched off, the next call tries again.
@@ -98,7 +107,7 @@ class ThreadedEnabling:
             # The result is set before the look at is_cancelled, which `cancel` sets before it looks at the
             # result.
             attempt.result = self._result()
-        if attempt.is_cancelled and not attempt.is_off:
+        if attempt.is_switching_off:
             attempt.is_off = self._disable()
 
     def _result(self) -> Accepted | Rejected:

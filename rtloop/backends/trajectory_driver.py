@@ -199,6 +199,9 @@ class TrajectoryDriver:
         elif not self._threaded:
             self._enabling.perform()
 
+    def is_switching_off(self) -> bool:
+        return self._enabling.is_switching_off()
+
     def close(self) -> None:
         self._enabling.cancel()
         self._ending = True

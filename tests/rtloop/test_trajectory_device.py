@@ -377,9 +377,12 @@ def test_drives_that_cannot_be_switched_off_after_a_hanging_reset_are_switched_o
     rig.send(Command.RESET)
     until(lambda: rig.step() or arm.calls[-1] == "enable")
     switched_off(rig)
+    rig.step(300)
+    assert not device_of(rig.memory.device.data).drives_off, "a client must not read that they are off"
     arm.refusals = 3
     arm.may_go.set()
     until(lambda: rig.step() or arm.calls.count("disable") == 4)
+    until(lambda: rig.step() or device_of(rig.memory.device.data).drives_off)
     time.sleep(0.2)
     assert arm.calls == ["enable", "enabled", "enable", "enabled", *["disable"] * 4]
     assert caplog.text.count("could not be switched off after a stop: the drives do not answer") == 1
