@@ -88,7 +88,7 @@ class DeviceWatch:
 
     @property
     def drives_off(self) -> bool:
-        """Whether a stop of category 1 has switched the drives off. False while the device has yet to do so."""
+        """Whether a stop of category 1 has switched the drives off; False until the device has done so."""
         return self._off and not (self._switching is not None and self._switching.is_switching_off())
 
     def slow_down(self, share: float) -> None:

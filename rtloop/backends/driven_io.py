@@ -5,11 +5,11 @@ on.
 from __future__ import annotations
 
 import logging
-from collections import deque
 
 from cobot.foreign import plain_text
 from cobot.robot.io_points import IoPoint, io_points
 from rtloop.backends.protocols import HasIo
+from rtloop.backends.queued_outputs import QueuedOutputs
 
 log = logging.getLogger("cobot.rtloop")
 
@@ -20,22 +20,22 @@ class DrivenIo:
     def __init__(self, device: HasIo) -> None:
         self._device = device
         self._points: tuple[IoPoint, ...] = ()
-        self._wanted: deque[tuple[str, float]] = deque()
+        self._queue = QueuedOutputs()
         self._problem = ""
 
     def io(self) -> tuple[IoPoint, ...]:
         return self._points
 
     def set_output(self, name: str, value: float) -> None:
-        self._wanted.append((name, value))
+        self._queue.add(name, value)
 
     def ask(self) -> None:
         """One iteration of the thread. If the device rejects or does not report the inputs and outputs, the
         reason is logged.
         """
         try:
-            while self._wanted:
-                self._device.set_output(*self._wanted.popleft())
+            for name, value in self._queue.take():
+                self._device.set_output(name, value)
             self._points = io_points(self._device.io())
             self._problem = ""
         except KeyboardInterrupt:

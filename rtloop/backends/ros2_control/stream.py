@@ -12,7 +12,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
 from types import MappingProxyType
 from typing import Any, Protocol, cast
 
@@ -24,6 +23,7 @@ from cobot.robot.device import Capabilities
 from cobot.types import Array, JointLimits
 from rtloop.backends.compiled import Measured
 from rtloop.backends.protocols import BackendError
+from rtloop.backends.queued_outputs import QueuedOutputs
 from rtloop.backends.ros2_control import words
 from rtloop.backends.ros2_control.common import LOOK_S, ControllerClient, options_of
 from rtloop.backends.ros2_control.link import ControllerLink
@@ -89,7 +89,7 @@ class Ros2ControlStream(ControllerClient):
         self._rows = np.full((3, limits.dof), np.nan)
         self._problem = ""
         self._enabled = False
-        self._wanted: deque[tuple[str, float]] = deque()
+        self._outputs = QueuedOutputs()
         self._enabling = ThreadedEnabling(self._make_ready, lambda: True)
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
@@ -156,7 +156,7 @@ class Ros2ControlStream(ControllerClient):
 
     def set_output(self, name: str, value: float) -> None:
         """Set an output with the next poll. A request to the process would take longer than a cycle may."""
-        self._wanted.append((self._gpio.place_of(name), value))
+        self._outputs.add(self._gpio.place_of(name), value)
 
     def disable(self) -> None:
         """Send no more commands. The driver controls the drives, so they stay on."""
@@ -189,8 +189,8 @@ class Ros2ControlStream(ControllerClient):
     def _look(self) -> None:
         """Set outputs, and store the reason why the arm cannot be moved."""
         try:
-            while self._wanted:
-                self._set(*self._wanted.popleft())
+            for interface, value in self._outputs.take():
+                self._set(interface, value)
             facts = self._look_at_facts()
             self._problem = self._problem or self._of_driver(facts)
         except BackendError as exc:

@@ -14,7 +14,7 @@ from ros2_control_settings import settings_with
 
 from cobot.config import load_settings
 from cobot.robot.description import load_robot
-from rtloop.backends import BackendError, Measured
+from rtloop.backends import BackendError, Measured, queued_outputs
 from rtloop.backends.ros2_control import Ros2ControlStream
 from rtloop.backends.ros2_control.stream_link import StreamProcess
 from rtloop.backends.ros2_control.stream_rig import RigStream, StreamRig
@@ -113,6 +113,22 @@ def test_a_stream_sets_outputs_with_its_next_poll() -> None:
     assert rig.gpio == {"tool/vacuum": 1.0}
     with pytest.raises(BackendError, match="blow is not an output"):
         backend.set_output("blow", 1.0)
+
+
+def test_a_stream_does_not_set_an_output_that_has_waited_for_a_hanging_driver(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = settings_with(connect_s=0.1, outputs={"suction": "tool/vacuum", "blow": "tool/valve"})
+    rig = StreamRig(Ros2ControlStream, settings, load_robot(load_settings()).limits)
+    backend = rig.backend()
+    backend.open(np.zeros(7))
+    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 100.0)
+    backend.set_output("suction", 1.0)
+    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 102.5)
+    backend.set_output("blow", 1.0)
+    backend.read(Measured(7))
+    assert rig.gpio == {"tool/valve": 1.0}
+    assert "tool/vacuum is not set to 1: the device has not answered for 2.5 s" in caplog.text
 
 
 def test_joint_states_that_are_too_slow_for_a_stream_are_refused(rig: StreamRig) -> None:
