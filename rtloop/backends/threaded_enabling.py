@@ -11,7 +11,7 @@ from rtloop.backends.protocols import BackendError, require_accepted
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENABLE_S = 20.0
-"""Timeout for the device to be enabled, s. It is shorter than that of `POST /robot/reset`."""
+"""Timeout for the device to be enabled, s. That of `POST /robot/reset` is longer, which a test checks."""
 MAX_LOOK_AGE_S = 0.5
 """Maximum age of the cycle's last look at an attempt that begins, s. After a stop or a timeout the cycle does
 not look any more, so a device that answers again is not switched on unexpectedly.

@@ -44,6 +44,10 @@ STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
 """Default periods of a device, s."""
 SILENCE_S = 2.0
 """Time without an answer after which a device counts as lost, s."""
+LAST_CALL_S, LAST_CALL_LOG_S = 4.0, 1.0
+"""Timeout for the last call to the device at the end, s, and the time after which it is logged. The
+supervisor waits longer before it kills the process, which a test checks.
+"""
 TURN_S = 0.5
 """Timeout for the end of a poll before a request that cannot be left to the thread, s."""
 REST_S, REST_RAD = 3.0, 1e-4
@@ -134,6 +138,7 @@ class TrajectoryDriver:
         self._status = DeviceStatus(connection="not connected")
         self._turn = threading.RLock()  # its holder may call the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
+        self._is_disabled = True  # False after `disable` has failed.
         self._off_problem = ""  # Why the drives could not be switched off after a reset.
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
@@ -194,8 +199,10 @@ class TrajectoryDriver:
 
     def disable(self) -> None:
         if not self._enabling.cancel():
+            self._is_disabled = False
             with self._turn_soon():
                 self.device.disable()
+            self._is_disabled = True
         elif not self._threaded:
             self._enabling.perform()
 
@@ -207,9 +214,7 @@ class TrajectoryDriver:
         self._ending = True
         self._wake.set()
         if self._thread is not None:
-            self._thread.join(SILENCE_S)
-            if self._thread.is_alive():
-                log.error("the device has not answered at the end for %g s; its drives may be on", SILENCE_S)
+            self._await_last_call(self._thread)
         self.device.close()
 
     # MovesByItself
@@ -257,6 +262,22 @@ class TrajectoryDriver:
             if not moved.max() > REST_RAD:
                 return
 
+    def _await_last_call(self, thread: threading.Thread) -> None:
+        """Wait for the thread, which switches the drives off after a reset. If `disable` has failed, because
+        a poll was hanging, they are switched off here.
+        """
+        thread.join(LAST_CALL_LOG_S)
+        if thread.is_alive():
+            log.error(
+                "the device has not answered at the end for %g s; if it does not answer within %g s, its "
+                "drives may stay on: check them before you approach the arm",
+                LAST_CALL_LOG_S,
+                LAST_CALL_S,
+            )
+            thread.join(LAST_CALL_S - LAST_CALL_LOG_S)
+        if not (thread.is_alive() or self._is_disabled):
+            self._switch_off()
+
     @contextlib.contextmanager
     def _turn_soon(self) -> Iterator[None]:
         """
@@ -271,7 +292,7 @@ class TrajectoryDriver:
             self._turn.release()
 
     def _switch_off(self) -> bool:
-        """Switch the drives off after a reset that a stop has ended. Returns whether this has succeeded."""
+        """Switch the drives off that `disable` could not. Returns whether this has succeeded."""
         with self._turn:
             try:
                 self.device.disable()

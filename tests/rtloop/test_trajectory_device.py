@@ -20,6 +20,7 @@ from cobot.config import Settings
 from cobot.ipc.device_record import device_of
 from cobot.ipc.io_record import report_of
 from cobot.ipc.layout import Command, MotionResult
+from cobot.launch.supervisor.supervisor import STOP_TIMEOUT_S
 from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
@@ -27,10 +28,25 @@ from cobot.robot.io_points import IoKind, IoPoint
 from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
-from rtloop.backends import BackendError, CarriesTool, Measured, make_backend
+from rtloop.backends import (
+    BackendError,
+    CarriesTool,
+    Measured,
+    make_backend,
+    queued_outputs,
+    trajectory_driver,
+)
+from rtloop.backends.driven_io import DrivenIo
 from rtloop.backends.threaded_enabling import MAX_LOOK_AGE_S
-from rtloop.backends.trajectory_driver import TrajectoryDriver, as_backend
+from rtloop.backends.trajectory_driver import (
+    LAST_CALL_LOG_S,
+    LAST_CALL_S,
+    TURN_S,
+    TrajectoryDriver,
+    as_backend,
+)
 from rtloop.contract.toy_trajectory import STATE_PERIOD_S, ToyArm, ToyDevice
+from rtloop.loop import END_LIMIT_S
 
 
 class Arm(ToyArm):
@@ -131,6 +147,21 @@ def test_its_outputs_are_set_by_the_thread_that_asks_it(
     assert rig.memory.io.try_read()
     assert [each.value for each in report_of(rig.memory.io.data).points] == [3.0]
     rig.close()
+
+
+def test_an_output_that_has_waited_for_a_hanging_device_is_not_set_when_it_answers(
+    settings: Settings, robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = ArmWithIo(settings, robot.limits, ToyDevice(robot.limits.dof, realtime=False))
+    io = DrivenIo(arm)
+    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 100.0)
+    io.set_output("speed", 2.5)
+    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 102.5)
+    io.ask()
+    assert arm.value == 0.0
+    io.set_output("speed", 3.0)
+    io.ask()
+    assert arm.value == 3.0
 
 
 def test_a_stop_lets_it_rest_on_its_path(rig: Rig, arm: Arm) -> None:
@@ -405,6 +436,63 @@ def test_a_shutdown_during_a_reset_leaves_the_drives_off(settings: Settings, rob
         arm.hangs.clear()
     ending.join(60.0)
     until(lambda: arm.calls == ["disable"])
+
+
+@pytest.fixture
+def opened(settings: Settings, robot: RobotDescription) -> Iterator[tuple[Unanswering, TrajectoryDriver]]:
+    arm = Unanswering(settings, robot.limits)
+    backend = as_backend(arm, robot.limits.dof, 0.001)
+    assert isinstance(backend, TrajectoryDriver)
+    backend.open(np.array(robot.positions["home"].joints))
+    try:
+        yield arm, backend
+    finally:
+        arm.hangs.clear()
+        arm.may_go.set()
+
+
+def test_a_shutdown_while_a_poll_hangs_leaves_the_drives_off(
+    opened: tuple[Unanswering, TrajectoryDriver], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, backend = opened
+    monkeypatch.setattr(trajectory_driver, "TURN_S", 0.01)
+    arm.hangs.set()
+    assert arm.is_hanging.wait(60.0)
+    with pytest.raises(BackendError, match="has not answered for"):
+        backend.disable()
+    monkeypatch.setattr(trajectory_driver, "LAST_CALL_LOG_S", 60.0)
+    ending = threading.Thread(target=backend.close)
+    ending.start()
+    until(lambda: backend._ending)
+    arm.hangs.clear()
+    ending.join(60.0)
+    assert arm.calls == ["disable"]
+
+
+def test_drives_that_a_hanging_reset_may_leave_on_at_the_end_are_logged(
+    opened: tuple[Unanswering, TrajectoryDriver],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """The thread switches them off itself if the process still exists when the device answers."""
+    arm, backend = opened
+    monkeypatch.setattr(trajectory_driver, "LAST_CALL_LOG_S", 0.01)
+    monkeypatch.setattr(trajectory_driver, "LAST_CALL_S", 0.02)
+    arm.may_go.clear()
+    backend.recover_step()
+    until(lambda: backend.enable_step() or arm.calls == ["enable"])
+    backend.disable()
+    backend.close()
+    assert "its drives may stay on: check them before you approach the arm" in caplog.text
+    arm.may_go.set()
+    until(lambda: arm.calls == ["enable", "enabled", "disable"])
+
+
+def test_the_supervisor_waits_longer_than_the_last_call_to_a_device_may_take() -> None:
+    """Also for an arm that must come to rest before: then at least the line of the log comes in time."""
+    with_reset_s = TURN_S + LAST_CALL_S
+    with_motion_s = END_LIMIT_S + TURN_S + LAST_CALL_LOG_S
+    assert max(with_reset_s, with_motion_s) < STOP_TIMEOUT_S
 
 
 def test_the_cycle_goes_on_while_a_device_hangs_in_a_reset_and_a_stop_ends_it(

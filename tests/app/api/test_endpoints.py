@@ -15,8 +15,10 @@ from app.api.endpoints import Endpoint
 from app.api.route import CobotRoute, EndpointRouter
 from app.routes import ENDPOINTS
 from app.services.motion.execution import REST_TIMEOUT_S
+from app.services.state.commands import STATE_S
 from cobot.access.roles import Role
 from cobot.client.connection import LONG_TIMEOUTS_S, MOTION_TIMEOUT_S
+from rtloop.backends.threaded_enabling import ENABLE_S
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
@@ -180,3 +182,8 @@ def test_the_client_waits_longer_than_the_service_takes() -> None:
         if method == "POST" and (endpoint.control or path in LONG_TIMEOUTS_S):
             wait_s = max(MOTION_TIMEOUT_S, LONG_TIMEOUTS_S.get(path, 0.0))
             assert wait_s > endpoint.timeout_s + REST_TIMEOUT_S, endpoint.name
+
+
+def test_a_reset_waits_longer_than_a_device_may_take_to_be_enabled() -> None:
+    """Otherwise the client does not read that the device does not answer."""
+    assert ENDPOINTS["POST /robot/reset"].timeout_s > STATE_S + ENABLE_S
