@@ -1,4 +1,7 @@
-"""Clients of Robotiq grippers that others have written, at the simulated gripper. They are the oracle."""
+"""Clients of Robotiq grippers that others have written, at the simulated gripper. They are the oracle.
+
+Each waits as long as a busy computer may take. Their own timeouts are 0.05 to 5 s.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import pyrobotiqur
 import pytest
 import robotiq2f
 import robotiq2f.robotiq2f as library
-from cobot_run import until
+from cobot_run import WAIT_S, until
 from pyrobotiqur.enums import ObjectStatus
 
 from cobot.grippers.robotiq.simulator import Simulator, run_simulator
@@ -37,6 +40,7 @@ def test_pyrobotiqgripper_activates_moves_and_detects_an_object(
     simulator: Simulator, connect: Callable[[Simulator], pyrobotiqgripper.RobotiqGripper]
 ) -> None:
     gripper = connect(simulator)
+    gripper.timeOut = gripper._client.comm_params.timeout_connect = WAIT_S
     gripper.connect()
     gripper.activate()
     assert gripper.isActivated()
@@ -59,6 +63,7 @@ def test_robotiq2f_activates_moves_and_detects_an_object(
 ) -> None:
     monkeypatch.setattr(library.LinuxFindTTYWithSerialNumber, "find", lambda self, number: simulator.device)
     with robotiq2f.Robotiq2F85("any", async_control=False) as gripper:
+        gripper.client.serial.timeout = WAIT_S
         gripper.activate()
         gripper.go_to(opening=50.0, speed=150.0, force=50.0)
         until(lambda: abs(gripper.goal_opening - 50.0) < 0.5 and not gripper.is_moving)
@@ -74,7 +79,7 @@ def test_robotiq2f_activates_moves_and_detects_an_object(
 
 def test_pyrobotiqur_activates_moves_and_detects_an_object(simulator: Simulator) -> None:
     """Over the text protocol of the URCap."""
-    with pyrobotiqur.RobotiqGripper("127.0.0.1", simulator.urcap_port) as gripper:
+    with pyrobotiqur.RobotiqGripper("127.0.0.1", simulator.urcap_port, WAIT_S) as gripper:
         gripper.activate(poll_interval=0.01)
         assert gripper.move(100) == (100, ObjectStatus.AT_DEST)
         assert simulator.slave.fingers.width_m == pytest.approx(0.085 * (1 - 100 / 255))
