@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections import deque
 from collections.abc import Iterator
-from time import monotonic
 
 MAX_WAIT_S = 2.0
-"""Maximum time for which an output waits, s. Then the device hangs, and nobody expects the output to change
-when it answers again.
+"""Maximum time for which an output waits, s. Then the device hangs, and people no longer expect the output
+to change when it answers again.
 """
 
 log = logging.getLogger("cobot.rtloop")
@@ -23,13 +23,13 @@ class QueuedOutputs:
 
     def add(self, name: str, value: float) -> None:
         """Real-time safe."""
-        self._waiting.append((monotonic(), name, value))
+        self._waiting.append((time.monotonic(), name, value))
 
     def take(self) -> Iterator[tuple[str, float]]:
         """Remove the outputs, the oldest first. Those that have waited too long are logged instead."""
         while self._waiting:
             since_s, name, value = self._waiting.popleft()
-            waited_s = monotonic() - since_s
+            waited_s = time.monotonic() - since_s
             if waited_s <= MAX_WAIT_S:
                 yield name, value
             else:

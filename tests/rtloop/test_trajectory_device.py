@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -154,9 +155,9 @@ def test_an_output_that_has_waited_for_a_hanging_device_is_not_set_when_it_answe
 ) -> None:
     arm = ArmWithIo(settings, robot.limits, ToyDevice(robot.limits.dof, realtime=False))
     io = DrivenIo(arm)
-    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 100.0)
+    monkeypatch.setattr(queued_outputs, "time", SimpleNamespace(monotonic=lambda: 100.0))
     io.set_output("speed", 2.5)
-    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 102.5)
+    monkeypatch.setattr(queued_outputs, "time", SimpleNamespace(monotonic=lambda: 102.5))
     io.ask()
     assert arm.value == 0.0
     io.set_output("speed", 3.0)

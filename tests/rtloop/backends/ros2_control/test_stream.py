@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import socket
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -122,9 +123,9 @@ def test_a_stream_does_not_set_an_output_that_has_waited_for_a_hanging_driver(
     rig = StreamRig(Ros2ControlStream, settings, load_robot(load_settings()).limits)
     backend = rig.backend()
     backend.open(np.zeros(7))
-    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 100.0)
+    monkeypatch.setattr(queued_outputs, "time", SimpleNamespace(monotonic=lambda: 100.0))
     backend.set_output("suction", 1.0)
-    monkeypatch.setattr(queued_outputs, "monotonic", lambda: 102.5)
+    monkeypatch.setattr(queued_outputs, "time", SimpleNamespace(monotonic=lambda: 102.5))
     backend.set_output("blow", 1.0)
     backend.read(Measured(7))
     assert rig.gpio == {"tool/valve": 1.0}
