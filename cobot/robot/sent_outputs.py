@@ -1,6 +1,6 @@
 """Values that were sent to the outputs of a device and that it has not reported yet.
 
-A value that takes effect late, for example after a lost connection, does not go unnoticed.
+So a value that takes effect late, for example after a lost connection, is noticed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cobot.robot.io_points import ANALOG_SHARE
 @dataclass(slots=True, eq=False)
 class SentOutput:
     """Attributes:
-    is_late: whether a person has been told that it was not set.
+    is_late: whether it was reported as not confirmed.
     """
 
     value: float
@@ -68,7 +68,7 @@ class SentOutputs:
             elif not in_time and not sent.is_late:
                 sent.is_late = True
                 problem = (
-                    f"{name} cannot be set: the device has not reported {sent.value:g} within "
-                    f"{self._timeout_s:g} s and may still carry the request out"
+                    f"{name} is not confirmed: the device has not reported {sent.value:g} within "
+                    f"{self._timeout_s:g} s and may still set it"
                 )
         return problem

@@ -442,7 +442,7 @@ def test_an_output_that_was_sent_before_a_lost_connection_is_not_set_later(
     backend, way = opened(connect)
     send_and_lose(backend, way, monkeypatch, relay=False)
     assert way.controller.digital_out == 0
-    assert "digital_out_3 cannot be set: the device has not reported 1 within 1 s" in backend.status().text
+    assert "digital_out_3 is not confirmed: the device has not reported 1 within 1 s" in backend.status().text
 
 
 def test_an_output_that_a_relay_delivers_late_is_named(
