@@ -2,7 +2,7 @@
 // open the gripper?"). If nothing is found, the search is repeated here without them.
 const [SEARCH, FOUND] = [2, 3]; // types of the messages to and from the worker of the search
 const LEFT_OUT = new Set(
-  "a an am and are be can could did do does for has have how i if is it its me my of our please should that the there this to us was we what when where which who will with would you your".split(" "),
+  "a an am and are be can could did do does for has have how i if is it its me my of our please should so that the there this to us was we what when where which who will with would you your".split(" "),
 );
 const post = Worker.prototype.postMessage;
 const newest = new WeakMap(); // the newest query of each worker
