@@ -12,7 +12,7 @@ says why something was not done.
     load     take a motion of `points`; `bytes` doubles follow: times, positions, velocities, accelerations
     start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
     cancel   cancel all goals of the action; the answer's `failed` says why that failed
-    output   send the `value` of an `interface`, an output of the driver; the facts have a later failure
+    output   send the `value` of an `interface`, an output of the driver; a later failure is in the facts
     forget   forget the last goal, and choose the controller again
 
 With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives there holds doubles,

@@ -139,7 +139,7 @@ class NoticeAnswer(BaseModel):
     """A difference of a motion from its request."""
 
     kind: NoticeKind = Field(description="Kind of the difference, see docs/conventions.md.")
-    values: dict[str, str | float] = Field(description="Values of this kind of difference, see there.")
+    values: dict[str, str | float] = Field(description="Values of this kind, see docs/conventions.md.")
 
 
 class PlanningAnswer(BaseModel):
@@ -157,8 +157,8 @@ class PlanningAnswer(BaseModel):
     )
     improvements: int = Field(description="Number of tries that found a faster motion.")
     lower_bound_s: float | None = Field(
-        description="Duration below which no motion to the joint positions that are considered for the goal "
-        "can be, even if nothing were in the way, s: the time that the slowest joint needs alone. null: not "
+        description="Lower bound of the duration, s: the time that the slowest joint needs alone. Even without "
+        "obstacles, no motion to the joint positions that were considered for the goal is faster. null: not "
         "computed, because there was no budget."
     )
 

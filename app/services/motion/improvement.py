@@ -80,8 +80,8 @@ async def improve_within(
     budget_s: float,
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
-    """The fastest motion that is found within a time, s, from now on. It ends early when no faster one can be
-    found, the scene or the tool has changed, or no planning process can work on it. It ends at most
+    """The fastest motion that is found within a time, s, from now on. The search ends early when no faster one
+    can be found, the scene or the tool has changed, or no planning process is free; it ends at most
     `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s
