@@ -90,7 +90,7 @@ def roll_out(chosen: argparse.Namespace) -> int:
 
 
 def forget(chosen: argparse.Namespace) -> int:
-    """Remove cells that are gone. A cell that cannot be removed does not keep the others."""
+    """Remove cells that are gone. If one of them cannot be removed, the others still are."""
     answers = []
     for cell in chosen.cells:
         try:

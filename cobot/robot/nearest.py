@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 FARTHEST_M = 1.0
 """Largest distance that is computed; farther objects do not matter."""
 NEAR_M = 0.1
-"""Parts nearer than this are looked for first. Bounds then show of most pairs that they are farther apart."""
+"""Distance within which parts are looked for first, m. Bounds show that most pairs are farther apart."""
 TURNS = 17
 """Number of angles at which a pair that one joint moves is compared. It is a prime, so few symmetric shapes
 look the same at all of them.

@@ -157,9 +157,9 @@ class PlanningAnswer(BaseModel):
     )
     improvements: int = Field(description="Number of tries that found a faster motion.")
     lower_bound_s: float | None = Field(
-        description="Lower bound of the duration, s: the time that the slowest joint needs alone. Even without "
-        "obstacles, no motion to the joint positions that were considered for the goal is faster. null: not "
-        "computed, because there was no budget."
+        description="Lower bound of the duration, s: the time that the slowest joint needs alone. Even "
+        "without obstacles, no motion to the joint positions that were considered for the goal is faster. "
+        "null: not computed, because there was no budget."
     )
 
     @classmethod

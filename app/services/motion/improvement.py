@@ -29,8 +29,8 @@ longer."""
 MIN_SLICE_S = 0.002
 """Time below which a slice is not worth its transfer to a process, s."""
 OVERTIME_S = 1.0
-"""Time after the end of the budget for which a slice is waited for, s: other requests may have all planning
-processes, and a try may take long.
+"""Time to wait for a slice after the end of the budget, s: other requests may have all planning processes,
+and a try may take long.
 """
 
 log = logging.getLogger("cobot.planning")
@@ -80,8 +80,8 @@ async def improve_within(
     budget_s: float,
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
-    """The fastest motion that is found within a time, s, from now on. The search ends early when no faster one
-    can be found, the scene or the tool has changed, or no planning process is free; it ends at most
+    """The fastest motion that is found within a time, s, from now on. The search ends early when no faster
+    motion can be found, the scene or the tool has changed, or no planning process is free. It ends at most
     `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s

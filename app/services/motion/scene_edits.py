@@ -59,8 +59,8 @@ def detach(name: str) -> Edit:
 
 
 def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
-    """The objects, with boxes around the voxels of point clouds that are no more than a stream can check
-    together with everything else. For large clouds this takes some 10 ms.
+    """The objects, with boxes around the voxels of their point clouds: at most as many as a stream can check,
+    less the solids of the other objects. For large clouds this takes some 10 ms.
 
     Raises:
         LimitError: there are more solids or voxels than allowed.

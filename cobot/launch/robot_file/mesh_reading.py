@@ -19,7 +19,7 @@ MAX_BYTES = 300_000_000
 MAX_TRIANGLES = 2_000_000
 MAX_LOOK_TRIANGLES = 500_000
 MIN_TRIANGLES = 12
-"""Triangles below which no part of a mesh is simplified, as many as a box has."""
+"""Minimum number of triangles of a simplified part of a mesh, as many as a box has."""
 EDGE_RAD = 0.5
 """Angle between two triangles above which a simplified mesh is drawn with an edge."""
 

@@ -24,8 +24,8 @@ SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
 """Timeout for converting one mesh, s. After it the visual is left out."""
 MAX_TRIANGLES = 40_000
-"""Triangles of all meshes of a robot. Meshes with more are simplified, so that the panel draws the robot at
-once, also without a graphics card.
+"""Maximum number of triangles of all meshes of a robot together. Finer meshes are simplified, so that the
+panel draws the robot at once, also without a graphics card.
 """
 
 

@@ -150,7 +150,7 @@ def _plan_redundancy(
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-    if not enclosing.has_way(free=False):  # it may lead a little farther than any of the meshes
+    if not enclosing.has_way(free=False):  # its ways may end later than those of a mesh
         finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
         finest.has_way(free=False)
         return None, finest.reached

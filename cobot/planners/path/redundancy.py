@@ -66,8 +66,8 @@ ENCLOSING = Mesh(
     max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
     max(mesh.step_rad * mesh.factor for mesh in MESHES),
 )
-"""A mesh that every way through one of `MESHES` fits: it has all their arm angles, and its places are in all
-of them. If it has no way, neither have they.
+"""A mesh that contains every way through any of `MESHES`: it has all their arm angles, only places that each
+of them has, and steps as large as theirs. If it has no way, neither have they.
 """
 
 

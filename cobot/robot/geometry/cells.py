@@ -17,14 +17,14 @@ from cobot.robot.geometry.solids import MAX_SOLIDS, joined
 from cobot.types import Array
 
 WORTH_TRYING = 4
-"""With more than this times the allowed number of boxes in the first order, no other order is tried."""
+"""Multiple of the allowed number of boxes. If the first order of the axes gives more, no other is tried."""
 MAX_VOXELS = 500_000
 """Maximum number of voxels of all point clouds of a scene. A process needs about 250 bytes for each."""
 
 _LOCK = threading.Lock()
 _KEPT: OrderedDict[tuple[str, float], _Voxels] = OrderedDict()
-"""Voxels by their text and edge, those used last at the end: no more than a scene may have, so those of the
-current scene are among them however many clouds it has. Guarded by `_LOCK`."""
+"""Voxels by their text and edge, those used last at the end. Together they are at most as many as a scene may
+have, so those of the current scene stay. Guarded by `_LOCK`."""
 
 
 @dataclass(slots=True)

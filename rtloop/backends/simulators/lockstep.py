@@ -87,8 +87,8 @@ class FaultyConnection(Protocol):
 
 
 def set_fault(connection: FaultyConnection, fault: str, *, active: bool) -> bool:
-    """Inject or clear a fault of the connection. Returns whether it is one of the connection; the others are
-    those of the controller.
+    """Inject or clear a fault of the connection. Returns False for a fault of the controller, which this does
+    not change.
     """
     if fault == "disconnect":
         connection.off = active

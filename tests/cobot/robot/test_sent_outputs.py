@@ -26,7 +26,7 @@ def test_an_analog_value_is_reported_as_the_device_has_it() -> None:
 def test_a_value_that_comes_late_is_named_once() -> None:
     sent = SentOutputs(TIMEOUT_S)
     sent.add("lamp", 1.0, 10.0)
-    assert sent.explain({}, 12.5).startswith("lamp is not confirmed: the device has not reported 1 within 2 s")
+    assert sent.explain({}, 12.5).startswith("lamp is not confirmed: the device has not reported 1 within 2")
     assert sent.explain({"lamp": 0.0}, 13.0) == ""
     assert sent.explain({"lamp": 1.0}, 40.0).startswith("lamp is 1 now, 30.0 s after the request: the device")
     assert sent.explain({"lamp": 1.0}, 41.0) == ""
