@@ -40,8 +40,10 @@ def read_mesh(file: Path) -> tuple[Array, Indices]:
     return vertices, triangles
 
 
-def as_glb(file: Path, triangles: int) -> bytes:
-    """The mesh with its colours, without textures, simplified to about this number of triangles."""
+def as_glb(file: Path, triangles: int) -> tuple[bytes, int]:
+    """The mesh with its colours, without textures, simplified to about this number of triangles; and the
+    number that it has. It is higher if parts have several colours or cannot be simplified so far.
+    """
     if file.suffix.lower() == ".msh":
         scene = trimesh.Scene(trimesh.Trimesh(*_msh(_content(file))))
     else:
@@ -51,7 +53,8 @@ def as_glb(file: Path, triangles: int) -> bytes:
     if share < 1.0:
         for name, mesh in meshes.items():
             scene.geometry[name] = _simplify(mesh, max(int(share * len(mesh.faces)), MIN_TRIANGLES))
-    return bytes(trimesh.exchange.gltf.export_glb(scene))
+    count = sum(len(each.faces) for each in scene.geometry.values() if isinstance(each, trimesh.Trimesh))
+    return bytes(trimesh.exchange.gltf.export_glb(scene)), count
 
 
 def _simplify(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:

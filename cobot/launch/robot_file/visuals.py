@@ -5,6 +5,7 @@ They are not part of model.xml, so that neither collision checking nor the real-
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,8 @@ SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
 """Timeout for converting one mesh, s. After it the visual is left out."""
 MAX_TRIANGLES = 40_000
-"""Maximum number of triangles of all meshes of a robot together. Finer meshes are simplified, so that the
-panel draws the robot at once, also without a graphics card.
+"""Target for the number of triangles of all meshes of a robot together. Finer meshes are simplified, so that
+the panel draws the robot at once, also without a graphics card.
 """
 
 
@@ -39,9 +40,10 @@ class Visuals:
             for link in root.findall("link")
             for visual in link.findall("visual")
         ]
-        self._written: dict[Path, str] = {}
-        meshes = [mesh for _, visual in self._found for mesh in visual.iterfind("geometry/mesh")]
-        self._triangles = MAX_TRIANGLES // max(len({each.get("filename") for each in meshes}), 1)
+        self._written: dict[Path, tuple[str, int]] = {}
+        meshes = sum(visual.find("geometry/mesh") is not None for _, visual in self._found)
+        self._share = MAX_TRIANGLES // max(meshes, 1)
+        self._drawn: Counter[str] = Counter()
         self._colours = {
             material.get("name"): colour
             for material in root.findall("material")
@@ -56,6 +58,7 @@ class Visuals:
                 entries.append(self._entry(visual, link, folder, worker))
             except ConfigError as exc:
                 self._said.append(f"{link}: a <visual> is left out: {exc}")
+        self._report_size()
         if entries:
             text = yaml.safe_dump({"visuals": entries}, sort_keys=False, default_flow_style=None)
             (folder / MANIFEST).write_text(text, encoding="utf-8")
@@ -88,11 +91,24 @@ class Visuals:
             name = f"{SUBFOLDER}/{len(self._written)}_{safe_stem(path)}.glb"
             try:
                 into = absolute(folder / name)
-                worker.ask("look", TIMEOUT_S, file=absolute(path), into=into, triangles=self._triangles)
+                answer = worker.ask("look", TIMEOUT_S, file=absolute(path), into=into, triangles=self._share)
             except ConfigError as exc:
                 raise ConfigError(f"{path} {exc}") from exc
-            self._written[path] = name
-        return self._written[path]
+            self._written[path] = name, answer["triangles"]
+        name, triangles = self._written[path]
+        self._drawn[path.name] += triangles
+        return name
+
+    def _report_size(self) -> None:
+        total = self._drawn.total()
+        if total <= 1.1 * MAX_TRIANGLES:
+            return
+        largest = ", ".join(f"{name} ({count:,})" for name, count in self._drawn.most_common(3))
+        self._said.append(
+            f"the visuals have {total:,} triangles, more than {MAX_TRIANGLES:,}, so a computer without a "
+            f"graphics card may draw them slowly: parts with several colours are not simplified, others only "
+            f"as far as their form permits; the largest: {largest}"
+        )
 
     def _colour(self, visual: Element, of: str) -> list[float] | None:
         """Red, green, blue and opacity, each from 0 to 1; None if the mesh's own colours apply."""

@@ -29,11 +29,14 @@ def write_solids(file: str, into: str, name: str, scale: list[float], split: boo
 
 
 def write_look(file: str, into: str, triangles: int) -> dict[str, Any]:
-    """Write a mesh with its colours as GLB, in metres; see `mesh_reading.as_glb`."""
+    """Write a mesh with its colours as GLB, in metres, and return its number of triangles; see
+    `mesh_reading.as_glb`.
+    """
     from cobot.launch.robot_file import mesh_reading
 
-    Path(into).write_bytes(mesh_reading.as_glb(Path(file), triangles))
-    return {}
+    content, count = mesh_reading.as_glb(Path(file), triangles)
+    Path(into).write_bytes(content)
+    return {"triangles": count}
 
 
 def compile_mjcf(file: str) -> dict[str, Any]:
