@@ -1,7 +1,7 @@
 // Plans that somebody else has made, as agents do, and who lets an agent run them.
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 10_000; // how long a plan is kept is no event
 const element = (id) => document.getElementById(id);
@@ -31,7 +31,7 @@ export class Approvals {
       const plans = await this.api.get("/plans");
       if (robot === this.api.robot) this.show(plans.filter((plan) => !this.motions.own(plan.plan_id)));
     } catch (error) {
-      element("plans-why").textContent = reasonOf(error);
+      speak("plans-why", () => reasonOf(error));
     }
   }
 
@@ -70,9 +70,9 @@ export class Approvals {
   async present({ plan }) {
     try {
       this.motions.look(await this.api.get(`/plans/${plan.plan_id}`));
-      element("plans-why").textContent = "";
+      speak("plans-why", () => "");
     } catch (error) {
-      element("plans-why").textContent = reasonOf(error);
+      speak("plans-why", () => reasonOf(error));
     }
   }
 
@@ -95,9 +95,9 @@ export class Approvals {
     try {
       row.plan = await this.api.post("/approve", { plan_id, approved: !approved_by });
       this.write(row);
-      element("plans-why").textContent = "";
+      speak("plans-why", () => "");
     } catch (error) {
-      element("plans-why").textContent = reasonOf(error);
+      speak("plans-why", () => reasonOf(error));
     }
     this.look();
   }

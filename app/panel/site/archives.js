@@ -1,19 +1,17 @@
 // Downloads a backup or a support bundle, and uploads a backup that the next start restores.
 import { LONG_MS } from "./api.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { speak, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
 
 export class Archives {
   constructor(api) {
     this.api = api;
-    this.words = {};
     element("backup-make").addEventListener("click", () => this.fetch("backup"));
     element("support-make").addEventListener("click", () => this.fetch("support"));
     element("backup-choose").addEventListener("click", () => element("backup-file").click());
     element("backup-file").addEventListener("change", () => this.restore(element("backup-file").files[0]));
-    inEachLanguage(() => Object.entries(this.words).forEach(([kind, words]) => (element(`${kind}-why`).textContent = words())));
   }
 
   // kind: "backup" or "support"; both are of the whole service.
@@ -51,8 +49,7 @@ export class Archives {
   }
 
   say(kind, words, level = "") {
-    this.words[kind] = words;
-    element(`${kind}-why`).textContent = words();
+    speak(`${kind}-why`, words);
     element(`${kind}-why`).dataset.level = level;
   }
 }

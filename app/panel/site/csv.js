@@ -3,7 +3,7 @@ import { LONG_MS } from "./api.js";
 import { row } from "./plots.js";
 import { fromRest, read, readJson, velocityCurve } from "./points.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { speak, word } from "./words.js";
 
 const OPTIONS = { move_to_start: "csv-start", retime: "csv-retime" };
 const TOLERANCE = 1e-9; // of a limit
@@ -15,13 +15,11 @@ export class Csv {
     this.api = api;
     this.state = state;
     this.ranges = ranges;
-    this.file = this.shown = null;
-    this.words = () => word("csv_hint");
     element("csv-choose").addEventListener("click", () => element("csv-file").click());
     element("csv-file").addEventListener("change", () => this.open(element("csv-file").files[0]));
     element("csv-send").addEventListener("click", () => this.send());
     this.accept(element("csv-send").closest(".card"));
-    inEachLanguage(() => this.write());
+    this.forget();
   }
 
   accept(card) {
@@ -103,13 +101,12 @@ export class Csv {
   }
 
   say(words) {
-    this.words = words;
+    speak("csv-why", words);
     element("csv-why").title = "";
     this.write();
   }
 
   write() {
-    element("csv-why").textContent = this.words();
     element("csv-send").disabled = !this.file;
     element("csv-plots").replaceChildren(...(this.shown ?? []).flatMap(row));
   }

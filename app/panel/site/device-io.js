@@ -4,7 +4,7 @@ import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
 import { keep, keptList } from "./store.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 1000;
 const MAX_MARKED = 4;
@@ -46,21 +46,21 @@ export class DeviceIo {
       const { points } = await this.api.get("/io");
       if (robot !== this.api.robot) return;
       this.points = points;
-      if (this.lost) this.say("");
+      if (this.lost) this.say(() => "");
       this.lost = false;
     } catch (error) {
       this.lost = true;
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
     this.write();
   }
 
   async set({ name }, value) {
-    this.say("");
+    this.say(() => "");
     try {
       await this.api.ask("PUT", this.api.address(`/io/${encodeURIComponent(name)}`), { value });
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
     this.look();
   }
@@ -71,8 +71,8 @@ export class DeviceIo {
     this.write();
   }
 
-  say(text) {
-    for (const id of ["device-io-why", "outputs-why"]) element(id).textContent = text;
+  say(words) {
+    for (const id of ["device-io-why", "outputs-why"]) speak(id, words);
   }
 
   write() {

@@ -1,6 +1,6 @@
 // What moves the robot: what it can do, how it says that it is, and what the first contact with it has found.
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -74,13 +74,13 @@ export class Device {
   async acknowledge() {
     const button = element("acknowledge");
     button.disabled = true;
-    element("contact-why").textContent = "";
+    speak("contact-why", () => "");
     try {
       await this.api.post("/acknowledge", { payload_checked: element("contact-payload").checked });
       element("contact-payload").checked = false;
       this.tell({ ...this.told, unacknowledged: "" });
     } catch (error) {
-      element("contact-why").textContent = reasonOf(error);
+      speak("contact-why", () => reasonOf(error));
     }
     button.disabled = false;
   }

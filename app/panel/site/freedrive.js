@@ -1,7 +1,7 @@
 // The arm, moved by hand: for as long as this page is there to say so. Who guides it looks at the arm, so a
 // page that loses the focus goes on; one that is hidden or left ends it, and the service when it hears nothing.
 import { reasonOf, whyOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const TIMEOUT_S = 2;
 const EVERY_MS = 500;
@@ -43,12 +43,12 @@ export class Freedrive {
         return;
       }
       this.session = answer.session;
-      this.say(whyOf({ ...answer, reason: answer.limited_by }) || word(element("simulation").hidden ? "freedrive_hint" : "pull_hint"));
+      this.say(() => whyOf({ ...answer, reason: answer.limited_by }) || word(element("simulation").hidden ? "freedrive_hint" : "pull_hint"));
       this.timer = setTimeout(() => this.ask({ session: this.session, timeout_s: TIMEOUT_S }), EVERY_MS);
     } catch (error) {
       if (this.session !== renewed) return; // it has been ended here meanwhile
       this.session = null;
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
     this.write();
   }
@@ -58,13 +58,13 @@ export class Freedrive {
     clearTimeout(this.timer);
     this.session = null;
     this.leave(this.api.robot);
-    this.say("");
+    this.say(() => "");
     this.write();
   }
 
   // Also while the page goes away: `keepalive` has the browser send it all the same.
   leave(robot) {
-    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, { keepalive: true }).catch((error) => this.say(reasonOf(error)));
+    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, { keepalive: true }).catch((error) => this.say(() => reasonOf(error)));
   }
 
   write() {
@@ -73,7 +73,7 @@ export class Freedrive {
     button.textContent = word(this.on ? "freedrive_end" : "freedrive");
   }
 
-  say(text) {
-    if (element("freedrive-why").textContent !== text) element("freedrive-why").textContent = text;
+  say(words) {
+    speak("freedrive-why", words);
   }
 }

@@ -1,7 +1,7 @@
 // The gripper: how it is, and its commands. The card is there if the robot has one.
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 500;
 const COMMAND_MS = 35_000; // the service gives a command 30 s
@@ -39,7 +39,7 @@ export class Gripper {
       if (robot === this.api.robot) this.report = report;
     } catch (error) {
       this.none = NOT_THERE.includes(error.status);
-      if (!this.none) element("gripper-state").textContent = reasonOf(error);
+      if (!this.none) speak("gripper-state", () => reasonOf(error));
       return;
     }
     this.write();
@@ -56,16 +56,16 @@ export class Gripper {
 
   async command(name, body) {
     const number = (this.commands += 1);
-    element("gripper-why").textContent = "";
+    speak("gripper-why", () => "");
     this.look();
-    let why = "";
+    let why = () => "";
     try {
       const answer = await this.api.post(`/gripper/${name}`, body, { waitMs: COMMAND_MS });
-      if (answer.success === false) why = reasonOf({ ...answer, detail: answer.message });
+      if (answer.success === false) why = () => reasonOf({ ...answer, detail: answer.message });
     } catch (error) {
-      why = reasonOf(error);
+      why = () => reasonOf(error);
     }
-    if (number === this.commands) element("gripper-why").textContent = why;
+    if (number === this.commands) speak("gripper-why", why);
     this.look();
   }
 
@@ -82,7 +82,7 @@ export class Gripper {
     if (document.activeElement !== width && typeof state?.width === "number") width.value = MM * state.width;
     this.writeWidth();
     if (typeof state?.width === "number" && able.width_m) this.view()?.grip(able.width_m[1] - state.width);
-    element("gripper-state").textContent = problem || (state ? this.said(state, held) : "");
+    speak("gripper-state", () => problem || (state ? this.said(state, held) : ""));
   }
 
   describe({ width_m: widths, force_n: force, continuous }) {

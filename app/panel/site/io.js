@@ -1,7 +1,7 @@
 // Digital inputs and outputs, and registers: read while the card is open, written by who may.
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 1000; // a change of them is no event
 const WAYS = ["Input", "Output"];
@@ -49,10 +49,10 @@ export class Io {
       if (robot !== this.api.robot) return;
       [this.robot, this.counts, this.masks] = [robot, counts, { Input: inputs, Output: outputs }];
       element("register-shown").textContent = String(value);
-      element("io-why").textContent = "";
+      speak("io-why", () => "");
       this.write();
     } catch (error) {
-      element("io-why").textContent = reasonOf(error);
+      speak("io-why", () => reasonOf(error));
     }
   }
 
@@ -78,7 +78,7 @@ export class Io {
       await call;
       this.look();
     } catch (error) {
-      element("io-why").textContent = reasonOf(error);
+      speak("io-why", () => reasonOf(error));
     }
   }
 

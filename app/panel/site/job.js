@@ -2,7 +2,7 @@
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf, whyOfEnd } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
 const STATES = {
@@ -65,7 +65,7 @@ export class Job {
       if (sent === this.sent) this.show(fraction);
       this.write();
     } catch (error) {
-      write("job-why", reasonOf(error));
+      speak("job-why", () => reasonOf(error));
     }
     if (this.job?.state === "running") this.timer = setTimeout(() => this.look(), EVERY_MS);
   }
@@ -99,9 +99,9 @@ export class Job {
     const fraction = element("override-set").value / 100;
     try {
       await this.api.post("/speed_override", { fraction });
-      write("job-why", "");
+      speak("job-why", () => "");
     } catch (error) {
-      write("job-why", reasonOf(error));
+      speak("job-why", () => reasonOf(error));
     }
     this.sending = false;
     this.sent += 1;
@@ -112,9 +112,9 @@ export class Job {
   async act(what) {
     try {
       await this.api.post(`/jobs/${this.job.id}/${what}`);
-      write("job-why", "");
+      speak("job-why", () => "");
     } catch (error) {
-      write("job-why", reasonOf(error));
+      speak("job-why", () => reasonOf(error));
     }
     this.look();
   }

@@ -4,7 +4,7 @@ import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { abcOf, stepped, tcpOf } from "./kinematics.js";
 import { reasonOf, whyOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 50;
 // What 100 % is for planned motions of the TCP, and the limits of jogging: of the TCP, and as a share for a joint.
@@ -46,7 +46,8 @@ export class Jog {
       if (event.target.closest?.("[data-jog]")) event.preventDefault();
     });
     for (const each of document.querySelectorAll("[name=jog-how]")) each.addEventListener("change", () => this.hint());
-    inEachLanguage(() => this.hint());
+    this.hint();
+    inEachLanguage(() => this.mark());
     window.addEventListener("blur", () => this.release());
     window.addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -58,11 +59,16 @@ export class Jog {
   // In an e-stop or a fault nothing can be jogged.
   show({ mode }) {
     const why = LATCHED.includes(mode) ? "why_latched" : "";
-    if (why === this.why && document.documentElement.lang === this.language) return;
-    [this.why, this.language] = [why, document.documentElement.lang];
+    if (why === this.why) return;
+    this.why = why;
     if (why) this.release();
-    for (const button of document.querySelectorAll("[data-jog]")) allow(button, why);
+    this.mark();
     this.hint();
+  }
+
+  mark() {
+    if (this.why === null) return;
+    for (const button of document.querySelectorAll("[data-jog]")) allow(button, this.why);
   }
 
   get how() {
@@ -71,22 +77,23 @@ export class Jog {
 
   // What a press does.
   hint() {
-    if (this.why) return void this.say(word(this.why));
+    const { why } = this;
+    if (why) return void this.say(() => word(why));
     const [angle, way] = STEPS[this.how] ?? [];
-    this.say(angle ? word("jog_hint_step", { angle, way: 1000 * way }) : word("jog_hint"));
+    this.say(() => (angle ? word("jog_hint_step", { angle, way: 1000 * way }) : word("jog_hint")));
   }
 
   press(event, button, { held = true } = {}) {
     if (!button || (event.button ?? 0) !== 0) return;
     const { how } = this;
     this.release();
-    if (!this.speeds.override) return void this.say(word("jog_override_zero"));
+    if (!this.speeds.override) return void this.say(() => word("jog_override_zero"));
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);
       return;
     }
     if (!held) {
-      this.say(word("jog_steps"));
+      this.say(() => word("jog_steps"));
       return;
     }
     if (event.pointerId !== undefined) button.setPointerCapture(event.pointerId);
@@ -124,9 +131,9 @@ export class Jog {
   }
 
   hear(frame) {
-    if (frame.type === "jog" && this.held) this.say(frame.limited_by ? this.limited(frame) : word("jog_moves"));
-    else if (frame.type === "jog_ended" && frame.reason) this.say(word("jog_ended", { reason: whyOf(frame) }));
-    else if (frame.type === "error" && frame.about === "jog") this.say(reasonOf(frame));
+    if (frame.type === "jog" && this.held) this.say(() => (frame.limited_by ? this.limited(frame) : word("jog_moves")));
+    else if (frame.type === "jog_ended" && frame.reason) this.say(() => word("jog_ended", { reason: whyOf(frame) }));
+    else if (frame.type === "error" && frame.about === "jog") this.say(() => reasonOf(frame));
   }
 
   limited(frame) {
@@ -140,11 +147,11 @@ export class Jog {
     if (this.pending) return;
     const { state, geometry } = this.now();
     if (!state || !geometry) {
-      this.say(word("silence"));
+      this.say(() => word("silence"));
       return;
     }
     this.pending = true;
-    this.say(word("jog_moves"));
+    this.say(() => word("jog_moves"));
     const joints = [...state.commanded_position];
     const speed = Math.min(this.speeds.share, MAX_SHARE);
     let why = null;
@@ -157,10 +164,10 @@ export class Jog {
         const goal = this.beside(tcpOf(geometry, joints), Number(index), turn, line);
         why = await moved(this.api, "/move/pose", { ...goal, planner: "lin", speed });
       }
-      if (why) this.say(reasonOf(why));
+      if (why) this.say(() => reasonOf(why));
       else this.hint();
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     } finally {
       this.pending = false;
     }
@@ -175,7 +182,7 @@ export class Jog {
     return { x, y, z, a, b, c };
   }
 
-  say(text) {
-    element("jog-why").textContent = text;
+  say(words) {
+    speak("jog-why", words);
   }
 }

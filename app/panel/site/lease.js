@@ -1,7 +1,7 @@
 // The control of the arm for this page alone. It is taken and released over the WebSocket, and ends with the
 // connection. Requests that move the arm send its token.
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const TIMEOUT_S = 600; // after the last motion
 const element = (id) => document.getElementById(id);
@@ -25,7 +25,7 @@ export class Lease {
   hear(frame) {
     if (frame.type === "control") this.set(frame.token);
     else if (frame.type === "control_released" || frame.type === "control_lost") this.set("");
-    else if (frame.type === "error" && frame.about === "control") element("control-why").textContent = reasonOf(frame);
+    else if (frame.type === "error" && frame.about === "control") speak("control-why", () => reasonOf(frame));
     else if (frame.type === "error" && frame.about === "release") this.set("");
   }
 
@@ -36,7 +36,7 @@ export class Lease {
 
   set(token) {
     this.api.control = token;
-    element("control-why").textContent = "";
+    speak("control-why", () => "");
     this.write();
   }
 

@@ -1,6 +1,6 @@
 // A Lua program. The service checks and runs it and names the line of an error. Its output is shown next to it.
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { speak, word } from "./words.js";
 
 const NAME = "panel.lua";
 const WRONG = new RegExp(`${NAME.replace(".", "[.]")}:(\\d+):`);
@@ -15,9 +15,7 @@ export class Lua {
     this.api = api;
     this.page = page;
     this.own = null; // the number of the program that was started here
-    this.words = () => "";
     element("lua-run").addEventListener("click", () => this.run());
-    inEachLanguage(() => this.write());
   }
 
   hear(event) {
@@ -54,12 +52,7 @@ export class Lua {
   }
 
   say(words) {
-    this.words = words;
-    this.write();
-  }
-
-  write() {
-    element("lua-why").textContent = this.words();
+    speak("lua-why", words);
   }
 }
 

@@ -8,13 +8,14 @@ import { reasonOf } from "./reasons.js";
 import { rehearsed } from "./rehearsal.js";
 import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const LATCHED = ["ESTOP", "FAULT"];
 const SAMPLES = 100;
 const SAMPLES_OF_MANY = 400;
 const IMPROVE_S = 1.0;
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
+const HINT = () => word("plan_hint");
 const element = (id) => document.getElementById(id);
 
 export class Motions {
@@ -33,7 +34,6 @@ export class Motions {
     this.latched = false;
     this.made = keptList("sessionStorage", MADE);
     this.renew = oneAtATime(() => this.load());
-    this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("rehearse").addEventListener("click", () => this.rehearse());
     element("improve").addEventListener("click", () => this.improve());
@@ -44,10 +44,8 @@ export class Motions {
     element("position-name").addEventListener("input", () => this.mark());
     element("position-name").addEventListener("focus", ({ target }) => target.select());
     element("position-name").addEventListener("keydown", ({ key, repeat }) => key === "Enter" && !repeat && this.teach());
-    inEachLanguage(() => {
-      this.say(this.words);
-      this.mark();
-    });
+    this.say(HINT);
+    inEachLanguage(() => this.mark());
   }
 
   // What the field says, and the position that is shown under this name, if there is one.
@@ -263,7 +261,7 @@ export class Motions {
     this.looked = false;
     this.preview(null);
     this.mark();
-    this.say(() => word("plan_hint"));
+    this.say(HINT);
   }
 
   // In an e-stop or a fault no plan is run.
@@ -290,8 +288,8 @@ export class Motions {
 
   // title: the sentence of the service.
   say(words, title = "") {
-    this.words = words;
-    element("plan").textContent = words();
+    speak("plan", words);
     element("plan").title = title;
+    element("plan").toggleAttribute("data-idle", words === HINT);
   }
 }

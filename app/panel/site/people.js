@@ -2,7 +2,7 @@
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const ADDRESS = "/access/tokens";
 const NAME = /^[A-Za-z0-9._@-]{1,48}$/;
@@ -136,12 +136,10 @@ export class People {
     element("people-made-of").textContent = word("token_made", { name: this.made });
     for (const id of ["name", "role", "days", "add"]) allow(element(`people-${id}`), this.refused);
     element("people-refused").textContent = this.refused && word(this.refused);
-    element("people-why").textContent = this.words();
   }
 
   say(words, level = "") {
-    this.words = words;
-    element("people-why").textContent = words();
+    speak("people-why", words);
     element("people-why").dataset.level = level;
   }
 }

@@ -4,7 +4,7 @@ import { ID } from "./ids.js";
 import { abcOf } from "./kinematics.js";
 import { changed, poseFields } from "./numbers.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const ORIGIN = [0, 0, 0, 0, 0, 0];
 const element = (id) => document.getElementById(id);
@@ -14,7 +14,7 @@ export class PlacedList {
   // kind: "object" or "frame", the beginning of all ids. list: the id of the list.
   // tcp: returns the pose of the TCP in the base frame, null while it is unknown.
   constructor(api, kind, list, tcp) {
-    Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, words: () => "", turn: Promise.resolve() });
+    Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, turn: Promise.resolve() });
     this.place = poseFields(this.part("place"));
     this.part("new").addEventListener("click", () => this.choose(null));
     this.part("here").addEventListener("click", () => this.placeHere());
@@ -133,8 +133,7 @@ export class PlacedList {
   }
 
   say(words, level = "") {
-    this.words = words;
-    this.part("why").textContent = words();
+    speak(`${this.kind}-why`, words);
     this.part("why").dataset.level = level;
   }
 }

@@ -64,6 +64,6 @@ export class Pull {
   hear(frame) {
     if (frame.type !== "error" || frame.about !== "pull") return;
     this.release();
-    this.now().freedrive.say(word("pull_refused", { why: reasonOf(frame) }));
+    this.now().freedrive.say(() => word("pull_refused", { why: reasonOf(frame) }));
   }
 }

@@ -1,7 +1,7 @@
 // Motions that wait for their turn, each with a way out of the queue.
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const SHOWN = 20;
 const element = (id) => document.getElementById(id);
@@ -27,7 +27,7 @@ export class Queue {
       this.jobs = jobs.reverse(); // the next one first
       this.write();
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
   }
 
@@ -40,12 +40,12 @@ export class Queue {
       this.rows.delete(id);
     }
     for (const [index, job] of shown.entries()) this.writeRow(job, index);
-    this.say(more > 0 ? word("queue_more", { count: more }) : "");
+    this.say(() => (more > 0 ? word("queue_more", { count: more }) : ""));
   }
 
-  say(text) {
-    element("queue-why").textContent = text;
-    element("queue-card").hidden = !this.jobs.length && !text;
+  say(words) {
+    speak("queue-why", words);
+    element("queue-card").hidden = !this.jobs.length && !words();
   }
 
   writeRow({ id, request, planned_duration_s: duration }, index) {
@@ -71,7 +71,7 @@ export class Queue {
     try {
       await this.api.post(`/jobs/${id}/cancel`);
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
     this.look();
   }

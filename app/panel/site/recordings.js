@@ -3,7 +3,7 @@
 import { LONG_MS } from "./api.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const WHEN = ["hello", "fault", "estop"];
 const LATER_MS = 10_000; // a fault's file is whole some seconds after it
@@ -43,10 +43,10 @@ export class Recordings {
     if (!element("recordings").open || !this.api.robot) return;
     try {
       this.found = await this.api.get("/recordings");
-      this.say("");
+      this.say(() => "");
       this.write();
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
   }
 
@@ -56,7 +56,7 @@ export class Recordings {
       await this.api.post("/recordings", body, { waitMs: LONG_MS });
       await this.look();
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
     button.disabled = false;
   }
@@ -71,14 +71,14 @@ export class Recordings {
       link.click();
       URL.revokeObjectURL(link.href);
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
   }
 
   // As a ghost, at the time that the slider has.
   async open(name) {
     try {
-      this.say("");
+      this.say(() => "");
       const shown = await this.api.get(`/recordings/${encodeURIComponent(name)}/path?samples=${SAMPLES}`, { waitMs: LONG_MS });
       this.motions.discard();
       this.shown = shown;
@@ -88,7 +88,7 @@ export class Recordings {
       element("rec-shown").hidden = false;
       this.goTo(shown.duration_s);
     } catch (error) {
-      this.say(reasonOf(error));
+      this.say(() => reasonOf(error));
     }
   }
 
@@ -124,7 +124,7 @@ export class Recordings {
     element("rec-run").setAttribute("aria-pressed", String(this.runs));
     element("rec-list").replaceChildren(...recordings.slice(0, SHOWN).map((each) => this.row(each)));
     element("rec-line").replaceChildren(...this.marks(recordings));
-    if (recorder?.problem) this.say(recorder.problem);
+    if (recorder?.problem) this.say(() => recorder.problem);
   }
 
   row({ name, time, reason, size }) {
@@ -158,7 +158,7 @@ export class Recordings {
     });
   }
 
-  say(text) {
-    element("rec-why").textContent = text;
+  say(words) {
+    speak("rec-why", words);
   }
 }

@@ -4,7 +4,7 @@ import { WITH_STEPS } from "./job.js";
 import { reasonOf } from "./reasons.js";
 import { nameOf } from "./step-words.js";
 import { stepAt } from "./steps.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const STEP = /^(?:step|waypoint) ([\w.]+)(?: of |\/)(\d+)/; // of the file that was started
 const EXTENSION = /\.(json|lua)$/;
@@ -16,7 +16,6 @@ export class RunNow {
   constructor(api, page, stored) {
     Object.assign(this, { api, page, stored });
     this.newest = NONE;
-    this.words = () => "";
     element("run-pause-at").addEventListener("click", () => this.pauseAt());
     page.onChange(() => this.write());
     stored.onList(() => this.write());
@@ -26,7 +25,8 @@ export class RunNow {
   // Another robot was chosen.
   load() {
     this.newest = NONE;
-    this.say(() => "");
+    speak("run-now-why", () => "");
+    this.write();
   }
 
   // All events that the service keeps come after a page is opened. The start of a long program may be missing.
@@ -42,7 +42,7 @@ export class RunNow {
 
   begin({ name, iterations }) {
     this.newest = { ...NONE, name, iterations, runs: true };
-    this.words = () => "";
+    speak("run-now-why", () => "");
   }
 
   follow(now, { iteration, step }) {
@@ -55,7 +55,7 @@ export class RunNow {
   end(now, { returncode }) {
     const cycles = returncode === 0 ? this.cyclesUntil(now) : this.newest.cycles;
     this.newest = { ...this.newest, cycles, step: returncode === 0 ? "" : this.newest.step, runs: false }; // where a stop has ended it
-    this.words = () => "";
+    speak("run-now-why", () => "");
   }
 
   // Times of the cycles, with the one that ends now. A cycle lasts until the next one begins or the program ends.
@@ -94,7 +94,6 @@ export class RunNow {
     for (const [id, text] of Object.entries(values)) element(id).textContent = text || "–";
     const isLua = name.endsWith(".lua");
     for (const id of ["run-at", "run-pause-at"]) allow(element(id), !runs ? "run_not" : isLua ? "why_lua" : "");
-    element("run-now-why").textContent = this.words();
     for (const row of document.querySelectorAll("#steps [data-step]")) row.toggleAttribute("data-next", own !== "" && row.dataset.step === number);
   }
 
@@ -111,7 +110,6 @@ export class RunNow {
   }
 
   say(words) {
-    this.words = words;
-    this.write();
+    speak("run-now-why", words);
   }
 }

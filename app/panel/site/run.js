@@ -3,7 +3,7 @@
 import { allow } from "./able.js";
 import { nextAfter } from "./job.js";
 import { reasonOf, whyOfEnd } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
 const UNSURE = [0, 503]; // no answer, or the service is too busy: the job goes on
@@ -16,7 +16,6 @@ export class Run {
     Object.assign(this, { api, page, motions, stored });
     this.job = null; // the one that was started here
     this.chosen = null; // an id or OPEN; null until the user chooses
-    this.words = () => "";
     element("points-run").addEventListener("click", () => this.run());
     element("points-step").addEventListener("click", () => this.run(true));
     page.onChange(() => this.write());
@@ -57,7 +56,6 @@ export class Run {
         ? await this.api.post("/sequences/start?wait=false", this.upload({ ...how, delay_between_iterations: 0 }))
         : await this.api.post(`/programs/${id}/run?wait=false`, how);
       this.job = started.id;
-      this.say(() => word(hold ? "points_steps" : "points_runs"));
       await this.look();
     } catch (error) {
       this.say(() => reasonOf(error), "warn");
@@ -83,8 +81,8 @@ export class Run {
     const ended = (problem) => (UNSURE.includes(problem.status) ? {} : { state: "failed", error: problem });
     const { state, error } = await this.api.get(`/jobs/${job}`).catch(ended);
     if (job !== this.job) return;
-    if (!state) setTimeout(() => this.look(), AGAIN_MS);
-    if (!ENDS.includes(state)) return;
+    if (!state) return void setTimeout(() => this.look(), AGAIN_MS);
+    if (!ENDS.includes(state)) return void this.say(() => word(state === "paused" ? "points_steps" : "points_runs"));
     this.job = null;
     if (state === "finished") return void this.say(() => word("points_done"));
     this.say(() => {
@@ -102,7 +100,6 @@ export class Run {
     element("run-what").textContent = choice ? "" : word("run_none");
     for (const id of ["points-run", "points-step"]) allow(element(id), this.job ? "why_program_runs" : choice ? "" : "run_none");
     allow(element("run-from"), choice?.kind === "lua" ? "why_lua" : "");
-    element("run-why").textContent = this.words();
   }
 
   row({ id, label, kind, about }, isChosen) {
@@ -123,7 +120,7 @@ export class Run {
 
   // level: "warn" for a program that has not started or has not reached its end.
   say(words, level = "") {
-    this.words = words;
+    speak("run-why", words);
     element("run-why").dataset.level = level;
     this.write();
   }

@@ -1,6 +1,6 @@
 // Begins the simulation again: the arm and its cell are at the start, an e-stop or a fault is cleared.
 import { reasonOf } from "./reasons.js";
-import { word } from "./words.js";
+import { speak, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -11,13 +11,13 @@ export class Simulation {
   }
 
   async reset() {
-    const say = (text) => (element("simulation-why").textContent = text);
-    say("…");
+    const say = (words) => speak("simulation-why", words);
+    say(() => "…");
     try {
       await this.api.post("/simulation/reset");
-      say(word("simulation_begun"));
+      say(() => word("simulation_begun"));
     } catch (error) {
-      say(reasonOf(error));
+      say(() => reasonOf(error));
     }
   }
 }

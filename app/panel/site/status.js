@@ -2,7 +2,7 @@
 // are on the page Diagnose.
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, named, word } from "./words.js";
+import { inEachLanguage, named, speak, word } from "./words.js";
 
 const EVERY_MS = 5000; // no event tells of the cycle
 const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop", "speed"];
@@ -79,7 +79,7 @@ export class Status {
       say("control", this.holder(control));
       const who = control.holder ? `${named(control.holder)} (${control.address})` : "";
       say("control-who", who && this.api.control ? `${word("you")} · ${who}` : who);
-      if (!control.held) element("control-why").textContent = ""; // why it could not be taken is no longer true
+      if (!control.held) speak("control-why", () => ""); // why it could not be taken is no longer true
       const { total } = health.cycle_us ?? {};
       const level = health.rtloop?.alive ? "good" : "bad";
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);

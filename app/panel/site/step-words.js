@@ -29,7 +29,7 @@ export function symbol(kind) {
 export const nameOf = (step, number) => step.label || (number === "0" ? word("step_home") : step.named) || word(`step_${kindOf(step)}`);
 
 const whole = (value, scale) => (scale * value).toFixed(0).replace("-", "−").replace(/^−0$/, "0");
-const placeText = (pose) => `${POSE.map((axis) => `${axis} ${whole(pose[axis] ?? 0, 1000)}`).join("  ")} mm`;
+const placeText = (pose) => `${POSE.map((axis) => `${axis} ${whole(pose[axis] ?? 0, 1000)}`).join("  ")} mm`;
 
 // An input and what it must be.
 function conditionText({ input = "", is, above, below } = {}) {
@@ -48,7 +48,7 @@ export function lineOf(step, name, poseOf) {
 
 function motion(step, place) {
   const { planner = DEFAULT, speed = 0.1, speed_m_s: fast, radius } = step;
-  const pace = fast ? `${whole(fast, 1000)} mm/s` : `${whole(speed, 100)} %`;
+  const pace = fast ? `${whole(fast, 1000)} mm/s` : `${whole(speed, 100)} %`;
   const frame = step.frame_id ? word("say_frame", { frame: step.frame_id }) : "";
   return [wayName(planner), place, frame, pace, radius ? word("say_blend", { mm: whole(radius, 1000) }) : ""].filter(Boolean).join(" · ");
 }

@@ -4,7 +4,7 @@ import { allow } from "./able.js";
 import { idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, named, word } from "./words.js";
+import { inEachLanguage, named, speak, word } from "./words.js";
 
 const CHANGED = 412;
 const MAX_LABEL = 100;
@@ -18,7 +18,7 @@ export class Stored {
     this.list = [];
     this.saving = false;
     this.listeners = [];
-    this.conflict = ""; // why a save would be refused; "" for no reason
+    this.conflict = null; // returns why a save would be refused; null for no reason
     this.look = oneAtATime(() => this.ask());
     element("stored").addEventListener("change", () => this.choose());
     element("stored-open").addEventListener("click", () => this.open(element("stored").value, element("stored-version").value));
@@ -34,7 +34,7 @@ export class Stored {
   // Another robot was chosen.
   load() {
     this.list = [];
-    this.conflict = "";
+    this.conflict = null;
     element("stored").dataset.shown = "";
   }
 
@@ -70,10 +70,10 @@ export class Stored {
     const { id, version } = this.program.document;
     if (!id || this.saving) return;
     const newest = this.list.find((each) => each.id === id);
-    this.conflict = "";
+    this.conflict = null;
     if (newest && newest.version <= version) return void this.write();
     if (newest && !this.program.isChanged) return void (await this.open(id, ""));
-    this.conflict = newest ? word("stored_newer", { ...newest, author: named(newest.author) }) : word("stored_gone");
+    this.conflict = () => (newest ? word("stored_newer", { ...newest, author: named(newest.author) }) : word("stored_gone"));
     this.write();
   }
 
@@ -99,7 +99,7 @@ export class Stored {
     try {
       const newest = await this.api.get(`/programs/${id}`);
       const found = version ? await this.api.get(`/programs/${id}?version=${version}`) : newest;
-      this.conflict = "";
+      this.conflict = null;
       if (found.example) {
         this.program.open({ ...found, id: null, version: null, example: id });
         this.write();
@@ -128,11 +128,11 @@ export class Stored {
     this.write();
     try {
       const saved = await (await this.api.ask("PUT", this.api.address(`/programs/${made}`), { label: label.trim(), kind, text }, { headers })).json();
-      this.conflict = "";
+      this.conflict = null;
       this.program.savedAs(saved, { state, opened });
       this.page.say(() => word("stored_saved", saved));
     } catch (error) {
-      if (error.status === CHANGED) this.conflict = reasonOf(error);
+      if (error.status === CHANGED) this.conflict = () => reasonOf(error);
       this.page.say(() => word("stored_unsaved", { why: reasonOf(error) }));
       if (kind === "sequence" && !this.program.content) this.page.markWrong(error.message);
     }
@@ -148,7 +148,7 @@ export class Stored {
     const labels = new Set(this.list.map((each) => each.label));
     const cut = (end) => label.slice(0, MAX_LABEL - end.length) + end;
     const free = ["", ...[...labels, ""].map((_, index) => ` (${index + 2})`)].find((end) => label && !labels.has(cut(end))) ?? "";
-    this.conflict = "";
+    this.conflict = null;
     this.program.becomeNew(cut(free));
     return this.save();
   }
@@ -173,7 +173,7 @@ export class Stored {
     element("program-state").textContent = state.filter(Boolean).join(" · ") || word(isEmpty ? "stored_new" : "stored_kept");
     element("program-save").disabled = this.saving || !isChanged;
     element("stored-conflict").hidden = !this.conflict;
-    element("stored-why").textContent = this.conflict;
+    speak("stored-why", this.conflict ?? (() => ""));
     element("stored-theirs").hidden = !this.list.some((each) => each.id === id);
   }
 }

@@ -2,7 +2,7 @@
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 2000; // while they are shown: progress is no event
 const REACHED = 0.85; // opacity of the points
@@ -23,7 +23,6 @@ export class Studies {
     this.view = view;
     this.list = [];
     this.map = null; // the one that is shown
-    this.words = () => "";
     this.look = oneAtATime(() => this.ask());
     element("study").addEventListener("change", () => this.choose());
     element("study-cancel").addEventListener("click", () => this.cancel());
@@ -119,7 +118,7 @@ export class Studies {
   }
 
   say(words) {
-    this.words = words;
+    speak("study-why", words);
     this.write();
   }
 
@@ -130,7 +129,6 @@ export class Studies {
     element("study-state").textContent = chosen ? stateText(chosen) : word("study_none");
     const answer = Object.entries(chosen?.answer ?? {}).filter(([name]) => !COUNTS.includes(name));
     element("study-answer").replaceChildren(...answer.flatMap(([name, value]) => row(name, value)));
-    element("study-why").textContent = this.words();
     this.writeMap(chosen, map);
     this.writePlacement(chosen);
   }

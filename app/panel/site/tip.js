@@ -1,7 +1,7 @@
 // TCP teach-in: the tip of the tool touches a fixed point in four or more poses, and the service computes the TCP.
 import { allow } from "./able.js";
 import { reasonOf } from "./reasons.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, speak, word } from "./words.js";
 
 const [NEEDED, MAX] = [4, 20];
 const STILL_RAD_S = 0.02; // in a hand, an arm is never quite still
@@ -15,7 +15,6 @@ export class Tip {
     this.api = api;
     this.state = state;
     this.set = set;
-    this.words = () => "";
     element("tip-take").addEventListener("click", () => this.take());
     element("tip-clear").addEventListener("click", () => this.clear());
     element("tip-set").addEventListener("click", () => this.use());
@@ -79,14 +78,13 @@ export class Tip {
   }
 
   say(words, level = "") {
-    this.words = words;
+    speak("tip-why", words);
     element("tip-why").dataset.level = level;
     this.write();
   }
 
   write() {
     element("tip-points").replaceChildren(...this.points.map((_, index) => this.row(index)));
-    element("tip-why").textContent = this.words();
     allow(element("tip-take"), this.points.length < MAX ? "" : "why_enough_points");
     allow(element("tip-clear"), this.points.length ? "" : "why_no_points");
     allow(element("tip-set"), this.found ? "" : "why_no_tip");

@@ -4,7 +4,7 @@ import { abcOf } from "./kinematics.js";
 import { changed, placeFields, poseFields } from "./numbers.js";
 import { reasonOf } from "./reasons.js";
 import { Tip } from "./tip.js";
-import { inEachLanguage, word } from "./words.js";
+import { speak, word } from "./words.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -12,7 +12,6 @@ export class Tool {
   constructor(api, state) {
     this.api = api;
     this.tool = null; // as the fields have it
-    this.words = () => "";
     this.tcp = poseFields(element("tool-tcp"));
     this.centre = placeFields(element("tool-centre"));
     this.tip = new Tip(api, state, async (position) => this.put({ tcp: this.pointed(position, await api.get("/tool")) }));
@@ -21,7 +20,6 @@ export class Tool {
       this.save();
     });
     element("tool-undo").addEventListener("click", () => this.look(true));
-    inEachLanguage(() => this.say(this.words));
   }
 
   // Another robot was chosen.
@@ -100,8 +98,7 @@ export class Tool {
   }
 
   say(words, level = "") {
-    this.words = words;
-    element("tool-why").textContent = words();
+    speak("tool-why", words);
     element("tool-why").dataset.level = level;
   }
 }

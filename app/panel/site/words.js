@@ -6,6 +6,7 @@ const AGAIN_MS = 2000;
 let catalogue = { en: {} };
 let language = "en";
 const listeners = new Set();
+const spoken = new Map(); // by the id of an element: returns its text
 
 export function word(name, values = {}, otherwise = name) {
   const text = catalogue[language]?.[name] ?? catalogue.en[name] ?? otherwise;
@@ -16,6 +17,13 @@ export function word(name, values = {}, otherwise = name) {
 export function named(text) {
   if (typeof text !== "string") return text;
   return text.replace(/^"([^"]*)"$/, "$1").replace(/"([^"]*)" from ([\w.:]+)/g, "$1 ($2)").replace(/\banonymous(?: from ([\w.:]+))?/g, (_, address) => word(address ? "unnamed_at" : "unnamed", { address }));
+}
+
+// Writes a text into an element, now and in each language that is chosen later. words: returns the text.
+export function speak(id, words) {
+  spoken.set(id, words);
+  const [shown, text] = [document.getElementById(id), words()];
+  if (shown.textContent !== text) shown.textContent = text;
 }
 
 // Called now and whenever another language is chosen.
@@ -51,5 +59,6 @@ function choose(wanted) {
     if (each.matches("button")) each.title = word(each.dataset.wordLabel);
   }
   for (const each of document.querySelectorAll("[data-word-placeholder]")) each.placeholder = word(each.dataset.wordPlaceholder);
+  for (const [id, words] of spoken) speak(id, words);
   for (const write of listeners) write();
 }

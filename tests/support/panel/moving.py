@@ -361,6 +361,11 @@ def test_why_control_cannot_be_taken_is_shown_until_it_is_free(panel: Panel) -> 
         panel.until("""document.querySelector('#control-who').textContent.startsWith('anna (')""")
         panel.page.click("#take")
         panel.until(f"{why}.startsWith('anna')")
+        said = panel.page.run(why)
+        set_to(panel, "#language", "de")
+        assert "hat die Steuerung" in panel.page.run(why), "also in another language, without another event"
+        set_to(panel, "#language", "en")
+        assert panel.page.run(why) == said
     finally:
         anna["X-Control-Token"] = taken["token"]
         httpx.delete(control, headers=anna, timeout=WAIT_S).raise_for_status()

@@ -193,6 +193,29 @@ def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width:
         panel.load()
 
 
+HEIGHT = "document.querySelector('#dock').offsetHeight"
+
+
+@pytest.mark.parametrize(("width", "height"), [SIZE, (1024, 768), (390, 844)])
+def test_a_long_text_moves_no_button_of_the_dock(panel: Panel, width: int, height: int) -> None:
+    """A plan's text and a failure's reason of one word, and of ten lines."""
+    size(panel, width, height, mobile=width < SIZE[0])
+    write = "document.querySelector('{}').textContent = 'word '.repeat({})"
+    try:
+        for name in PAGES:
+            panel.page.click(f"#tab-{name}")
+            for place in ("#plan", "#job-error"):
+                panel.page.run(write.format(place, 1))
+                before = panel.page.run(HEIGHT)
+                panel.page.run(write.format(place, 300))
+                assert panel.page.run(HEIGHT) == before, (name, place)
+                panel.page.run(write.format(place, 0))
+    finally:
+        size(panel, *SIZE)
+        panel.page.click("#tab-move")
+        panel.page.run("cobotPanel.motions.discard(), cobotPanel.job.write()")
+
+
 def test_no_page_scrolls_on_a_screen(panel: Panel) -> None:
     """At 1280 x 800, as each page opens."""
     for name in (*PAGES, *PARTS):

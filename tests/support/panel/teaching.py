@@ -214,6 +214,16 @@ def test_a_program_is_run_step_by_step_paused_and_ended(panel: Panel) -> None:
     panel.until("!document.querySelector('#end').disabled")
     start = "document.querySelector('#points-run')"
     panel.until(f"{start}.disabled && {start}.title.startsWith('This program runs.')")
+    said = "document.querySelector('#run-why').innerText"
+    panel.until(f"{said} === 'The program runs.'")
+    assert not panel.page.run("document.querySelector('#plan').checkVisibility()"), "nothing is planned here"
+    panel.page.click("#pause")
+    panel.until(f"{said}.startsWith('The program waits.')")
+    set_to(panel, "#language", "de")
+    assert panel.page.run(said).startswith("Das Programm wartet."), "without another event"
+    set_to(panel, "#language", "en")
+    panel.page.click("#pause")
+    panel.until(f"{said} === 'The program runs.'")
     panel.page.click("#end")
     panel.until("document.querySelector('#run-why').innerText.includes('Ended by an unnamed client')")
     assert not panel.page.run(f"{start}.disabled")
