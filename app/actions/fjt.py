@@ -198,7 +198,7 @@ class FollowJointTrajectory:
         assert trajectory is not None  # plan_waypoints always returns a motion
         if trajectory.note:
             log.warning("%s: %s", self.name, trajectory.note)
-        for extreme in trajectory.extrema():  # the limits of a session's points, before the first one is sent
+        for extreme in trajectory.extrema():  # checked before the first point of the session is sent
             check_positions(self._limits.including(start), extreme, "the trajectory's angle")
         return trajectory
 
@@ -227,7 +227,7 @@ class FollowJointTrajectory:
             cause = claim.interruption
             if cause is None and self._link.state().motion_result is MotionResult.FAILED:
                 raise GoalViolated(str(exc)) from exc
-            # the error also has the result, such as "not settled"
+            # `exc` also has the result, such as "not settled"
             if cause is not None and not isinstance(exc, type(cause)):
                 raise type(cause)(f"{cause}; {exc}") from exc
             raise

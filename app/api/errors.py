@@ -281,7 +281,7 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
 
 async def _answer_unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
-    # added here, because this answer does not pass the middleware that adds it
+    # This answer does not pass the middleware that adds the header to the others.
     headers = {"X-Request-Id": log_context.get().get("request", "")}
     return _answer(500, "an error in cobot itself; its log has the details", CobotError.code, headers)
 

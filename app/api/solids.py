@@ -130,5 +130,5 @@ def _columns(body: PutObject) -> Array:
 def _decoded(field: str, text: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
-    except ValueError as exc:  # binascii.Error, and what is not ASCII
+    except ValueError as exc:  # binascii.Error, or the text is not ASCII
         raise InputError(f"{field}: is not base64: {exc}") from exc

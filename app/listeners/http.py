@@ -74,7 +74,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._start: Callable[[], object] = _nothing  # begins the answer once the body has arrived
         self._unread = bytearray()  # waits for a turn
         self._waits = False
-        # Number of bytes without progress: of an endless header, trailer or extension of a chunk.
+        # Bytes since the last progress; an endless header, trailer or chunk extension makes none.
         self._silent = 0
         self._header_bytes = self._body_bytes = 0
         self._in_header, self._in_body, self._answered = True, False, False
@@ -362,7 +362,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _expire(self) -> None:
         limits = self._limits
-        if self.flow.read_paused or self._unread:  # not because the client is slow
+        if self.flow.read_paused or self._unread:  # the service is late, not the client
             self._visit.deadline_s = self.loop.time() + limits.body_timeout_s
         elif self._answered:
             self.transport.abort()

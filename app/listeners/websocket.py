@@ -64,7 +64,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         self._visit.close = self._visit.expire = lambda: None
 
     def data_received(self, data: bytes) -> None:
-        # frames before the answer to the handshake wait too
+        # frames that arrive before the answer to the handshake wait too
         unanswered = self.handshake_initiated and not self.handshake_complete
         if unanswered or self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
             self._unread += data

@@ -150,7 +150,7 @@ class Access:
         holder = None if token is None else self._tokens.find(token)
         if token is None:
             identity = self._anonymous(name[:MAX_ENCODED], address, forwarded)
-        elif holder is None:  # a wrong token is an error even where no token is needed
+        elif holder is None:  # a wrong token gives no rights, not even those of clients without a token
             identity = Identity(ANONYMOUS, Role.PUBLIC, address, forwarded)
         else:
             identity = self._known(holder, address, forwarded)

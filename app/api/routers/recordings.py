@@ -89,7 +89,7 @@ async def recorded_path(name: Name, request: Request, samples: Samples = 200) ->
     call = Call(request)
     service = call.services.recordings
     path = await asyncio.to_thread(service.path, name)
-    async with service.reading:  # limits the planning processes that motions must do without
+    async with service.reading:  # so that motions keep most planning processes
         work = partial(read_recorded_path, path=path, samples=samples)
         found = await call.services.planning.compute(work, call.timeout_s)
     async with costly_turn(request):

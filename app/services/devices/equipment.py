@@ -25,7 +25,7 @@ class WatchdogAction(IntEnum):
     NONE = 0
     PAUSE = 1  # the motion comes to rest on its path
     STOP = 2  # program and motion end
-    PROTECTIVE_STOP = 3  # the same, and nothing moves until it is unlocked
+    PROTECTIVE_STOP = 3  # program and motion end, and nothing moves until it is unlocked
 
 
 class Equipment:

@@ -171,7 +171,7 @@ class HeldService:
                 return
             put = [] if part is None else [scene.put_object(new, part, self._robot.base_frame)]
             touch = await asyncio.to_thread(self._touched, new, put)
-            if put:  # it must be placed
+            if put:  # the part may touch fixtures, because it will be put down on one
                 touch = sorted({*touch, *self._fixtures})
             await scene.change([*put, scene.attach(new, touch)], moves_hand=True, name="grasp")
             self._attached = new

@@ -152,7 +152,8 @@ class SyncService:
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
             raise LimitError(f"{MAX_WAITING} segments already wait for a robot, which is the maximum")
         waiting = sync.waiting.setdefault(segment, {})
-        if robot in waiting and waiting[robot].stops == target.stops:  # otherwise a stop has cancelled it
+        # If the numbers of stops differ, a stop has cancelled the earlier part.
+        if robot in waiting and waiting[robot].stops == target.stops:
             raise ConflictError(f"the part of {robot} in segment {segment} was already sent")
         waiting[robot] = target
         if len(waiting) < len(sync.robots):

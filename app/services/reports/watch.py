@@ -115,7 +115,7 @@ class StateWatch:
     def _look_at_interventions(self, state: RobotState, now_s: float) -> None:
         for kind, (told, told_s) in self._told.items():
             count = state.interventions[kind]
-            if count < told:  # numbers of another rtloop
+            if count < told:  # rtloop was restarted, and counts from 0
                 self._told[kind] = count, now_s - EPISODE_S
             elif count > told and now_s - told_s >= EPISODE_S:
                 self._told[kind] = count, now_s

@@ -284,7 +284,7 @@ class Ownership:
             self._claim = None
             if job is not None:
                 self.end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
-                if self._sequence is None:  # for any end: otherwise its pause would hold the next motion
+                if self._sequence is None:  # the pause of this job must not hold the next motion
                     self.speed_override.reset()
             self.lease.renew()
             claim.ended.set()

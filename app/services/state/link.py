@@ -78,7 +78,8 @@ class RobotLink:
         seen = memory.state.data if memory.state.try_read() else None
         if seen is not None and seen["motion_result"] != MotionResult.RUNNING:
             self.motions.last_ended = int(seen["motion_id"])
-        if not memory.requests.try_read() and seen is not None:  # the number that rtloop reports counts both
+        if not memory.requests.try_read() and seen is not None:
+            # The numbers that rtloop reports include the stops from outside the service.
             outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
             memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
             memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
@@ -123,7 +124,7 @@ class RobotLink:
             newest = block.sequence
             if newest == publication:
                 break
-            # or it is a later state, which would then be returned twice
+            # otherwise the record is a later state, which would then be returned twice
             if block.try_read() and block.sequence == newest:
                 return newest, record_of(block.data.tobytes(), block.data.dtype)
         return publication, None

@@ -64,11 +64,11 @@ def _simplify(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
     if len(mesh.faces) <= triangles or (colours != colours[:1]).any():
         return mesh
     whole = mesh.copy()
-    whole.merge_vertices(merge_tex=True, merge_norm=True)  # or the seams of normals would stay
+    whole.merge_vertices(merge_tex=True, merge_norm=True)  # otherwise the seams between normals would remain
     simple = whole.simplify_quadric_decimation(face_count=triangles)
     simple.update_faces(simple.nondegenerate_faces())
     if not len(simple.faces):
-        return mesh  # one without area
+        return mesh  # it has no area
     made = trimesh.graph.smooth_shade(simple, angle=EDGE_RAD)
     if visual.kind == "texture":
         made.visual = trimesh.visual.TextureVisuals(material=visual.material)

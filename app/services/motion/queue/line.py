@@ -43,7 +43,7 @@ class QueueLine:
         self._planned: deque[QueuedMove] = deque()
         self._loose: deque[QueuedMove] = deque()
         self._planning: asyncio.Task[QueuedMove] | None = None
-        # number of times that `end` has become another place than the end of the last planned move
+        # how often `end` has changed to a place that is not the end of the last planned move
         self._cuts = 0
 
     def __bool__(self) -> bool:

@@ -259,7 +259,7 @@ class QueueMotion:
         self._dropped.append((move, error))
         self._link.request_stop()
         if self._phase is _Phase.UNDER_WAY:
-            claim.stops += 1  # only for this motion; a stop by another client counts in addition
+            claim.stops += 1  # this motion expects its own stop; a stop by another client still counts
         # Until then rtloop refuses the motion because of the stop, which `_start` counts.
         if self._planning is not None:
             self._planning.cancel()
