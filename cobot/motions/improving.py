@@ -63,7 +63,7 @@ class Improving:
 
     @property
     def lower_bound_s(self) -> float:
-        """Duration below which no motion to one of the goals can be, s."""
+        """Lower bound of the duration of a motion to any of the goals, s."""
         return float(self.lower_bounds_s.min())
 
 

@@ -121,7 +121,7 @@ REASONS: list[tuple[dict[str, Any], str]] = [
     ({"code": "condition_not_met"}, "The motion ended, but its condition was not met."),
     (
         reason("joint_limit", [-2.09, -2.1], "rad", "joint4"),
-        "joint4 is at -120°, near its limit of -120°. Move it the other way.",
+        "joint4 is at -120°, its limit is -120°. Move it the other way.",
     ),
 ]
 """Details of a step's error, and what the page says of it."""
