@@ -90,7 +90,7 @@ class CollisionChecker:
         self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)
         self._nearest: NearestParts | None = None
-        self._in_boxes: mujoco.MjModel | None = None
+        self._in_boxes: tuple[mujoco.MjModel, mujoco.MjModel] | None = None
         self._proven: Trajectory | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
@@ -170,10 +170,11 @@ class CollisionChecker:
     @property
     def mj_in_boxes(self) -> mujoco.MjModel:
         """The same model with the boxes of the point clouds, as streams check them, for pictures."""
-        if self._in_boxes is None:
+        mj, known = self._mj, self._in_boxes
+        if known is None or known[0] is not mj:  # a thread may draw the scene before this one
             has_clouds = bool(self.clearance.clouds)
-            self._in_boxes = self._model.among(self.scene, self.tool) if has_clouds else self._mj
-        return self._in_boxes
+            known = self._in_boxes = mj, self._model.among(self.scene, self.tool) if has_clouds else mj
+        return known[1]
 
     @property
     def body_names(self) -> list[str]:
