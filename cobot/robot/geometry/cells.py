@@ -13,13 +13,13 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.robot.cloud import CloudTree, in_order
-from cobot.robot.geometry.solids import MAX_SOLIDS, joined
+from cobot.robot.geometry.solids import HOPELESS, MAX_SOLIDS, joined
 from cobot.types import Array
 
-WORTH_TRYING = 4
-"""Multiple of the allowed number of boxes. If the first order of the axes gives more, no other is tried."""
+LEVEL = 3
+"""Level of compression. The default, 6, makes the text 8 % shorter and takes four times as long."""
 MAX_VOXELS = 500_000
-"""Maximum number of voxels of all point clouds of a scene. A process needs about 250 bytes for each."""
+"""Maximum number of voxels of all point clouds of a scene. A process needs about 200 bytes for each."""
 
 _LOCK = threading.Lock()
 _KEPT: OrderedDict[tuple[str, float], _Voxels] = OrderedDict()
@@ -37,7 +37,8 @@ class _Voxels:
 
 
 def packed(points: Array, voxel_m: float) -> str:
-    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`.
+    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`. Their tree is kept, so
+    the text of a new cloud is not read back.
 
     Args:
         points: shape (n, 3), m, finite, at most 100 m from the origin along each axis.
@@ -45,7 +46,9 @@ def packed(points: Array, voxel_m: float) -> str:
     """
     cells = in_order(np.floor(np.asarray(points, dtype=np.float64).reshape(-1, 3) / voxel_m).astype(np.int64))
     steps = np.diff(cells, axis=0, prepend=np.zeros((1, 3), dtype=np.int32)).astype("<i4")
-    return base64.b64encode(zlib.compress(steps.tobytes(), 6)).decode("ascii")
+    text = base64.b64encode(zlib.compress(steps.tobytes(), LEVEL)).decode("ascii")
+    _keep(text, voxel_m, _Voxels(CloudTree(cells, voxel_m)))
+    return text
 
 
 def tree_of(text: str, voxel_m: float) -> CloudTree:
@@ -64,7 +67,7 @@ def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, 
     """
     voxels = _voxels_of(text, voxel_m)
     if not voxels.are_joined:
-        boxes = joined(voxels.tree.cells.astype(np.float64), WORTH_TRYING * MAX_SOLIDS)
+        boxes = joined(voxels.tree.cells.astype(np.float64), HOPELESS)
         voxels.boxes, voxels.are_joined = boxes if len(boxes) <= MAX_SOLIDS else None, True
     exact = voxels.boxes
     if exact is not None and len(exact) <= room:
@@ -79,12 +82,16 @@ def _voxels_of(text: str, voxel_m: float) -> _Voxels:
             _KEPT.move_to_end((text, voxel_m))
             return known
     found = _Voxels(_read(text, voxel_m))
+    _keep(text, voxel_m, found)
+    return found
+
+
+def _keep(text: str, voxel_m: float, found: _Voxels) -> None:
     with _LOCK:
         _KEPT[text, voxel_m] = found
         count = sum(each.tree.count for each in _KEPT.values())
         while count > MAX_VOXELS and len(_KEPT) > 1:
             count -= _KEPT.popitem(last=False)[1].tree.count
-    return found
 
 
 def _read(text: str, voxel_m: float) -> CloudTree:

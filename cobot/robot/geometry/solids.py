@@ -15,6 +15,8 @@ from cobot.types import Array
 
 MAX_SOLIDS = 500
 """Maximum number of solids of a scene, because a streaming session checks all of them in a cycle."""
+HOPELESS = 4 * MAX_SOLIDS
+"""With more boxes in the first order of the axes, it is not worth the time to try the other orders."""
 MIN_M = 1e-6
 """Minimum height of a column. Lower columns are ignored."""
 MAX_M = 200.0
@@ -46,23 +48,17 @@ def cloud(points: Array, voxel_m: float) -> Array:
     def cells(edge_m: float) -> Array:
         return np.asarray(np.unique(np.floor(points / edge_m), axis=0))
 
-    what = f"points: {len(points)} points fill {len(cells(voxel_m))} voxels of {voxel_m:g} m, which"
-    return fitting(lambda edge_m: joined(cells(edge_m)), voxel_m, what, "a voxel")
+    def fits(tried_m: float) -> bool:
+        return len(joined(cells(tried_m), HOPELESS)) <= MAX_SOLIDS
 
-
-def fitting(make: Callable[[float], Array], edge_m: float, what: str, grid: str) -> Array:
-    """The boxes of a grid with this edge, shape (k, 6), m, if there are not too many.
-
-    Raises:
-        LimitError: there are too many; names the smallest tried edge that fits.
-    """
-    boxes = make(edge_m)
+    voxels = cells(voxel_m)
+    boxes = joined(voxels)
     if len(boxes) > MAX_SOLIDS:
         raise LimitError(
-            f"{what} make {len(boxes)} boxes, at most {MAX_SOLIDS} are allowed: {grid} of "
-            f"{coarser(lambda tried_m: len(make(tried_m)) <= MAX_SOLIDS, edge_m)}"
+            f"points: {len(points)} points fill {len(voxels)} voxels of {voxel_m:g} m, which make "
+            f"{len(boxes)} boxes, at most {MAX_SOLIDS} are allowed: a voxel of {coarser(fits, voxel_m)}"
         )
-    low, high = edge_m * boxes[:, :3], edge_m * boxes[:, 3:]
+    low, high = voxel_m * boxes[:, :3], voxel_m * boxes[:, 3:]
     return np.hstack([0.5 * (low + high), high - low])
 
 
