@@ -127,7 +127,7 @@ cdef class Clearance:
     cdef LaneLink* _lane_links
     cdef LanePart* _lane_parts
     cdef LanePair* _lane_pairs
-    cdef LaneNode* _lane_nodes
+    cdef list _lane_nodes
     cdef float* _lane_least
     cdef float* _bend
     cdef int* _lane_order          # pairs; the one of the last hit comes first
@@ -176,7 +176,7 @@ cdef class Clearance:
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
         LaneAnswer* answer
     ) noexcept nogil
-    cdef int _set_lane_part(self, int index, object tree, LaneNode* nodes) except -1
+    cdef int _set_lane_part(self, int index, object tree) except -1
     cdef void _raise(self, int pair) noexcept nogil
     cdef int _list(self, const LaneAnswer* answer, long number, int* pairs, int count) noexcept nogil
     cdef bint _is_edge_exactly_free(self, const double* start, const double* goal) noexcept nogil

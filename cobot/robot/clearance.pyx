@@ -30,6 +30,7 @@ from cobot.robot.mujoco cimport kinematic_data_of, mj_deleteData, mj_kinematics,
 from cobot.robot.shapes cimport BOX, CLOUD, CYLINDER, OTHER, PLANE, SEGMENT, far_bound, gap, solid_of
 
 from cobot.errors import ConfigError
+from cobot.robot.cloud import lane_nodes
 from cobot.robot.enclosing import tree_around
 from cobot.robot.rotations import matrix_of, with_z_along
 
@@ -121,7 +122,6 @@ cdef class Clearance:
         free(self._lane_links)
         free(self._lane_parts)
         free(self._lane_pairs)
-        free(self._lane_nodes)
         free(self._lane_least)
         free(self._lane_order)
         free(self._bend)
@@ -258,14 +258,11 @@ cdef class Clearance:
         cdef int index, i, joint
         cdef LaneLink* link
         cdef LanePair* pair
-        cdef LaneNode* node
         count = max(1, self.count)
-        trees = [self._tree(index) for index in range(self._parts)]
-        total = sum(map(len, trees))
+        self._lane_nodes = [self._tree(index) for index in range(self._parts)]
         self._lane_links = <LaneLink*>calloc(MAX_DOF, sizeof(LaneLink))
         self._lane_parts = <LanePart*>calloc(max(1, self._parts), sizeof(LanePart))
         self._lane_pairs = <LanePair*>calloc(count, sizeof(LanePair))
-        self._lane_nodes = <LaneNode*>calloc(max(1, total), sizeof(LaneNode))
         self._lane_order = <int*>calloc(count, sizeof(int))
         self._bend = <float*>calloc(max(1, self._parts) * MAX_DOF, sizeof(float))
         self._failing = <int*>calloc(4 * count, sizeof(int))
@@ -273,8 +270,8 @@ cdef class Clearance:
         self._listed = <long*>calloc(2 * count, sizeof(long))
         if (
             self._lane_links == NULL or self._lane_parts == NULL or self._lane_pairs == NULL
-            or self._lane_nodes == NULL or self._lane_order == NULL or self._bend == NULL
-            or self._failing == NULL or self._failing_lanes == NULL or self._listed == NULL
+            or self._lane_order == NULL or self._bend == NULL or self._failing == NULL
+            or self._failing_lanes == NULL or self._listed == NULL
         ):
             raise MemoryError("no memory for the spheres around the arm")
         for joint in range(self.dof):
@@ -286,11 +283,9 @@ cdef class Clearance:
                 link.turn[i] = self._link[joint].turn[i]
             for i in range(3):
                 link.offset[i] = self._link[joint].offset[i]
-        node = self._lane_nodes
         extent = 0.0
         for index in range(self._parts):
-            self._set_lane_part(index, trees[index], node)
-            node += len(trees[index])
+            self._set_lane_part(index, self._lane_nodes[index])
             for joint in range(self.dof):
                 extent = max(extent, self._part[index].reach[joint])
         for joint in range(self.dof):
@@ -316,22 +311,19 @@ cdef class Clearance:
         if part.joint < 0 and part.solid.kind != OTHER and part.solid.kind != CLOUD:
             return np.empty((0, 7), dtype=np.float32)
         cloud = self.clouds.get(part.solid.geom)
-        tree = tree_around(self._mj, part.solid.geom) if cloud is None else cloud.spheres()
         turn = np.array([part.turn[i] for i in range(9)]).reshape(3, 3)
-        nodes = np.empty((len(tree), 7), dtype=np.float32)
-        nodes[:, :3] = tree[:, :3] @ turn.T + [part.offset[i] for i in range(3)]
-        nodes[:, 3:5] = tree[:, 3:5]
-        nodes[:, 5:].view(np.int32)[:] = tree[:, 5:]
-        return nodes
+        offset = np.array([part.offset[i] for i in range(3)])
+        if cloud is not None:
+            return cloud.nodes_at(turn, offset)
+        return lane_nodes(tree_around(self._mj, part.solid.geom), turn, offset)
 
-    cdef int _set_lane_part(self, int index, object tree, LaneNode* nodes) except -1:
+    cdef int _set_lane_part(self, int index, object tree) except -1:
         cdef LanePart* part = &self._lane_parts[index]
         cdef Part* solid = &self._part[index]
         cdef int i
         cdef double far = 0.0
-        part.joint, part.kind, part.nodes, part.count = solid.joint, LANES_TREE, nodes, len(tree)
-        if part.count:
-            memcpy(nodes, bytes_of(tree, part.count * sizeof(LaneNode)), part.count * sizeof(LaneNode))
+        part.joint, part.kind, part.count = solid.joint, LANES_TREE, len(tree)
+        part.nodes = <const LaneNode*>bytes_of(tree, part.count * sizeof(LaneNode)) if part.count else NULL
         for i in range(9):
             part.turn[i] = solid.turn[i]
         for i in range(3):

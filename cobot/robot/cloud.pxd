@@ -22,9 +22,10 @@ cdef class CloudTree:
     cdef readonly double voxel_m
     cdef readonly object cells
     cdef CloudNode* nodes
-    cdef object _spheres
+    cdef tuple _placed
 
     cdef void _fill(self, const int* cells, int index, int count) noexcept nogil
+    cdef bint _is_within(self, int index, const double* boxes, int* near, int count) noexcept nogil
 
 
 cdef double gap_to_cloud(

@@ -26,6 +26,10 @@ cdef enum:
     MAX_INDEX = 1048576  # of a cube along an axis: a key has 21 bits for each
 
 
+# Rounding of boxes around cubes.
+cdef double SAME_M = 1e-8
+
+
 cdef class CloudTree:
     """The cubes of a grid that begins at the origin. Read only, so all threads may use it.
 
@@ -126,33 +130,90 @@ cdef class CloudTree:
                 beyond = max(beyond, float(np.linalg.norm(found[row, 3:] - self.voxel_m)))
         return found, beyond
 
+    def is_within(self, boxes):
+        """Whether each cube is in one of these boxes, rows as those of `boxes`."""
+        given = np.array(boxes, dtype=np.float64).reshape(-1, 6)
+        given[:, :3] -= self.bounds[:3]
+        cdef int count = len(given)
+        if not count:
+            return False
+        near = np.tile(np.arange(count, dtype=np.int32), MAX_STACK)
+        cdef const double* first = <const double*>bytes_of(given, given.nbytes)
+        cdef int* listed = <int*>bytes_of(near, near.nbytes)
+        cdef bint found
+        with nogil:
+            found = self._is_within(0, first, listed, count)
+        return found
+
+    cdef bint _is_within(self, int index, const double* boxes, int* near, int count) noexcept nogil:
+        """Whether boxes contain a node. `near` lists those that may, with room for those of deeper nodes."""
+        cdef CloudNode* node = &self.nodes[index]
+        cdef int* nearer = near + count
+        cdef const double* box
+        cdef double away, room
+        cdef int left = 0
+        cdef int row, axis
+        cdef bint inside, apart
+        for row in range(count):
+            box, inside, apart = boxes + 6 * near[row], True, False
+            for axis in range(3):
+                away, room = fabs(node.middle[axis] - box[axis]), 0.5 * box[3 + axis] + SAME_M
+                inside = inside and away + node.half[axis] <= room
+                apart = apart or away - node.half[axis] >= room
+            if inside:
+                return True
+            if not apart:
+                nearer[left] = near[row]
+                left += 1
+        if not left or node.count == 1:
+            return False
+        return (
+            self._is_within(index + 1, boxes, nearer, left)
+            and self._is_within(index + 2 * (node.count // 2), boxes, nearer, left)
+        )
+
     def spheres(self):
         """A sphere around each node, rows as those of `cover`, from the middle of the cloud."""
-        cdef double[:, ::1] rows
+        found = np.empty((2 * self.count - 1, 7))
+        cdef double[:, ::1] rows = found
         cdef CloudNode* node
         cdef int index, axis, end
         cdef int depth = 0
         cdef int ends[MAX_STACK]
-        if self._spheres is None:
-            found = np.empty((2 * self.count - 1, 7))
-            rows = found
-            for index in range(2 * self.count - 1):
-                node = &self.nodes[index]
-                while depth and ends[depth - 1] <= index:
-                    depth -= 1
-                end = index + 2 * node.count - 1
-                for axis in range(3):
-                    rows[index, axis] = node.middle[axis]
-                rows[index, 3] = 1e-9 + sqrt(
-                    node.half[0] * node.half[0] + node.half[1] * node.half[1] + node.half[2] * node.half[2]
-                )
-                # The depth of the middle, or less than 0: no more than this away there is a cube.
-                rows[index, 4] = 0.5 * self.voxel_m - _apart(node, &self.nodes[node.central]) - 1e-9
-                rows[index, 5], rows[index, 6] = end, depth
-                ends[depth] = end
-                depth += 1
-            self._spheres = found
-        return self._spheres
+        for index in range(2 * self.count - 1):
+            node = &self.nodes[index]
+            while depth and ends[depth - 1] <= index:
+                depth -= 1
+            end = index + 2 * node.count - 1
+            for axis in range(3):
+                rows[index, axis] = node.middle[axis]
+            rows[index, 3] = 1e-9 + sqrt(
+                node.half[0] * node.half[0] + node.half[1] * node.half[1] + node.half[2] * node.half[2]
+            )
+            # The depth of the middle, or less than 0: no more than this away there is a cube.
+            rows[index, 4] = 0.5 * self.voxel_m - _apart(node, &self.nodes[node.central]) - 1e-9
+            rows[index, 5], rows[index, 6] = end, depth
+            ends[depth] = end
+            depth += 1
+        return found
+
+    def nodes_at(self, turn, offset):
+        """The spheres of a cloud at this place, as `lane_nodes`. Those of the last place are kept: all checks
+        of a scene share them."""
+        place = turn.tobytes(), offset.tobytes()
+        placed = self._placed
+        if placed is None or placed[0] != place:
+            placed = self._placed = place, lane_nodes(self.spheres(), turn, offset)
+        return placed[1]
+
+
+def lane_nodes(tree, turn, offset):
+    """Spheres, rows of `cover`, as rows of `LaneNode`, turned by a matrix and moved by an offset."""
+    nodes = np.empty((len(tree), 7), dtype=np.float32)
+    nodes[:, :3] = tree[:, :3] @ turn.T + offset
+    nodes[:, 3:5] = tree[:, 3:5]
+    nodes[:, 5:].view(np.int32)[:] = tree[:, 5:]
+    return nodes
 
 
 cdef inline double _apart(const CloudNode* node, const CloudNode* other) noexcept nogil:

@@ -151,9 +151,7 @@ class SceneFile:
             ConfigError: the file cannot be read or is invalid.
         """
         try:
-            scene = _FILE.validate_json(read_kept(self.path))
-            for name, each in scene.objects.items():
-                _require_whole(name, each, by_voxels)
+            scene = scene_in(read_kept(self.path), by_voxels=by_voxels)
             return replace(scene, objects={**scene.objects, **self.fixed})
         except FileNotFoundError:
             return Scene(objects=dict(self.fixed), version=1 if self.fixed else 0)
@@ -177,19 +175,28 @@ class SceneFile:
         keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
 
 
-def _require_whole(name: str, each: SceneObject, by_voxels: bool) -> None:
-    """Check a point cloud in a file.
+def scene_in(text: bytes, *, by_voxels: bool = True) -> Scene:
+    """The scene in the text of a file; see `SceneFile.read`.
 
     Raises:
-        InputError: its voxels are damaged, or the boxes around them are missing.
+        ValidationError: it is not a scene.
+        InputError: the voxels of a point cloud are damaged, or its boxes do not contain them.
     """
-    try:
-        if each.cells and not each.boxes:
-            raise InputError("boxes: are missing; put the point cloud again")
-        if by_voxels and each.cells:
-            tree_of(each.cells, each.voxel)
-    except InputError as exc:
-        raise InputError(f"objects.{name}.{exc}") from exc
+    scene = _FILE.validate_json(text)
+    for name, each in scene.objects.items():
+        try:
+            _require_whole(each, by_voxels)
+        except InputError as exc:
+            raise InputError(f"objects.{name}.{exc}") from exc
+    return scene
+
+
+def _require_whole(each: SceneObject, by_voxels: bool) -> None:
+    """Check a point cloud in a file: planners use its voxels, and streams its boxes."""
+    if each.cells and not each.boxes:
+        raise InputError("boxes: are missing; put the point cloud again")
+    if by_voxels and each.tree and not each.tree.is_within(np.array(each.boxes)):
+        raise InputError("boxes: do not contain all voxels of the point cloud; put the point cloud again")
 
 
 def symmetric(six: Numbers6) -> Array:

@@ -13,7 +13,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -28,7 +28,7 @@ from cobot.folders import open_new
 from cobot.launch.backup.archive import pack, unpack
 from cobot.robot.kept import keep, read_kept
 from cobot.robot.limits import load_joint_limits
-from cobot.robot.scene import Scene
+from cobot.robot.scene import scene_in
 from cobot.robot.tool import Tool
 from cobot.strict import sentences, shown
 from cobot.types import NamedPosition
@@ -36,12 +36,12 @@ from cobot.types import NamedPosition
 FORMAT = 1
 SETTINGS = "settings.yaml"
 MAX_PROGRAM_FILES = 200 * 20
-KINDS: Mapping[str, TypeAdapter[Any]] = {
-    "tool": TypeAdapter(Tool),
-    "scene": TypeAdapter(Scene),
-    "positions": TypeAdapter(dict[str, NamedPosition]),
+KINDS: Mapping[str, Callable[[bytes], object]] = {
+    "tool": TypeAdapter(Tool).validate_json,
+    "scene": scene_in,
+    "positions": TypeAdapter(dict[str, NamedPosition]).validate_json,
 }
-"""The kinds of documents that each robot has, with their validators. The scene includes the named frames."""
+"""The kinds of documents that each robot has, with their checks. The scene includes the named frames."""
 _PROGRAM = re.compile(r"programs/(?P<id>[a-z0-9][a-z0-9_-]{0,63})/(?P<version>[1-9][0-9]{0,8})\.json")
 
 
@@ -229,9 +229,10 @@ def _is_valid(name: str, text: bytes, path: str) -> bool:
         return False
     _json(text, path)
     try:
-        KINDS[kind].validate_json(text)
-    except ValidationError as exc:
-        raise InputError(f"{shown(path)} of the backup is not valid: {sentences(exc.errors())}") from exc
+        KINDS[kind](text)
+    except (ValidationError, InputError) as exc:
+        problem = sentences(exc.errors()) if isinstance(exc, ValidationError) else exc
+        raise InputError(f"{shown(path)} of the backup is not valid: {problem}") from exc
     return True
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cobot.config import Settings, load_settings
@@ -21,6 +22,7 @@ from cobot.launch.backup.backup import activate, joints_of, make_backup, read_ba
 from cobot.launch.backup.support import REMOVED, make_bundle
 from cobot.launch.backups import restore_staged
 from cobot.launch.cli import main
+from cobot.robot.geometry.cells import packed
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.robot.tool import BARE, ToolFile
 
@@ -106,6 +108,13 @@ def test_a_restore_that_is_killed_is_done_again(config: Path, monkeypatch: pytes
     assert unpack(last.read_bytes())[1]["robots/arm/tool.json"] == worse["kept/arm.tool.json"]
 
 
+def cloud_without_its_boxes() -> bytes:
+    """A scene whose point cloud has a box elsewhere. The service would not start with it."""
+    pose, box = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [5.0, 0.0, 0.0, 0.1, 0.1, 0.1]
+    cloud = {"shape": "point_cloud", "size": [0.1] * 3, "pose": pose, "boxes": [box], "voxel": 0.1}
+    return json.dumps({"objects": {"seen": cloud | {"cells": packed(np.zeros((1, 3)), 0.1)}}}).encode()
+
+
 def broken(settings: Settings, **changes: Any) -> bytes:
     files = {"robots/arm/tool.json": ToolFile(settings.tool_file).path.read_bytes()} | changes.pop(
         "files", {}
@@ -135,6 +144,7 @@ def broken(settings: Settings, **changes: Any) -> bytes:
         ({"files": {"robots/arm/tool.json": b"[]"}}, "is not a JSON object"),
         ({"files": {"robots/arm/tool.json": b'{"mass": "heavy"}'}}, "is not valid: mass"),
         ({"files": {"robots/arm/scene.json": b'{"objects": 1}'}}, "is not valid: objects"),
+        ({"files": {"robots/arm/scene.json": cloud_without_its_boxes()}}, "seen.boxes: do not contain all"),
         ({"files": {"robots/arm/positions.json": b'{"a": 1}'}}, "is not valid"),
         ({"files": {"settings.yaml": b"robot: {name: [}"}}, "settings.yaml of the backup"),
         ({"files": {"settings.yaml": b"robot: {nome: arm}\n"}}, "settings.yaml of the backup"),
