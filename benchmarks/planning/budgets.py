@@ -9,15 +9,13 @@ motion. The lower bound is the time that the slowest joint needs alone.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, archive, problems, robot_of
+from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, unpacked
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -31,22 +29,17 @@ COLUMNS = ("first", *(f"{budget_s:g} s" for budget_s in BUDGETS_S))
 
 def budgets(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene."""
-    source = archive("budgets")
-    if source is None:
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        robot = robot_of(source, Path(folder), "panda")
-        found = [ratios(robot, each) for each in problems(Path(folder), "panda", every)]
-    rows = np.array([each for each in found if each])
-    for name, share in (("median", 50.0), ("p95", 95.0)):
-        yield row(
-            f"duration over its lower bound, {len(rows)} problems, with a budget: {name}",
-            "",
-            tuple(map(float, np.percentile(rows, share, axis=0))),
-            "the lower bound",
-            (1.0,) * len(COLUMNS),
-            columns=COLUMNS,
-        )
+    for _, robot, chosen in unpacked("budgets", ["panda"], every):
+        rows = np.array([found for each in chosen if (found := ratios(robot, each))])
+        for name, share in (("median", 50.0), ("p95", 95.0)):
+            yield row(
+                f"duration over its lower bound, {len(rows)} problems, with a budget: {name}",
+                "",
+                tuple(map(float, np.percentile(rows, share, axis=0))),
+                "the lower bound",
+                (1.0,) * len(COLUMNS),
+                columns=COLUMNS,
+            )
 
 
 def ratios(robot: RobotDescription, problem: Problem) -> list[float]:

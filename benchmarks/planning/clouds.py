@@ -5,16 +5,14 @@ The problems are those of `problem_sets`; the points are on the surfaces of thei
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import Problem, archive, problems, robot_of
+from benchmarks.planning.problem_sets import Problem, unpacked
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -34,12 +32,8 @@ COLUMNS = ("p50", "p95", "max")
 
 def clouds(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene, with so many points."""
-    source = archive("clouds")
-    if source is None:
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        robot = robot_of(source, Path(folder), "panda")
-        chosen = list(problems(Path(folder), "panda", every))
+    for _, robot, found in unpacked("clouds", ["panda"], every):
+        chosen = list(found)
         usual = _plans(robot, chosen, lambda problem: problem.scene)
         for count in COUNTS:
             yield from _rows(robot, chosen, count, usual)

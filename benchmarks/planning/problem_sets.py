@@ -71,14 +71,8 @@ class Results:
 
 def problem_sets(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene."""
-    source = archive("problem_sets")
-    if source is None:
-        return
-    for arm in ARMS:
-        with tempfile.TemporaryDirectory() as folder:
-            robot = robot_of(source, Path(folder), arm)
-            found = measure(robot, problems(Path(folder), arm, every))
-        yield from _rows(arm, found)
+    for arm, robot, chosen in unpacked("problem_sets", list(ARMS), every):
+        yield from _rows(arm, measure(robot, chosen))
 
 
 def _rows(arm: str, found: Results) -> Iterator[Row]:
@@ -103,16 +97,21 @@ def _rows(arm: str, found: Results) -> Iterator[Row]:
     )
 
 
-def archive(part: str) -> Path | None:
-    """The archive of the problems; None, with a message, if it is missing."""
-    found = next(iter(sorted(ARCHIVES.glob("vamp_planner-*.tar.gz"))), None)
-    if found is None:
+def unpacked(
+    part: str, arms: list[str], every: int
+) -> Iterator[tuple[str, RobotDescription, Iterator[Problem]]]:
+    """Each of these arms with every so-manyth problem of each scene; nothing, with a message, if the archive
+    is missing."""
+    source = next(iter(sorted(ARCHIVES.glob("vamp_planner-*.tar.gz"))), None)
+    if source is None:
         lacking = f"{part}: no vamp_planner-*.tar.gz in {ARCHIVES}"
         print(f"{lacking}; see benchmarks/planning/problem_sets.py", file=sys.stderr)
-    return found
+    for arm in () if source is None else arms:
+        with tempfile.TemporaryDirectory() as folder:
+            yield arm, _robot_of(source, Path(folder), arm), _problems(Path(folder), arm, every)
 
 
-def robot_of(archive: Path, folder: Path, arm: str) -> RobotDescription:
+def _robot_of(archive: Path, folder: Path, arm: str) -> RobotDescription:
     """An arm of the archive, whose problems are unpacked too."""
     with tarfile.open(archive) as packed:
         wanted = [each for each in packed.getmembers() if f"/resources/{arm}/" in each.name]
@@ -130,7 +129,7 @@ def robot_of(archive: Path, folder: Path, arm: str) -> RobotDescription:
     return robot
 
 
-def problems(folder: Path, arm: str, every: int) -> Iterator[Problem]:
+def _problems(folder: Path, arm: str, every: int) -> Iterator[Problem]:
     for kind in SCENES:
         place = folder / "problems" / f"{kind}_{arm}"
         for request in sorted(place.glob("request*.yaml"))[::every]:

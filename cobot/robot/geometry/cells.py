@@ -37,8 +37,8 @@ class _Voxels:
 
 
 def packed(points: Array, voxel_m: float) -> str:
-    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`. Their tree is kept, so
-    the text of a new cloud is not read back.
+    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`. Their tree is kept,
+    so the text of a new cloud is not read back.
 
     Args:
         points: shape (n, 3), m, finite, at most 100 m from the origin along each axis.

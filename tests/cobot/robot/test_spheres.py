@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from folders import ROOT
+from instruction_sets import require_same_bits
 from odd_arm import by_mujoco, odd_arm
 from sample_counts import ENOUGH, samples
 
@@ -22,7 +23,6 @@ from cobot.robot.enclosing import LOSS_M, tree_around
 from cobot.types import Array
 
 SEED = 20261130
-SETS = ("plain", "avx2", "avx512")
 LEAST_M = 0.01
 SLIDE = 1
 """The joint of the odd arm that slides."""
@@ -131,13 +131,7 @@ def test_each_set_of_instructions_gives_the_same_bits(robot: RobotDescription) -
     compared = 0
     for clearance in clearances(robot):
         rows, rates = rows_of(clearance, 1000, random), random.uniform(-1.0, 1.0, clearance.dof)
-        plain = clearance.sphere_verdicts(rows, "plain", rates, 0.05)
-        assert plain is not None
-        for name in SETS:
-            found = clearance.sphere_verdicts(rows, name, rates, 0.05)
-            if found is not None:  # the processor has them
-                assert all(np.array_equal(one, other) for one, other in zip(plain, found, strict=True))
-                compared += 1
+        compared += require_same_bits(clearance, rows, rates)
     assert compared >= 5
 
 
