@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from dataclasses import replace
 
 import numpy as np
 from ompl import base, geometric, util
@@ -23,8 +24,9 @@ from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
-SPARE_M = 1e-3
-"""Distance that a polyline keeps in addition to the margin, if its ends do: room for blending its corners."""
+SPARE_M, SPARE_SHARE = 1e-3, 0.3
+"""Distance that a polyline keeps in addition to the margin, if its ends do: room for blending its corners. If
+no such polyline is found within this share of the time, one that keeps the margin alone is searched."""
 RANGE_RAD = 2.0
 """Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
@@ -66,17 +68,30 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
     """
     limits = robot.limits
     start = np.clip(request.start, limits.min_position, limits.max_position)
-    with robot.collision.keeping(room(robot, np.vstack([start, goals]))) as clearance:
-        if request.algorithm == RRT_CONNECT:
-            corners = _connect(robot, clearance, start, goals, request)
-        else:
-            search = _Search(robot, clearance, start, goals, request.algorithm)
-            found = search.run(request.timeout_s)
-            corners = None if found is None else shorten(clearance, found, request.seed)
+    end_s = time.monotonic() + request.timeout_s
+    margin_m, room_m = robot.collision.margin_m, room(robot, np.vstack([start, goals]))
+    corners = None
+    if room_m > margin_m:
+        short = replace(request, timeout_s=SPARE_SHARE * request.timeout_s)
+        corners = _search(robot, start, goals, short, room_m)
+    if corners is None:
+        left = replace(request, timeout_s=max(0.0, end_s - time.monotonic()))
+        corners = _search(robot, start, goals, left, margin_m)
     if corners is None:
         raise PlanningTimeout.after(request.timeout_s, _failure(request, goals))
     corners[0] = request.start
     return corners
+
+
+def _search(
+    robot: RobotDescription, start: Array, goals: Array, request: MotionRequest, distance_m: float
+) -> Array | None:
+    """The corners of a polyline that keeps this distance; None if none is found within the request's time."""
+    with robot.collision.keeping(distance_m) as clearance:
+        if request.algorithm == RRT_CONNECT:
+            return _connect(robot, clearance, start, goals, request)
+        found = _Search(robot, clearance, start, goals, request.algorithm).run(request.timeout_s)
+        return None if found is None else shorten(clearance, found, request.seed)
 
 
 def _connect(

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cobot_run import WAIT_S
+from few_joint_arms import Chain, Z, robot_of
 from independent_models import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
 from cobot.planners.search import sampling
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling
+from cobot.types import Algorithm, Array, PlannerName, Pose, Scaling
 
 SEED = 20261121
 POSTS = {
@@ -170,3 +174,30 @@ def test_chomp_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> 
     request = MotionRequest(*sides(robot), PlannerName.CHOMP, Scaling(1.0), timeout_s=0.0)
     with pytest.raises(PlanningTimeout, match=r"chomp: not finished within 0\.0 s"):
         plan(there, request)
+
+
+@pytest.mark.parametrize("algorithm", ["RRTConnect", "RRT"])
+@pytest.mark.parametrize(("gap_mm", "is_wide_enough"), [(4.8, False), (5.2, True), (5.8, True), (6.5, True)])
+def test_a_passage_that_leaves_the_margin_and_little_more_is_found(
+    monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm, gap_mm: float, is_wide_enough: bool
+) -> None:
+    """Oracle: geometry. A bar that turns about one joint passes a post at exactly the distance of the gap."""
+    monkeypatch.setattr(sampling, "SPARE_SHARE", 0.002)
+    arm = robot_of(Chain((Z,), ((0.3, 0.0, 0.0),)))
+    tip_m, side_m = 0.7 * 0.3 + 0.03, 0.02
+    post = SceneObject(
+        "box", (side_m,) * 3, (tip_m + 1e-3 * gap_mm + 0.5 * side_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    )
+    among = replace(arm, collision=arm.collision.among(Scene(1, {"post": post})))
+    start, goal = np.array([-1.0]), np.array([1.0])
+    timeout_s = WAIT_S if is_wide_enough else 0.2
+    request = MotionRequest(
+        start, goal, PlannerName.OMPL, Scaling(1.0), timeout_s=timeout_s, algorithm=algorithm
+    )
+    if not is_wide_enough:
+        with pytest.raises(PlanningTimeout):
+            sampling.find_path(among, request, goal[None])
+        return
+    corners = sampling.find_path(among, request, goal[None])
+    assert all(among.collision.clearance.is_edge_free(*pair) for pair in pairwise(corners))
+    assert np.array_equal(corners[[0, -1]], [start, goal])
