@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Generic, Protocol
+from abc import ABC, abstractmethod
+from typing import Generic, Protocol, TypeVar
 
 from rtloop.backends.simulators.network import Network
 from rtloop.backends.simulators.udp_server import AnyController
@@ -86,18 +87,33 @@ class FaultyConnection(Protocol):
     def network(self) -> LossyNetwork: ...
 
 
-def set_fault(connection: FaultyConnection, fault: str, *, active: bool) -> bool:
-    """Inject or clear a fault of the connection. Returns False for a fault of the controller, which this does
-    not change.
-    """
-    if fault == "disconnect":
-        connection.off = active
-    elif fault == "pile_up":
-        connection.busy = active
-    elif fault in ("frozen", "nan"):
-        connection.network.spoil = fault if active else ""
-    elif fault in ("loss", "reorder"):
-        setattr(connection.network, fault, UNLUCKY if active else 0.0)
-    else:
-        return False
-    return True
+Connection = TypeVar("Connection", bound=FaultyConnection)
+
+
+class LockStepRig(ABC, Generic[Connection]):
+    """The faults of a rig: those of the connection, and those of the controller."""
+
+    _channel: Connection
+
+    def inject(self, fault: str) -> None:
+        self._set(fault, active=True)
+
+    def clear(self, fault: str) -> None:
+        self._set(fault, active=False)
+
+    def _set(self, fault: str, *, active: bool) -> None:
+        channel = self._channel
+        if fault == "disconnect":
+            channel.off = active
+        elif fault == "pile_up":
+            channel.busy = active
+        elif fault in ("frozen", "nan"):
+            channel.network.spoil = fault if active else ""
+        elif fault in ("loss", "reorder"):
+            setattr(channel.network, fault, UNLUCKY if active else 0.0)
+        else:
+            self._set_controller(fault, active=active)
+
+    @abstractmethod
+    def _set_controller(self, fault: str, *, active: bool) -> None:
+        """Inject or clear a fault of the controller."""

@@ -17,7 +17,7 @@ from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import FanucControllerOptions
 from rtloop.backends.fanuc.simulator.rmi import RmiAnswers
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import EVERY, RESTART_S, set_fault
+from rtloop.backends.simulators.lockstep import EVERY, RESTART_S, LockStepRig
 from rtloop.contract import FAULTS
 
 SESSION_PORT = 16002
@@ -132,7 +132,7 @@ class LockStepLines:
             self._channel.answers.leave()
 
 
-class FanucRig:
+class FanucRig(LockStepRig[FanucLockStep]):
     """The backend `fanuc` and a simulated controller. It is a `ContractRig`, which the contract drives and
     into which it injects faults.
     """
@@ -179,16 +179,8 @@ class FanucRig:
             sleep=channel.sleep,
         )
 
-    def inject(self, fault: str) -> None:
-        self._set(fault, active=True)
-
-    def clear(self, fault: str) -> None:
-        self._set(fault, active=False)
-
-    def _set(self, fault: str, *, active: bool) -> None:
+    def _set_controller(self, fault: str, *, active: bool) -> None:
         controller = self._channel.controller
-        if set_fault(self._channel, fault, active=active):
-            return
         if fault == "operation_mode":
             controller.switch_mode("T1" if active else "AUTO")
         else:

@@ -14,11 +14,11 @@ from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, set_fault
+from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, LockStepRig
 from rtloop.contract import FAULTS
 
 
-class FriRig:
+class FriRig(LockStepRig[LockStep[Cabinet]]):
     """The backend `fri` and a simulated cabinet. It is a `ContractRig`, which the contract drives and into
     which it injects faults.
     """
@@ -47,16 +47,8 @@ class FriRig:
             self._channel.receive(0.0)
         return FriBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
 
-    def inject(self, fault: str) -> None:
-        self._set(fault, active=True)
-
-    def clear(self, fault: str) -> None:
-        self._set(fault, active=False)
-
-    def _set(self, fault: str, *, active: bool) -> None:
+    def _set_controller(self, fault: str, *, active: bool) -> None:
         cabinet = self._channel.controller
-        if set_fault(self._channel, fault, active=active):
-            return
         if fault == "operation_mode":
             cabinet.switch_mode(OperationMode.T1 if active else OperationMode.AUT)
         else:

@@ -16,7 +16,7 @@ from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import ControllerOptions
 from rtloop.backends.rsi.telegrams import layout_of
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, set_fault
+from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, LockStepRig
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
@@ -42,7 +42,7 @@ def with_options(settings: Settings, **options: Any) -> Settings:
     return settings.model_copy(update={"robot": settings.robot.model_copy(update={"backend": backend})})
 
 
-class RsiRig:
+class RsiRig(LockStepRig[LockStep[RsiController]]):
     """The backend `rsi` and a simulated controller, a `ContractRig`."""
 
     faults = frozenset(FAULTS)
@@ -74,16 +74,8 @@ class RsiRig:
             self._channel.receive(0.0)
         return RsiBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
 
-    def inject(self, fault: str) -> None:
-        self._set(fault, active=True)
-
-    def clear(self, fault: str) -> None:
-        self._set(fault, active=False)
-
-    def _set(self, fault: str, *, active: bool) -> None:
+    def _set_controller(self, fault: str, *, active: bool) -> None:
         controller = self._channel.controller
-        if set_fault(self._channel, fault, active=active):
-            return
         if fault == "operation_mode":
             controller.switch_mode("T1" if active else "AUT")
         elif fault == "e_stop":

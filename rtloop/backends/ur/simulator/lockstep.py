@@ -10,7 +10,7 @@ from cobot.config import Settings
 from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
 from rtloop.backends.simulators.arm import ControllerArm
-from rtloop.backends.simulators.lockstep import EVERY, set_fault
+from rtloop.backends.simulators.lockstep import EVERY, LockStepRig
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
 from rtloop.backends.ur.fields import SafetyMode
@@ -247,7 +247,7 @@ def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions
     return UrLockStep(lambda lock_step: UrController(arm, made, _Later(lock_step)))
 
 
-class UrRig:
+class UrRig(LockStepRig[UrLockStep]):
     """The backend `ur` and a simulated controller, a `ContractRig`. Its operation mode is not in RTDE."""
 
     faults = frozenset(FAULTS) - {"operation_mode"}
@@ -259,27 +259,19 @@ class UrRig:
         backend = backend.model_copy(update={"options": options})
         robot = settings.robot.model_copy(update={"backend": backend})
         self._settings, self._limits = settings.model_copy(update={"robot": robot}), limits
-        self._way = joined(settings, limits, UrControllerOptions(series=series, slider=SLIDER))
+        self._channel = joined(settings, limits, UrControllerOptions(series=series, slider=SLIDER))
 
     @property
     def wire(self) -> list[Array]:
         """The positions that were sent."""
-        return self._way.positions
+        return self._channel.positions
 
     def backend(self) -> UrBackend:
-        self._way.forget_clients()
-        return UrBackend(self._settings, self._limits, transport=self._way)
+        self._channel.forget_clients()
+        return UrBackend(self._settings, self._limits, transport=self._channel)
 
-    def inject(self, fault: str) -> None:
-        self._set(fault, active=True)
-
-    def clear(self, fault: str) -> None:
-        self._set(fault, active=False)
-
-    def _set(self, fault: str, *, active: bool) -> None:
-        controller = self._way.controller
-        if set_fault(self._way, fault, active=active):
-            return
+    def _set_controller(self, fault: str, *, active: bool) -> None:
+        controller = self._channel.controller
         if fault == "e_stop":
             mode = SafetyMode.ROBOT_EMERGENCY_STOP if active else SafetyMode.NORMAL
             controller.set_safety(mode, f"its button is {'pressed' if active else 'released'}")

@@ -49,7 +49,7 @@ def driver(ur: Settings, arm: RobotDescription) -> Iterator[Driver]:
 
 def way_of(driver: Driver) -> UrLockStep:
     assert isinstance(driver.rig, UrRig)
-    return driver.rig._way
+    return driver.rig._channel
 
 
 def controller_of(driver: Driver) -> UrController:
