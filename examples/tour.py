@@ -1,4 +1,4 @@
-"""The ten-minute tour with httpx. Start `make run` in another terminal, then:
+"""The ten-minute tour with httpx2. Start `make run` in another terminal, then:
 
 .venv/bin/python examples/tour.py
 """
@@ -10,12 +10,12 @@ import re
 import time
 from pathlib import Path
 
-import httpx
+import httpx2
 
 URL = os.environ.get("COBOT_URL", "http://localhost:8007")
 HERE = Path(__file__).parent
 T_READ, T_STOP, T_MOVE = 10, 15, 90
-http = httpx.Client(base_url=URL, trust_env=False)  # no proxy between a program and its robot
+http = httpx2.Client(base_url=URL, trust_env=False)  # no proxy between a program and its robot
 
 
 def read(path: str) -> dict:

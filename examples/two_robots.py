@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 
-import httpx
+import httpx2
 
 from cobot.client import Client
 
@@ -24,7 +24,7 @@ def there_and_back(name: str) -> str:
     return f"{name}: there in {there['duration_s']:.1f} s, back in {back['duration_s']:.1f} s"
 
 
-names = [robot["name"] for robot in httpx.get(f"{URL}/robots", trust_env=False).json()]
+names = [robot["name"] for robot in httpx2.get(f"{URL}/robots", trust_env=False).json()]
 with ThreadPoolExecutor(len(names)) as threads:
     for line in threads.map(there_and_back, names):
         print(line)

@@ -39,7 +39,7 @@ def failed(module):
     os._exit(0)
 sys.exit(", ".join(module for module in sys.argv[1:] if failed(module)) or 0)
 """
-MAX_RUN_PACKAGES = 61
+MAX_RUN_PACKAGES = 58
 NO_COMPILER = "cobot needs a C compiler: install gcc or clang (Debian: apt-get install gcc), or set CC"
 
 

@@ -28,7 +28,7 @@ PROCESSES = (
     "cobot.launch.supervisor",
     "app.server",
 )
-SLOW = {"cobot.planners", "httpx", "ompl", "ruckig", "scipy"}
+SLOW = {"cobot.planners", "httpx", "httpx2", "ompl", "ruckig", "scipy"}
 """What only planning processes and clients need."""
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
 
-import httpx
+import httpx2
 
 from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
 from cobot.client.tls import Verify, advice, tls_context, token_from_environment, token_header
@@ -51,7 +51,7 @@ class Connection:
         token: str | None = None,
         verify: Verify = True,
         motion_token: str | None = None,
-        transport: httpx.BaseTransport | None = None,
+        transport: httpx2.BaseTransport | None = None,
     ) -> None:
         check_url(url)
         if robot is not None:
@@ -62,7 +62,7 @@ class Connection:
         trusted = tls_context(verify) if url.startswith("https:") else False
         try:
             # trust_env=False: motions must not go through the web proxy that the environment names.
-            self._http = httpx.Client(
+            self._http = httpx2.Client(
                 base_url=url,
                 timeout=timeout_s,
                 headers=headers,
@@ -70,7 +70,7 @@ class Connection:
                 transport=transport,
                 trust_env=False,
             )
-        except httpx.InvalidURL as exc:
+        except httpx2.InvalidURL as exc:
             raise InputError(f"url {url!r}: {exc}") from exc
         self._motion_timeout_s = motion_timeout_s
 
@@ -127,7 +127,7 @@ class Connection:
                 for piece in response.iter_bytes():
                     out.write(piece)
             part.replace(file)
-        except httpx.HTTPError as exc:
+        except httpx2.HTTPError as exc:
             raise UnavailableError(f"GET {url}: {str(exc) or type(exc).__name__}") from exc
         except OSError as exc:
             raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
@@ -139,16 +139,16 @@ class Connection:
         url = self._url(path)
         try:
             response = self._http.request(method, url, **request)
-        except httpx.HTTPError as exc:
+        except httpx2.HTTPError as exc:
             raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}{advice(exc)}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no Python objects
             raise InputError(f"{method} {path}: {exc}") from exc
         return self._decoded(method, url, response)
 
     @contextlib.contextmanager
-    def _stream(self, path: str, **request: Any) -> Iterator[httpx.Response]:
+    def _stream(self, path: str, **request: Any) -> Iterator[httpx2.Response]:
         """An answer that is read while it arrives. Raises the errors of `_request`.
-        Later reads may raise httpx's errors."""
+        Later reads may raise httpx2's errors."""
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:
             if not response.is_success:
@@ -156,7 +156,7 @@ class Connection:
                 self._decoded("GET", url, response)
             yield response
 
-    def _decoded(self, method: str, url: str, response: httpx.Response) -> Any:
+    def _decoded(self, method: str, url: str, response: httpx2.Response) -> Any:
         try:
             answer = response.json()
             if response.is_success:

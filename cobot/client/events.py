@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import httpx
+import httpx2
 
 from cobot.client.connection import Connection, Json
 from cobot.errors import UnavailableError
@@ -68,7 +68,7 @@ class EventReader:
             try:
                 yield from self._one_stream()
                 problem = "the stream has ended"
-            except (UnavailableError, httpx.HTTPError) as exc:
+            except (UnavailableError, httpx2.HTTPError) as exc:
                 problem = str(exc) or type(exc).__name__
             if self._heard_s != before_s:
                 pause_s = FIRST_PAUSE_S
@@ -116,7 +116,7 @@ class EventConnection(Connection):
         if types:
             asked["types"] = ",".join(types)
         params = {name: value for name, value in asked.items() if value is not None}
-        timeout = httpx.Timeout(self._http.timeout.connect, read=SILENT_S)
+        timeout = httpx2.Timeout(self._http.timeout.connect, read=SILENT_S)
 
         def stream(headers: Mapping[str, str]) -> Any:
             return self._stream("/events", params=params, headers=headers, timeout=timeout)

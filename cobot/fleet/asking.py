@@ -8,7 +8,7 @@ import os
 from typing import Any
 from urllib.parse import quote
 
-import httpx
+import httpx2
 
 from cobot.addresses import CLIENT_NAME, check_url
 from cobot.client.tls import advice, tls_context, token_header
@@ -28,7 +28,7 @@ def ask(
 
 def get(
     chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
-) -> httpx.Response:
+) -> httpx2.Response:
     """The hub's answer.
 
     Raises:
@@ -36,7 +36,7 @@ def get(
     """
     check_url(chosen.url)
     try:
-        response = httpx.request(
+        response = httpx2.request(
             method,
             chosen.url.rstrip("/") + path,
             json=None if isinstance(body, bytes) else body,
@@ -46,7 +46,7 @@ def get(
             verify=tls_context(True),
             trust_env=False,  # a stop must not go through the web proxy that the environment names
         )
-    except httpx.HTTPError as exc:
+    except httpx2.HTTPError as exc:
         reason = str(exc) or type(exc).__name__
         raise UnavailableError(
             f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; start it with "
@@ -59,7 +59,7 @@ def get(
     raise kind(str(answer.get("detail", response.status_code)))
 
 
-def _decoded(response: httpx.Response) -> dict[str, Any]:
+def _decoded(response: httpx2.Response) -> dict[str, Any]:
     """
     Raises:
         UnavailableError: another program answers.

@@ -15,7 +15,7 @@ from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
-import httpx
+import httpx2
 from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
@@ -87,7 +87,7 @@ class CellPanel:
         self._streams = PanelStreams()
         self._places = threading.Semaphore(MAX_WAITING)
         self._loop = asyncio.new_event_loop()
-        self._http: httpx.AsyncClient | None = None
+        self._http: httpx2.AsyncClient | None = None
         self._thread = threading.Thread(target=self._serve, name="panel", daemon=True)
         self._thread.start()
 
@@ -228,8 +228,8 @@ class CellPanel:
     ) -> None:
         """Fill a stream with the answer of the service."""
         if self._http is None:
-            timeout = httpx.Timeout(LONG_S, connect=CONNECT_S)
-            self._http = httpx.AsyncClient(timeout=timeout, verify=tls_context(True), trust_env=False)
+            timeout = httpx2.Timeout(LONG_S, connect=CONNECT_S)
+            self._http = httpx2.AsyncClient(timeout=timeout, verify=tls_context(True), trust_env=False)
         target = wish.path + (f"?{wish.query}" if wish.query else "")
         own = {
             "accept-encoding": "identity",
@@ -237,7 +237,7 @@ class CellPanel:
         }
         made = self._http.build_request(
             wish.method,
-            httpx.URL(self._url).copy_with(raw_path=target.encode("ascii")),
+            httpx2.URL(self._url).copy_with(raw_path=target.encode("ascii")),
             headers=wish.headers | own,
             content=body or None,
         )
@@ -252,7 +252,7 @@ class CellPanel:
                     await stream.put(content)
             finally:
                 await answer.aclose()
-        except httpx.HTTPError as exc:
+        except httpx2.HTTPError as exc:
             raise UnavailableError(
                 f"the service of the cell does not answer: {str(exc) or type(exc).__name__}"
             ) from exc

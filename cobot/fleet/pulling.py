@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 from urllib.parse import quote
 
-import httpx
+import httpx2
 
 from cobot.client.tls import tls_context
 from cobot.errors import InputError, UnavailableError
@@ -73,7 +73,7 @@ def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
         with os.fdopen(os.open(part, flags, 0o600), "ab") as out:
             asked = headers(chosen) | {"Range": f"bytes={out.tell()}-"}
             url = chosen.url.rstrip("/") + path
-            with httpx.stream(
+            with httpx2.stream(
                 "GET", url, headers=asked, timeout=FILE_S, verify=tls_context(True), trust_env=False
             ) as response:
                 if response.status_code not in (PARTIAL, COMPLETE):
@@ -81,7 +81,7 @@ def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
                 for piece in response.iter_bytes() if response.status_code == PARTIAL else ():
                     out.write(piece)
         part.rename(file)
-    except httpx.HTTPError as exc:
+    except httpx2.HTTPError as exc:
         raise UnavailableError(f"{path}: {str(exc) or type(exc).__name__}; the next call continues") from exc
     except OSError as exc:
         raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc

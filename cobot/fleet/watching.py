@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 
 from cobot.addresses import address
@@ -121,19 +121,19 @@ class ServiceWatch:
 
     def _run(self) -> None:
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
-        with httpx.Client(
+        with httpx2.Client(
             headers=headers, timeout=TIMEOUT_S, verify=tls_context(True), trust_env=False
         ) as http:
             while not self._ended.is_set():
                 try:
                     self._ask(http)
-                except (httpx.HTTPError, ValueError, KeyError, TypeError) as exc:
+                except (httpx2.HTTPError, ValueError, KeyError, TypeError) as exc:
                     reason = str(exc) or type(exc).__name__
                     self.found = {"problems": [f"the service does not answer: {reason}"[:2000]]}
                     self.paused = False
                 self._ended.wait(ASK_S)
 
-    def _ask(self, http: httpx.Client) -> None:
+    def _ask(self, http: httpx2.Client) -> None:
         health = self._get(http, "/health")
         jobs = [job for job in self._get(http, "/jobs?limit=20")["jobs"] if job["state"] in NOT_ENDED]
         control = self._get(http, "/control")
@@ -154,7 +154,7 @@ class ServiceWatch:
             "speed_override": float(self._get(http, "/speed_override")["fraction"]),
         }
 
-    def _get(self, http: httpx.Client, path: str) -> Any:
+    def _get(self, http: httpx2.Client, path: str) -> Any:
         response = http.get(self._url + path)
         if response.status_code != 200:
             raise ValueError(f"{path}: {response.status_code} {response.text[:200]}")

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from asgi_client import Refused
 from mcp.server.mcpserver.exceptions import ToolError
@@ -151,15 +151,15 @@ def test_foxglove_has_the_code(
 @pytest.mark.parametrize("kind", ERRORS)
 @pytest.mark.parametrize("source", ["movej({1})", "robot.A.b({})"])
 def test_lua_programs_have_the_code_in_the_text_that_pcall_gives(kind: type[CobotError], source: str) -> None:
-    def refuse(request: httpx.Request) -> httpx.Response:
+    def refuse(request: httpx2.Request) -> httpx2.Response:
         if request.url.path == "/health":
-            return httpx.Response(200, json={"robot": {"name": "iiwa"}})
+            return httpx2.Response(200, json={"robot": {"name": "iiwa"}})
         answer = answer_to(kind("why"))
-        return httpx.Response(answer.status_code, content=bytes(answer.body))
+        return httpx2.Response(answer.status_code, content=bytes(answer.body))
 
     def run(text: str) -> list[str]:
         lines: list[str] = []
-        with Client("http://robot", transport=httpx.MockTransport(refuse)) as client:
+        with Client("http://robot", transport=httpx2.MockTransport(refuse)) as client:
             program = Program(client, "http://127.0.0.1:1", LuaLimits(), lines.append)
             run_apart(lambda: program.run(text.encode(), "test.lua"), program.watch)
         return lines

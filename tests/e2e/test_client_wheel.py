@@ -47,7 +47,7 @@ def test_it_is_pure_python_for_any_computer(wheel: Path, files: list[str], metad
     assert wheel.name.endswith("-py3-none-any.whl")
     assert not [each for each in files if each.endswith((".so", ".pyx", ".pxd", ".c"))]
     needed = [Requirement(each).name for each in metadata.get_all("Requires-Dist", [])]
-    assert sorted(needed) == ["httpx", "numpy", "websockets"]
+    assert sorted(needed) == ["httpx2", "numpy", "websockets"]
     assert metadata["Version"] in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 

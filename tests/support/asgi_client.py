@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import urlsplit
 
 import httpx
+import httpx2
 from cobot_run import WAIT_S
 from fastapi import FastAPI
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -43,20 +44,20 @@ class Anybody:
         await self._app(scope, receive, send)
 
 
-class SynchronousTransport(httpx.BaseTransport):
-    """httpx's synchronous client at a virtual service."""
+class SynchronousTransport(httpx2.BaseTransport):
+    """httpx2's synchronous client at a virtual service."""
 
     def __init__(self, service: VirtualService) -> None:
         self._service = service
 
-    def handle_request(self, request: httpx.Request) -> httpx.Response:
+    def handle_request(self, request: httpx2.Request) -> httpx2.Response:
         content = request.read()
         answer = self._service.run(
             self._service.asking(
                 request.method, str(request.url), headers=dict(request.headers), content=content
             )
         )
-        return httpx.Response(answer.status_code, headers=answer.headers, content=answer.content)
+        return httpx2.Response(answer.status_code, headers=answer.headers, content=answer.content)
 
 
 class Refused(Exception):

@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import Any
 
 # These have code of their own for each operating system: they are imported as what this one is.
-import httpx  # noqa: F401
+import httpx2  # noqa: F401
 import numpy as np
 import websockets.sync.client  # noqa: F401
 

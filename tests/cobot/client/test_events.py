@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cobot.client import Client
@@ -33,26 +33,26 @@ class Service:
     """
 
     def __init__(self, *answers: Any) -> None:
-        self.requests: list[httpx.Request] = []
+        self.requests: list[httpx2.Request] = []
         self._answers = iter(answers)
 
-    def __call__(self, request: httpx.Request) -> httpx.Response:
+    def __call__(self, request: httpx2.Request) -> httpx2.Response:
         self.requests.append(request)
         answer = next(self._answers)
         if isinstance(answer, Exception):
             raise answer
         if isinstance(answer, tuple):
             status, code = answer
-            return httpx.Response(status, json={"code": code, "detail": f"it is {code}"})
-        return httpx.Response(200, content=self._broken_off(answer))
+            return httpx2.Response(status, json={"code": code, "detail": f"it is {code}"})
+        return httpx2.Response(200, content=self._broken_off(answer))
 
     @staticmethod
     def _broken_off(parts: list[bytes]) -> Iterator[bytes]:
         yield from parts
-        raise httpx.ReadError("the connection is lost")
+        raise httpx2.ReadError("the connection is lost")
 
     def client(self) -> Client:
-        return Client("http://robot.test:8007", transport=httpx.MockTransport(self))
+        return Client("http://robot.test:8007", transport=httpx2.MockTransport(self))
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +73,7 @@ def test_blocks_are_read_as_the_standard_says() -> None:
 def test_it_goes_on_after_the_last_event_when_the_connection_is_lost() -> None:
     service = Service(
         [block("hello", 4), block("mode", 5)[:20], block("mode", 5)[20:] + block("state", None)],
-        httpx.ConnectError("nobody is there"),
+        httpx2.ConnectError("nobody is there"),
         (503, "unavailable"),
         [block("hello", 5), b"id: deadbeef-8\n\n"],
         [block("stop", 9)],
@@ -97,7 +97,7 @@ def test_what_the_service_refuses_is_raised_as_its_error() -> None:
 
 
 def test_who_has_never_heard_anything_learns_at_once_that_nobody_is_there() -> None:
-    service = Service(httpx.ConnectError("nobody is there"))
+    service = Service(httpx2.ConnectError("nobody is there"))
     with service.client() as client, pytest.raises(UnavailableError, match="nobody is there"):
         next(client.events())
     assert len(service.requests) == 1
@@ -113,7 +113,7 @@ def test_it_gives_up_when_its_patience_is_at_an_end() -> None:
 
         def __enter__(self) -> Stream:
             if self.left is None:
-                raise httpx.ConnectError("nobody is there any more")
+                raise httpx2.ConnectError("nobody is there any more")
             return self
 
         def __exit__(self, *_: object) -> None: ...
@@ -130,7 +130,7 @@ def test_it_gives_up_when_its_patience_is_at_an_end() -> None:
 
 def test_those_of_one_robot_are_asked_for_at_its_address() -> None:
     service = Service([block("stop", 1)])
-    transport = httpx.MockTransport(service)
+    transport = httpx2.MockTransport(service)
     with Client("http://robot.test:8007", robot="left", transport=transport) as client:
         assert next(client.events())["type"] == "stop"
     assert service.requests[0].url.path == "/robots/left/events"

@@ -5,7 +5,7 @@ Oracles: a service on virtual time; the paths that docs/jobs.md names.
 
 from __future__ import annotations
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from virtual_service import VirtualService
@@ -104,7 +104,7 @@ def test_what_cannot_be_begun_or_found_is_raised(robot: Client) -> None:
 
 def test_an_interrupted_job_is_an_error_of_its_execution() -> None:
     lost = {"id": "7", "state": "interrupted", "error": {"detail": "gone", "code": "interrupted"}}
-    transport = httpx.MockTransport(lambda request: httpx.Response(200, json=lost))
+    transport = httpx2.MockTransport(lambda request: httpx2.Response(200, json=lost))
     with (
         Client("http://robot.test", transport=transport) as robot,
         pytest.raises(ExecutionError, match="gone"),
@@ -115,11 +115,11 @@ def test_an_interrupted_job_is_an_error_of_its_execution() -> None:
 def test_waypoints_are_named_in_the_query() -> None:
     asked: list[str] = []
 
-    def answer(request: httpx.Request) -> httpx.Response:
+    def answer(request: httpx2.Request) -> httpx2.Response:
         asked.append(request.url.raw_path.decode())
-        return httpx.Response(200, json={"state": "paused"})
+        return httpx2.Response(200, json={"state": "paused"})
 
-    with Client("http://robot.test", transport=httpx.MockTransport(answer)) as robot:
+    with Client("http://robot.test", transport=httpx2.MockTransport(answer)) as robot:
         handle = robot.job("7")
         for tell in (handle.pause, handle.step, handle.resume):
             tell()

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -24,18 +24,18 @@ from cobot.client import Client
 from cobot.client.connection import ERRORS
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
-Handler = Callable[[httpx.Request], httpx.Response]
+Handler = Callable[[httpx2.Request], httpx2.Response]
 DONE = {"success": True, "message": "Motion completed successfully", "motion_id": 1, "duration_s": 1.0}
 UP = {"x": 0, "y": 0, "z": 1}
 SCALING = {"speed": 0.1, "accel_scale": 0.0}
 
 
 def client(handler: Handler, **options: Any) -> Client:
-    return Client("http://robot.test:8007", transport=httpx.MockTransport(handler), **options)
+    return Client("http://robot.test:8007", transport=httpx2.MockTransport(handler), **options)
 
 
 def answering(content: Any, status: int = 200) -> Handler:
-    return lambda request: httpx.Response(status, json=content)
+    return lambda request: httpx2.Response(status, json=content)
 
 
 def subclasses(kind: type[CobotError]) -> Iterator[type[CobotError]]:
@@ -45,14 +45,14 @@ def subclasses(kind: type[CobotError]) -> Iterator[type[CobotError]]:
             yield from subclasses(child)
 
 
-def sent(call: Callable[[Client], Any], answer: Any = DONE, **options: Any) -> httpx.Request:
+def sent(call: Callable[[Client], Any], answer: Any = DONE, **options: Any) -> httpx2.Request:
     """The one request of a call."""
-    requests: list[httpx.Request] = []
+    requests: list[httpx2.Request] = []
 
-    def record(request: httpx.Request) -> httpx.Response:
+    def record(request: httpx2.Request) -> httpx2.Response:
         request.read()
         requests.append(request)
-        return httpx.Response(200, json=answer)
+        return httpx2.Response(200, json=answer)
 
     with client(record, **options) as robot:
         call(robot)
@@ -60,7 +60,7 @@ def sent(call: Callable[[Client], Any], answer: Any = DONE, **options: Any) -> h
     return requests[0]
 
 
-def form(request: httpx.Request) -> dict[str, tuple[str | None, str]]:
+def form(request: httpx2.Request) -> dict[str, tuple[str | None, str]]:
     """Name -> (file name, content) of a multipart body, by the standard library's MIME parser."""
     head = f"Content-Type: {request.headers['content-type']}\r\n\r\n".encode()
     message = email.message_from_bytes(head + request.content, policy=email.policy.HTTP)
@@ -107,11 +107,11 @@ def test_one_of_several_robots_is_asked_below_its_name(call: Callable[[Client], 
     assert sent(call, robot="left-2").url.raw_path.decode() == target
     requests: list[str] = []
 
-    def record(request: httpx.Request) -> httpx.Response:
+    def record(request: httpx2.Request) -> httpx2.Response:
         requests.append(request.url.raw_path.decode())
-        return httpx.Response(200, json=DONE)
+        return httpx2.Response(200, json=DONE)
 
-    with Client("http://robot.test:8007/robots/left-2/", transport=httpx.MockTransport(record)) as robot:
+    with Client("http://robot.test:8007/robots/left-2/", transport=httpx2.MockTransport(record)) as robot:
         call(robot)
     assert requests == [target]
 
@@ -243,24 +243,24 @@ def test_codes_of_a_newer_service_are_still_errors() -> None:
 @pytest.mark.parametrize(
     "response",
     [
-        httpx.Response(200, text="<html>"),
-        httpx.Response(200, json=[]),
-        httpx.Response(302, headers={"location": "/"}),
-        httpx.Response(404, json={"detail": "Not Found"}),
-        httpx.Response(404, json=["x"]),
-        httpx.Response(500, text="\xff"),
+        httpx2.Response(200, text="<html>"),
+        httpx2.Response(200, json=[]),
+        httpx2.Response(302, headers={"location": "/"}),
+        httpx2.Response(404, json={"detail": "Not Found"}),
+        httpx2.Response(404, json=["x"]),
+        httpx2.Response(500, text="\xff"),
     ],
 )
-def test_another_server_at_the_address_is_no_robot(response: httpx.Response) -> None:
+def test_another_server_at_the_address_is_no_robot(response: httpx2.Response) -> None:
     with pytest.raises(
         UnavailableError, match=r"GET http://robot\.test:8007/health: .*the answer does not come from cobot"
     ):
         client(lambda request: response).health()
 
 
-@pytest.mark.parametrize("kind", [httpx.ConnectError, httpx.ReadTimeout, httpx.RemoteProtocolError])
-def test_a_failed_connection_is_unavailable_with_its_cause(kind: type[httpx.TransportError]) -> None:
-    def fail(request: httpx.Request) -> httpx.Response:
+@pytest.mark.parametrize("kind", [httpx2.ConnectError, httpx2.ReadTimeout, httpx2.RemoteProtocolError])
+def test_a_failed_connection_is_unavailable_with_its_cause(kind: type[httpx2.TransportError]) -> None:
+    def fail(request: httpx2.Request) -> httpx2.Response:
         raise kind("")
 
     with pytest.raises(UnavailableError, match=f"/health: {kind.__name__}") as caught:
@@ -271,13 +271,13 @@ def test_a_failed_connection_is_unavailable_with_its_cause(kind: type[httpx.Tran
 def test_a_stop_comes_again_until_it_is_answered() -> None:
     asked: list[str] = []
 
-    def handler(request: httpx.Request) -> httpx.Response:
+    def handler(request: httpx2.Request) -> httpx2.Response:
         asked.append(request.url.path)
         if len(asked) == 1:
-            return httpx.Response(503, json={"detail": "this had to make room", "code": "busy"})
+            return httpx2.Response(503, json={"detail": "this had to make room", "code": "busy"})
         if len(asked) == 2:
-            raise httpx.RemoteProtocolError("closed before it was answered")
-        return httpx.Response(200, json=DONE)
+            raise httpx2.RemoteProtocolError("closed before it was answered")
+        return httpx2.Response(200, json=DONE)
 
     with client(handler) as robot:
         assert robot.stop() == DONE
@@ -355,7 +355,7 @@ def test_a_download_writes_through_no_link(
     folder.mkdir()
     theirs.write_bytes(b"theirs")
     link(folder / name, theirs)
-    with client(lambda request: httpx.Response(200, content=b"new")) as robot:
+    with client(lambda request: httpx2.Response(200, content=b"new")) as robot:
         download(robot, folder / "backup.zip")
     assert theirs.read_bytes() == b"theirs"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {"backup.zip": b"new"}
@@ -368,7 +368,7 @@ def test_a_download_whose_name_is_a_folder_s_is_refused_and_the_folder_stays(
 ) -> None:
     (tmp_path / name).mkdir()
     with (
-        client(lambda request: httpx.Response(200, content=b"new")) as robot,
+        client(lambda request: httpx2.Response(200, content=b"new")) as robot,
         pytest.raises(InputError, match=r"backup\.zip: cannot be written: Is a directory"),
     ):
         robot.fetch_backup(tmp_path / "backup.zip")
@@ -381,13 +381,13 @@ def test_a_broken_download_leaves_the_file_that_was_there(tmp_path: Path) -> Non
 
     def broken() -> Iterator[bytes]:
         yield b"half"
-        raise httpx.ReadError("gone")
+        raise httpx2.ReadError("gone")
 
     theirs, file = tmp_path / "theirs", tmp_path / "backup.zip"
     theirs.write_bytes(b"theirs")
     file.symlink_to(theirs)
     with (
-        client(lambda request: httpx.Response(200, content=broken())) as robot,
+        client(lambda request: httpx2.Response(200, content=broken())) as robot,
         pytest.raises(UnavailableError, match="gone"),
     ):
         robot.fetch_backup(file)

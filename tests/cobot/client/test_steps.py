@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -31,14 +31,14 @@ ORIGIN = {"x": 0.4, "y": 0.0, "z": 0.1}
 def client(*answers: Any) -> tuple[Client, list[tuple[str, str, Any]]]:
     left, asked = list(answers), []
 
-    def answer(request: httpx.Request) -> httpx.Response:
+    def answer(request: httpx2.Request) -> httpx2.Response:
         body = (
             json.loads(request.content) if request.headers.get("content-type") == "application/json" else None
         )
         asked.append((request.method, request.url.path, body))
-        return httpx.Response(200, json=left.pop(0))
+        return httpx2.Response(200, json=left.pop(0))
 
-    return Client("http://robot.test", transport=httpx.MockTransport(answer)), asked
+    return Client("http://robot.test", transport=httpx2.MockTransport(answer)), asked
 
 
 def points(value: bool) -> dict[str, Any]:

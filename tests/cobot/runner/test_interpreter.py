@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -66,11 +66,11 @@ class Robot:
         self.answers: dict[str, list[tuple[int, dict[str, Any]]]] = {}
         self.reads = 0
 
-    def __call__(self, request: httpx.Request) -> httpx.Response:
+    def __call__(self, request: httpx2.Request) -> httpx2.Response:
         path = request.url.path
         if request.method == "GET":
             self.reads += 1
-            return httpx.Response(200, json={"points": self._points()})
+            return httpx2.Response(200, json={"points": self._points()})
         body = json.loads(request.content)
         if path.startswith("/robot/io/"):
             self.asked.append((path.removeprefix("/robot/io/"), body["value"]))
@@ -79,7 +79,7 @@ class Robot:
         arrived = {"success": True, "message": "", "code": None, "motion_id": 7, "duration_s": 0.1}
         waiting = self.answers.get(path.removeprefix("/robot/"))
         status, answer = waiting.pop(0) if waiting else (200, arrived)
-        return httpx.Response(status, json=answer)
+        return httpx2.Response(status, json=answer)
 
     def _points(self) -> list[dict[str, Any]]:
         since_s = self.time.time_s - 100.0
@@ -102,7 +102,7 @@ def run(
 ) -> list[str]:
     """The log of a run of a sequence with these steps."""
     lines: list[str] = []
-    with Client("http://robot", transport=httpx.MockTransport(robot)) as client:
+    with Client("http://robot", transport=httpx2.MockTransport(robot)) as client:
         library = Library(folder)
         sequence = sequence_of({"steps": list(steps)})
         library.require(sequence, "main.json")

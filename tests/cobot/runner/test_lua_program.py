@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from cobot_run import WAIT_S, until
 from manual_programs import lua_example
@@ -46,14 +46,14 @@ class Service:
         self.posted: list[tuple[str, Any]] = []
         self.answers: dict[str, Any] = {}
 
-    def __call__(self, request: httpx.Request) -> httpx.Response:
+    def __call__(self, request: httpx2.Request) -> httpx2.Response:
         path = request.url.path
         if request.method == "POST":
             self.posted.append((path, json.loads(request.content)))
         known = {"/robot/joint_states": {"position": [0.5, 1.5]}, "/robot/pose": POSE}
         known["/health"] = {"robot": {"name": "iiwa"}}
         status, content = self.answers.get(path, (200, known.get(path, ARRIVED)))
-        return httpx.Response(status, text=json.dumps(content))
+        return httpx2.Response(status, text=json.dumps(content))
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def run(
 ) -> list[str]:
     """What the program has said."""
     said: list[str] = []
-    with Client("http://robot", transport=httpx.MockTransport(service or Service())) as client:
+    with Client("http://robot", transport=httpx2.MockTransport(service or Service())) as client:
         program = Program(client, url, limits or LuaLimits(), said.append)
         text = source.encode() if isinstance(source, str) else source
         run_apart(lambda: program.run(text, "test.lua"), program.watch)
@@ -510,7 +510,7 @@ def test_a_program_goes_on_after_a_refused_allocation() -> None:
 @pytest.mark.parametrize("source", [*BUSY, "sleep(1000)", "pcall(sleep, 1000) while true do end"])
 def test_a_program_that_is_told_to_end_ends(source: str) -> None:
     """Whatever catches errors in it. The deadline only fails when it does not end at all."""
-    with Client("http://robot", transport=httpx.MockTransport(Service())) as client:
+    with Client("http://robot", transport=httpx2.MockTransport(Service())) as client:
         program = Program(client, "http://127.0.0.1:1", LuaLimits(instructions=0), lambda _: None)
         outcome: list[BaseException] = []
 

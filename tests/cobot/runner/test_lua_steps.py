@@ -6,7 +6,7 @@ import json
 import threading
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cobot.client import Client
@@ -26,18 +26,20 @@ class Service:
         self.failures: list[str] = []
         self.reads, self.part_at = 0, part_at
 
-    def __call__(self, request: httpx.Request) -> httpx.Response:
+    def __call__(self, request: httpx2.Request) -> httpx2.Response:
         if request.method == "GET":
             self.reads += 1
             value = self.reads >= self.part_at
             point = {"name": "part", "kind": "boolean", "direction": "input", "value": value}
-            return httpx.Response(200, json={"points": [point]})
+            return httpx2.Response(200, json={"points": [point]})
         body = json.loads(request.content) if request.content else None
         self.asked.append((request.url.path.removeprefix("/robot/"), body))
         if self.failures:
             code = self.failures.pop(0)
-            return httpx.Response(200, json={**ARRIVED, "success": False, "message": "too far", "code": code})
-        return httpx.Response(200, json=ARRIVED)
+            return httpx2.Response(
+                200, json={**ARRIVED, "success": False, "message": "too far", "code": code}
+            )
+        return httpx2.Response(200, json=ARRIVED)
 
 
 @pytest.fixture
@@ -48,7 +50,7 @@ def service() -> Service:
 def run(source: str, service: Service, **options: Any) -> list[str]:
     """What the program has said."""
     said: list[str] = []
-    with Client("http://robot", transport=httpx.MockTransport(service)) as client:
+    with Client("http://robot", transport=httpx2.MockTransport(service)) as client:
         program = Program(client, "http://127.0.0.1:1", LuaLimits(), said.append, **options)
         run_apart(lambda: program.run(source.encode(), "test.lua"), program.watch)
     return said
@@ -173,7 +175,7 @@ def test_a_mistake_of_the_program_is_not_retried(service: Service) -> None:
 
 
 def test_nothing_catches_the_end_of_a_program(service: Service) -> None:
-    with Client("http://robot", transport=httpx.MockTransport(service)) as client:
+    with Client("http://robot", transport=httpx2.MockTransport(service)) as client:
         program = Program(client, "http://127.0.0.1:1", LuaLimits(), lambda _: None)
         begun = threading.Event()
         program._steps._paused_s = lambda: begun.set() or 0.0  # type: ignore[func-returns-value]
