@@ -21,7 +21,7 @@ from app.api.roles import PANEL, PANEL_LUA, PANEL_PLANNERS, THREE
 from cobot.errors import NotFoundError
 from cobot.lua_functions import FUNCTIONS
 from cobot.motions.bodies import JointMotion
-from cobot.motions.planners import GOAL_ALONE, PLANNERS
+from cobot.motions.planners import GOAL_ALONE, PLANNERS, Way
 
 SITE = Path(__file__).parent / "site"
 THREE_PACKAGE = "ifc_console_viewer"
@@ -108,7 +108,8 @@ def planners_module() -> str:
     `pose` is true if the goal is a pose, and false if it is joint angles.
     """
     table = {
-        name: {"pose": PLANNERS[name].follows_path, "summary": PLANNERS[name].summary} for name in GOAL_ALONE
+        name: {"pose": PLANNERS[name].way is Way.PATH, "summary": PLANNERS[name].summary}
+        for name in GOAL_ALONE
     }
     default = JointMotion.model_fields["planner"].default
     return f"export const PLANNERS = {json.dumps(table)};\nexport const DEFAULT = {json.dumps(default)};\n"

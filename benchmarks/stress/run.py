@@ -23,6 +23,7 @@ from benchmarks.stress.cases import CORRIDOR_RAD, KINDS, Case, case
 from benchmarks.stress.judge import END_M, Judge
 from benchmarks.stress.second_search import confirmed
 from cobot.errors import CobotError, InputError
+from cobot.motions.planners import Way
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan, plan_waypoints
 from cobot.planners.blending.joined import joined, leg_of
@@ -138,7 +139,7 @@ def _motion_flaws(judge: Judge, request: MotionRequest, motion: Trajectory | Non
     if request.arc is None or request.arc.angle_rad is None:
         yield from _end_flaws(judge, request.goal, motion.end, END_M)
     rows = motion.sample(np.linspace(0.0, motion.duration_s, 400))
-    if request.traits.follows_path:
+    if request.traits.way is Way.PATH:
         scaled = robot.cartesian_limits.scaled(request.scaling.speed, 1.0, 1.0)
         asked = request.tcp_speed.linear_m_s or np.inf
         scaled = replace(scaled, max_linear_velocity=min(scaled.max_linear_velocity, asked))

@@ -12,6 +12,7 @@ from benchmarks.planning.lines import PLACES, STEP_RAD, exhaustive
 from benchmarks.stress.cases import Case
 from benchmarks.stress.judge import END_M, NEAR_M, Judge
 from cobot.errors import CobotError, CollisionError, LimitError, UnreachableError
+from cobot.motions.planners import Way
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.path.circ import arc, helix
@@ -46,12 +47,12 @@ def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Gener
         return None
     if "the goal" in text and isinstance(exc, CollisionError):
         return not any(_is_free(judge, joints) for joints in _goals(judge, request, random))
-    if request.traits.follows_path and isinstance(exc, UnreachableError | CollisionError):
+    if request.traits.way is Way.PATH and isinstance(exc, UnreachableError | CollisionError):
         return _no_line(judge, request)
     if (
         isinstance(exc, UnreachableError)
         and isinstance(request.goal, Pose)
-        and not request.traits.follows_path
+        and request.traits.way is not Way.PATH
     ):
         return not _goals(judge, request, random)
     if request.planner is PlannerName.CHOMP or "no free path" in text:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerTraits, users_of
+from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerTraits, Way, users_of
 from cobot.types import FREE_AXES, RRT_CONNECT, Pose
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def check_request(request: MotionRequest) -> None:
         InputError: names the field, its value and what is possible.
     """
     traits = PLANNERS[request.planner]
-    if traits.follows_path and not isinstance(request.goal, Pose):
+    if traits.way is Way.PATH and not isinstance(request.goal, Pose):
         raise InputError(f"{request.planner} needs a pose as its goal, not joint angles")
     given = [field for field in BODY_FIELDS if _is_given(request, field)]
     for field in given:

@@ -11,7 +11,7 @@ from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import MovePose, PathPoint
 from cobot.motions.conditions import StepCondition
 from cobot.motions.fields import Direction, Finite, example
-from cobot.motions.planners import PATHS, PLANNERS, PlannerName, in_words
+from cobot.motions.planners import PATHS, PLANNERS, PlannerName, Way, in_words
 from cobot.motions.signal_bodies import SignalFields
 
 MIN_LENGTH = 1e-9
@@ -115,7 +115,7 @@ class FollowMotion(ForceMotion):
                 "use steps before and after the motion"
             )
         planner = PlannerName(self.motion.planner)
-        if not PLANNERS[planner].follows_path:
+        if PLANNERS[planner].way is not Way.PATH:
             raise ValueError(
                 f"motion.planner: {planner} follows no path of the TCP; valid with force: {in_words(PATHS)}"
             )

@@ -26,8 +26,8 @@ class PlannerName(StrEnum):
 class Way(Enum):
     """The kind of way to the goal. It determines the arguments with which the planner's function is called.
 
-    PATH: the TCP follows the path of the request. `function(robot, request)` returns None if the arm is
-        already at the goal.
+    PATH: the TCP follows the path of the request, whose goal is a pose, never joint angles.
+        `function(robot, request)` returns None if the arm is already at the goal.
     DIRECT: the joints move to the nearest joint angles of the goal. Called as `function(robot, request,
         joints)`.
     SEARCH: the planner finds a way around obstacles to any joint angles of the goal, and first leaves a start
@@ -65,11 +65,6 @@ class PlannerTraits:
     missing: str = ""
     one_piece: bool = False
     alternative: PlannerName = PlannerName.AUTO
-
-    @property
-    def follows_path(self) -> bool:
-        """Whether the request gives the path of the TCP. Its goal is then a pose, never joint angles."""
-        return self.way is Way.PATH
 
 
 TCP_PATH = frozenset({"tcp_speed", "cyclic", "end_joints"})
@@ -141,9 +136,9 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 """The fields of `MotionRequest` that not every planner uses, and their names in requests as JSON."""
 
 
-ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.follows_path)
+ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if traits.way is not Way.PATH)
 """The planners that go to joint angles as well as to a pose."""
-PATHS = tuple(name for name, traits in PLANNERS.items() if traits.follows_path)
+PATHS = tuple(name for name, traits in PLANNERS.items() if traits.way is Way.PATH)
 """The planners that follow a path of the TCP to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
 """The planners that need only a goal."""

@@ -124,7 +124,7 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
     yield from _shorter(robot, request, error)
     if "reach" in checks and not at_goal:
         yield from _other_goals(robot, request)
-    if request.traits.follows_path or _at_start(error):
+    if request.traits.way is Way.PATH or _at_start(error):
         yield from _other_starts(robot, request)
 
 
@@ -164,7 +164,7 @@ def _other_planners(request: MotionRequest) -> Iterator[Idea]:
     if _is_the_path(request):
         return
     planner = request.traits.alternative
-    along = ", not along the path" if request.traits.follows_path else ""
+    along = ", not along the path" if request.traits.way is Way.PATH else ""
     yield Idea("planner", _searching(request, planner), f"with planner {planner}{along}")
 
 
@@ -195,7 +195,7 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         starts = exits(robot, inside)[:MAX_GOALS]
     elif np.abs(inside - request.start).max() > 0.0:
         starts = [inside]
-    elif request.traits.follows_path:
+    elif request.traits.way is Way.PATH:
         here = robot.model.forward(request.start)
         found = np.array(inverse_all(robot.model, here, request.start, spread=SPREAD))
         starts = list(found[robot.collision.clearance.are_free(found)][:MAX_STARTS])
@@ -218,7 +218,7 @@ def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Id
     that searches.
     """
     for goal, says in _near_goals(robot, request):
-        if not request.traits.follows_path:
+        if request.traits.way is not Way.PATH:
             yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
         if request.traits.way is not Way.SEARCH:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
@@ -246,7 +246,7 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
     """Collision-free joint angles with the TCP near a pose that is out of reach or in collision."""
     descent = nearest_to(robot.model, goal, request.start, request.seed, request.free_axes)
     nearest = descent.joints
-    if request.traits.follows_path and descent.solved:
+    if request.traits.way is Way.PATH and descent.solved:
         return
     if not robot.collision.is_free(nearest):
         yield from exits(robot, nearest)[:MAX_GOALS]

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from cobot.errors import InputError, LimitError
+from cobot.motions.planners import Way
 from cobot.motions.requests import Envelope, RatedMove
 from cobot.motions.stretches import Leg
 from cobot.planners import plan
@@ -34,7 +35,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
         LimitError: a duration beyond `MAX_DURATION_S`.
         PlanningError: as `plan` does.
     """
-    request, joint_space = move.request, not move.request.traits.follows_path
+    request, joint_space = move.request, move.request.traits.way is not Way.PATH
     timed = move.duration_s > 0.0
     if move.duration_s > MAX_DURATION_S:
         raise LimitError(f"duration is {move.duration_s:g} s, allowed: up to {MAX_DURATION_S:g} s")

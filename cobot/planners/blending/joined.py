@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from cobot.errors import CobotError, InputError, LimitError, PlanningError
+from cobot.motions.planners import Way
 from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.stretches import Corner, Leg
 from cobot.planners.blending.leg_limits import largest, largest_rates, rates
@@ -57,7 +58,7 @@ class Part:
 
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
     """A motion with its limits."""
-    of_tcp = tcp_limits(robot, request) if request.traits.follows_path else None
+    of_tcp = tcp_limits(robot, request) if request.traits.way is Way.PATH else None
     return Leg(motion, request.scaled_limits(robot), of_tcp, request.constraints)
 
 

@@ -14,7 +14,7 @@ from planner_sentences import only
 from cobot.errors import InputError
 from cobot.motions.bodies import MoveJoints, MovePose
 from cobot.motions.constraints import Constraints
-from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerName
+from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerName, Way
 from cobot.motions.requests import NO_START, Arc, MotionRequest, TcpSpeed
 from cobot.planners import function_of
 from cobot.robot.frames import pose_from_abc
@@ -92,7 +92,7 @@ def test_fields_that_exclude_each_other_are_rejected_together() -> None:
 
 @pytest.mark.parametrize("planner", PlannerName)
 def test_joint_angles_are_a_goal_for_planners_that_need_no_pose(planner: PlannerName) -> None:
-    if PLANNERS[planner].follows_path:
+    if PLANNERS[planner].way is Way.PATH:
         with pytest.raises(InputError, match=f"^{planner} needs a pose as its goal, not joint angles$"):
             replace(request(planner), goal=np.zeros(7))
     else:
@@ -111,7 +111,7 @@ def test_the_schemas_and_the_documents_list_the_planners_of_the_table() -> None:
     assert listed["enum"] == list(PlannerName)
     assert all(f"{name}: {traits.summary}" in listed["description"] for name, traits in PLANNERS.items())
     joints = MoveJoints.model_json_schema()["properties"]["planner"]["enum"]
-    assert joints == [name for name, traits in PLANNERS.items() if not traits.follows_path]
+    assert joints == [name for name, traits in PLANNERS.items() if traits.way is not Way.PATH]
     page = (ROOT / "docs" / "motions.md").read_text(encoding="utf-8")
     rows = page.partition("| `planner` | Path |")[2].partition("\n\n")[0]
     assert [row.split("`")[1] for row in rows.splitlines()[2:]] == list(PlannerName)
