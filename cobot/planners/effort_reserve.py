@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.robot.feasibility import effort_samples
-from cobot.robot.model import RobotModel
-from cobot.trajectory import Trajectory
-from cobot.types import Array, JointLimits
+from cobot.types import Array
 
 PLANNED_EFFORT = 0.98
 """Maximum share of the effort limits in planned motions; `allowed_shares` has the exception."""
@@ -34,9 +31,3 @@ def allowed_shares(holding: Array) -> Array:
         holding: share of the limit that holding the arm takes, of either sign.
     """
     return np.asarray(np.maximum(PLANNED_EFFORT, 0.5 * (np.abs(holding) + MAX_HOLDING_EFFORT)))
-
-
-def keeps_effort(model: RobotModel, motion: Trajectory, limits: JointLimits, share: float) -> bool:
-    """Whether a motion needs at most this share of each effort limit."""
-    _, efforts = effort_samples(model, motion)
-    return bool((np.abs(efforts) <= share * limits.max_effort).all())

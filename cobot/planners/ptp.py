@@ -7,12 +7,12 @@ import ruckig
 
 from cobot.errors import PlanningError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.effort_reserve import PLANNED_EFFORT, keeps_effort
+from cobot.planners.effort_reserve import PLANNED_EFFORT
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.profile import fastest_profile
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import stretch_to_limits
+from cobot.robot.feasibility import keeps_effort, stretch_to_limits
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits, Synchronization
 

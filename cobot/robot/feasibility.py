@@ -1,4 +1,4 @@
-"""Checks of a trajectory against the joint limits."""
+"""Checks of a trajectory against the limits of the joints and their drives."""
 
 from __future__ import annotations
 
@@ -134,6 +134,12 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
     times.flags.writeable = efforts.flags.writeable = False
     model.last_efforts = trajectory, times, efforts
     return times, efforts
+
+
+def keeps_effort(model: RobotModel, motion: Trajectory, limits: JointLimits, share: float) -> bool:
+    """Whether a motion needs at most this share of each effort limit."""
+    _, efforts = effort_samples(model, motion)
+    return bool((np.abs(efforts) <= share * limits.max_effort).all())
 
 
 def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:

@@ -12,11 +12,12 @@ from cobot.motions.stretches import Corner, Leg
 from cobot.planners.blending.joined import path_of
 from cobot.planners.blending.leg_limits import largest
 from cobot.planners.derivatives import chained
-from cobot.planners.effort_reserve import TRANSITION_EFFORT, keeps_effort
+from cobot.planners.effort_reserve import TRANSITION_EFFORT
 from cobot.planners.timing.coordinates import Coordinates
 from cobot.planners.timing.path import JointCurve
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import keeps_effort
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 

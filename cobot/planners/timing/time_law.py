@@ -17,12 +17,7 @@ import numpy as np
 from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
 from cobot.planners.derivatives import chained
-from cobot.planners.effort_reserve import (
-    MAX_HOLDING_EFFORT,
-    PLANNED_EFFORT,
-    allowed_shares,
-    keeps_effort,
-)
+from cobot.planners.effort_reserve import MAX_HOLDING_EFFORT, PLANNED_EFFORT, allowed_shares
 from cobot.planners.interior_point import Stations, fastest_rate
 from cobot.planners.reference import reference_motion
 from cobot.planners.timing.cells import (
@@ -38,6 +33,7 @@ from cobot.planners.timing.coordinates import Coordinates, Zones
 from cobot.planners.timing.path import JointCurve
 from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import keeps_effort
 from cobot.trajectory import ORDER, Integers, Trajectory
 from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
