@@ -108,12 +108,15 @@ class MotionService:
         """Plan for a claim within the request's budget, see `plan_within_budget`. An interruption of the
         claim ends planning, and what has been planned is lost.
         """
+        budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
+        if budget_s <= 0.0:
+            motion = await self.plan(claim, request, timeout_s)
+            return motion, Planned.of(request, motion)
 
         async def compute(work: Callable[[RobotDescription], Result]) -> Result:
             return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
 
         plan_first = partial(self.plan, claim, request, timeout_s)
-        budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
         found = await plan_within_budget(
             self._planning, self._link.clock, compute, request, plan_first, budget_s
         )
