@@ -141,6 +141,8 @@ class Job:
         on_change: called after each change of the state.
         accepted: set when all checks before planning have passed.
         ended: set at the end; then `end_record` is its last record.
+        motion_id: number of its newest motion.
+        error: the reason of a failure, once it is known.
     """
 
     link: RobotLink
@@ -148,16 +150,17 @@ class Job:
     request: str
     owner: str
     on_change: Callable[[Job], None]
+    id: str
+    created_at: datetime
     parent: str | None = None
-    id: str = field(default_factory=new_job_id)
     accepted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     end_record: JobRecord | None = None
     path: str = ""
     body: dict[str, Any] | None = None
-    _created_at: datetime = field(init=False)
+    motion_id: int | None = None
+    error: JobError | None = None
     _override: SpeedOverride | None = None
-    _motion_id: int | None = None
     _planned_s: float | None = None
     _note: str = ""
     _started_at: datetime | None = None
@@ -165,11 +168,7 @@ class Job:
     _part_s: float | None = None
     _waypoints: tuple[float, int] | None = None
     _held: bool = False
-    _error: JobError | None = None
     _signals: Callable[[], SignalResults] | None = None
-
-    def __post_init__(self) -> None:
-        self._created_at = utc_now(self.link.clock)
 
     @property
     def state(self) -> JobState:
@@ -183,11 +182,6 @@ class Job:
         return JobState.PLANNING if self._started_at is None else JobState.RUNNING
 
     @property
-    def motion_id(self) -> int | None:
-        """The number of its newest motion."""
-        return self._motion_id
-
-    @property
     def signals(self) -> SignalResults | None:
         """The results of its actions and conditions; None if it has none."""
         return None if self._signals is None else self._signals()
@@ -199,7 +193,7 @@ class Job:
 
     def start(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
         """Note that a motion of the job has begun; without a motion, that a sequence has begun."""
-        self._motion_id = motion_id
+        self.motion_id = motion_id
         if trajectory is not None:
             self.prolong(trajectory)
         self._started_at = self._started_at or utc_now(self.link.clock)
@@ -254,18 +248,13 @@ class Job:
 
     def fail(self, error: BaseException) -> None:
         """Note why the job does not succeed. If it is called several times, the first cause counts."""
-        self._error = self._error or JobError.of(error)
+        self.error = self.error or JobError.of(error)
 
     def end(self, state: JobState) -> None:
         """End the job in this state; see `Ownership.end`."""
         self.end_record = self._recorded(state)
         self.ended.set()
         self.on_change(self)
-
-    @property
-    def failed(self) -> bool:
-        """Whether a reason for a failure was noted."""
-        return self._error is not None
 
     def record(self) -> JobRecord:
         """The job's current state, as a record."""
@@ -282,14 +271,14 @@ class Job:
             state=state,
             request=self.request,
             owner=self.owner,
-            created_at=self._created_at,
+            created_at=self.created_at,
             parent=self.parent,
-            motion_id=self._motion_id,
+            motion_id=self.motion_id,
             progress=1.0 if finished else progress,
             planned_duration_s=self._planned_s,
             remaining_s=(0.0 if finished else None) if ended else remaining_s,
             note=self._note,
-            error=self._error if ended else None,
+            error=self.error if ended else None,
             started_at=self._started_at,
             ended_at=utc_now(self.link.clock) if ended else None,
             actions=signals.actions,
@@ -310,7 +299,7 @@ class Job:
             return 0.0, None
         with contextlib.suppress(UnavailableError):
             state = self.link.state()
-            if state.motion_id == self._motion_id and self._part_s is None:
+            if state.motion_id == self.motion_id and self._part_s is None:
                 self._path_time_s = state.path_time_s
         fraction = self._override.fraction
         left_s = max(whole_s - self._path_time_s, 0.0)

@@ -102,7 +102,8 @@ class JobBook:
             number: id of the job; None: make a new id.
         """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
-        return Job(self._link, kind, request, owner, self._note_change, parent, number or new_job_id())
+        number, created_at = number or new_job_id(), utc_now(self._link.clock)
+        return Job(self._link, kind, request, owner, self._note_change, number, created_at, parent)
 
     def records(self, count: int, states: frozenset[JobState] = frozenset(JobState)) -> list[JobRecord]:
         """The newest jobs in one of these states, the newest first."""

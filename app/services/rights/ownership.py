@@ -220,7 +220,7 @@ class Ownership:
         """
         if error is not None:
             job.fail(error)
-        if not job.failed:
+        if job.error is None:
             job.end(JobState.FINISHED)
         elif self.jobs.ending or isinstance(error, asyncio.CancelledError):
             job.end(JobState.INTERRUPTED)
