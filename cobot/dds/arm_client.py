@@ -39,7 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from cobot.dds.arm_io import ArmIo, GpioIo, UrIo
+from cobot.dds.arm_io import ArmIo, arm_io
 from cobot.dds.caller import ENDED, ActionCaller
 from cobot.dds.controller_state import ControllerState
 from cobot.dds.controllers import ControllerLister, takes_positions, takes_trajectories
@@ -135,8 +135,8 @@ class ArmClient:
         node.subscription(settings["speed_scaling"], FLOAT, self._take_scaling, reliable=False)
         gpio = settings["gpio"]
         if interfaces := set(gpio["interfaces"]):
-            kind = UrIo if gpio["driver"] == "ur" else GpioIo
-            self._io = kind(node, gpio["controller"], interfaces, settings["answer_timeout_s"])
+            timeout_s = settings["answer_timeout_s"]
+            self._io = arm_io(node, gpio["driver"], gpio["controller"], interfaces, timeout_s)
         if self._fixed:
             self._connect(self._name)
         if self._socket is not None:

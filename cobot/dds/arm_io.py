@@ -1,8 +1,6 @@
-"""Inputs and outputs of an arm's driver: of a GPIO controller, or of the driver of Universal Robots.
+"""Inputs and outputs of an arm's driver: of a GPIO controller, or by services of the driver.
 
-Interfaces of a GPIO controller are called GPIO/INTERFACE; those of Universal Robots digital_in/0,
-digital_out/0 and analog_in/0, with the numbers of the driver. Its analog outputs are left out, because it
-takes other units than it reports.
+Interfaces of a GPIO controller are called GPIO/INTERFACE; those of services as in `cobot.ros.driver_io`.
 """
 
 from __future__ import annotations
@@ -10,19 +8,20 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Coroutine
 from typing import Protocol
 
 from cobot.dds.caller import ServiceCaller
 from cobot.dds.gpio_values import GPIO, message_of, values_of
 from cobot.dds.node import DdsNode, Message
 from cobot.errors import CobotError
-from cobot.robot.sent_outputs import SentOutputs
+from cobot.foreign import joined_text
+from cobot.robot.sent_outputs import SentOutput, SentOutputs
+from cobot.ros.driver_io import DRIVERS, MAX_AGE_S, DriverIoKind, DriverIoService
 
-IO_STATES, SET_IO = "ur_msgs/msg/IOStates", "ur_msgs/srv/SetIO"
-SET_DIGITAL_OUT = 1
-"""Value of `fun` in a request of SetIO."""
-UR_KINDS = ("digital_in", "digital_out", "analog_in")
+IO_STATES = "ur_msgs/msg/IOStates"
+READ_S = 0.2
+"""Time between two readings of the inputs and outputs of a kind, s."""
 
 
 class ArmIo(Protocol):
@@ -31,13 +30,18 @@ class ArmIo(Protocol):
     Attributes:
         values: last values of the used interfaces, by their names.
         heard_s: when they came, on the monotonic clock.
-        problem: reason why an output was not set although `set_output` has sent it, or was set late; "" if
-            none is known.
+        problem: reason why an output was not set although `set_output` has sent it, or was set late, or why
+            an interface cannot be read; "" if none is known.
     """
 
-    values: dict[str, float]
-    heard_s: float
-    problem: str
+    @property
+    def values(self) -> dict[str, float]: ...
+
+    @property
+    def heard_s(self) -> float: ...
+
+    @property
+    def problem(self) -> str: ...
 
     def set_output(self, interface: str, value: float) -> None:
         """Send the value of an output, without a wait for the driver: a stop may be the next request.
@@ -85,52 +89,215 @@ class GpioIo:
         self.problem = self._sent.explain(self.values, self.heard_s) or self.problem
 
 
-class UrIo:
-    """An `ArmIo` of the driver of Universal Robots."""
+class ServiceIo:
+    """The outputs of an `ArmIo` of a driver with services."""
 
-    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
-        """timeout_s: timeout for the answer of the driver, s."""
-        self.values: dict[str, float] = {}
-        self.heard_s, self.problem = -math.inf, ""
-        self._name, self._interfaces, self._timeout_s = f"{controller}/set_io", interfaces, timeout_s
+    def __init__(
+        self, node: DdsNode, driver: str, below: str, interfaces: Collection[str], timeout_s: float
+    ) -> None:
+        """
+        Args:
+            driver: its name in `DRIVERS`.
+            below: what the names of the services begin with.
+            timeout_s: timeout for an answer of the driver, s.
+        """
+        self._driver, self._below, self._timeout_s = DRIVERS[driver], below, timeout_s
+        self._places = {each: self._place(each) for each in interfaces}
+        self._problem = ""
         self._sent = SentOutputs(timeout_s)
-        node.subscription(f"{controller}/io_states", IO_STATES, self._take, reliable=False)
-        self._service = ServiceCaller(node, self._name, SET_IO, lifespan_s=timeout_s)
-        self._calls: set[asyncio.Task[None]] = set()
+        used = [each for kind, _ in self._places.values() for each in (kind.read, kind.write)]
+        self._services = {
+            each.name: ServiceCaller(node, f"{below}/{each.name}", each.type, lifespan_s=timeout_s)
+            for each in {each.name: each for each in used if each is not None}.values()
+        }
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def problem(self) -> str:
+        return self._problem
 
     def set_output(self, interface: str, value: float) -> None:
-        begin = f"{interface} cannot be set: the service {self._name}"
-        if not self._service.is_ready:
-            raise CobotError(
-                f"{begin} has no server; start the driver's io_and_status_controller, or correct "
-                "robot.backend.gpio_controller"
-            )
-        self.problem = ""
-        call = asyncio.create_task(self._call(begin, interface, value))
-        self._calls.add(call)
-        call.add_done_callback(self._calls.discard)
+        kind, number = self._places[interface]
+        assert kind.write is not None, "the options permit no other outputs"
+        begin = self._begin(f"{interface} cannot be set", kind.write)
+        if not self._services[kind.write.name].is_ready:
+            raise CobotError(self._without_server(begin))
+        self._problem = ""
+        self._start(self._set(begin, interface, kind.write, number, value))
 
-    async def _call(self, begin: str, interface: str, value: float) -> None:
-        pin = int(interface.rpartition("/")[2])
-        request: Message = {"fun": SET_DIGITAL_OUT, "pin": pin, "state": value}
+    def _place(self, interface: str) -> tuple[DriverIoKind, int]:
+        found = self._driver.kind(interface)
+        assert found is not None, "the options permit no other interfaces"
+        return found
+
+    def _start(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _begin(self, failed: str, service: DriverIoService) -> str:
+        """The begin of a message about a service."""
+        return f"{failed}: the service {self._below}/{service.name}"
+
+    def _without_server(self, begin: str) -> str:
+        return f"{begin} has no server; {self._driver.remedy}, or correct robot.backend.gpio_controller"
+
+    async def _set(
+        self, begin: str, interface: str, service: DriverIoService, number: int, value: float
+    ) -> None:
         sent = self._sent.add(interface, value, time.monotonic())
+        request = {**service.fixed, service.number: number, service.value: int(value)}
         try:
-            answer = await asyncio.wait_for(self._service.call(request), self._timeout_s)
-            if not answer["success"]:
-                self._sent.drop(interface, sent)
-                self.problem = f"{begin} has rejected it; see the driver's log"
-        except TimeoutError:
-            sent.is_late = True
-            self.problem = f"{begin} has not answered within {self._timeout_s:g} s"
+            answer = await self._ask(begin, service, request)
         except CobotError as exc:
-            self.problem = f"{begin}: {exc}"
+            sent.is_late = isinstance(exc.__cause__, TimeoutError)
+            self._problem = str(exc)
+            return
+        self._problem = _rejection(begin, service, answer)
+        if self._problem:
+            self._sent.drop(interface, sent)
+        else:
+            self._confirm(interface, value, sent)
+
+    def _confirm(self, interface: str, value: float, sent: SentOutput) -> None:
+        """Take note that the driver has set an output."""
+
+    async def _ask(self, begin: str, service: DriverIoService, request: Message) -> Message:
+        """The answer of a service.
+
+        Raises:
+            CobotError: there is none, caused by a TimeoutError, or it cannot be read.
+        """
+        try:
+            async with asyncio.timeout(self._timeout_s):  # wait_for may ignore that the task is cancelled
+                return await self._services[service.name].call(request)
+        except TimeoutError as exc:
+            raise CobotError(f"{begin} has not answered within {self._timeout_s:g} s") from exc
+        except CobotError as exc:
+            raise CobotError(f"{begin}: {exc}") from exc
+
+
+def _rejection(begin: str, service: DriverIoService, answer: Message) -> str:
+    """The reason why a request was not carried out; "" if it was."""
+    name, done = service.done
+    if answer[name] == done:
+        return ""
+    parts = [f"{name} is {answer[name]}", joined_text(answer.get("message", ""), 200)]
+    return f"{begin} has rejected it; see the driver's log ({': '.join(each for each in parts if each)})"
+
+
+class UrIo(ServiceIo):
+    """An `ArmIo` of the driver of Universal Robots, which publishes the values."""
+
+    def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
+        super().__init__(node, "ur", controller, interfaces, timeout_s)
+        self.values: dict[str, float] = {}
+        self.heard_s = -math.inf
+        node.subscription(f"{controller}/io_states", IO_STATES, self._take, reliable=False)
 
     def _take(self, message: Message) -> None:
         self.values = {
             name: float(each["state"])
-            for kind in UR_KINDS
+            for kind in self._driver.kinds
             for each in message[f"{kind}_states"]
-            if (name := f"{kind}/{each['pin']}") in self._interfaces
+            if (name := f"{kind}/{each['pin']}") in self._places
         }
         self.heard_s = time.monotonic()
-        self.problem = self._sent.explain(self.values, self.heard_s) or self.problem
+        self._problem = self._sent.explain(self.values, self.heard_s) or self._problem
+
+
+class PolledIo(ServiceIo):
+    """An `ArmIo` of a driver whose values must be read again and again.
+
+    If the driver cannot read an output, its value is the one that the driver has last confirmed.
+    """
+
+    def __init__(
+        self, node: DdsNode, driver: str, below: str, interfaces: Collection[str], timeout_s: float
+    ) -> None:
+        super().__init__(node, driver, below, interfaces, timeout_s)
+        self._found: dict[str, tuple[float, float]] = {}
+        self._unread: dict[str, str] = {}
+        groups: dict[str, list[str]] = {}
+        for name, (kind, _) in self._places.items():
+            if kind.read is not None:
+                groups.setdefault(kind.read.name, []).append(name)
+        for names in groups.values():
+            self._start(self._keep_reading(names))
+
+    def set_output(self, interface: str, value: float) -> None:
+        super().set_output(interface, value)
+        if self._places[interface][0].read is None:
+            self._found.pop(interface, None)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values that are not too old."""
+        now_s = time.monotonic()
+        return {name: value for name, (value, at_s) in self._found.items() if now_s - at_s <= MAX_AGE_S}
+
+    @property
+    def heard_s(self) -> float:
+        """Now, because `values` has no old ones."""
+        return time.monotonic()
+
+    @property
+    def problem(self) -> str:
+        return self._problem or next(iter(self._unread.values()), "")
+
+    async def _keep_reading(self, names: list[str]) -> None:
+        """Read interfaces that have one service in common."""
+        service = self._places[names[0]][0].read
+        assert service is not None
+        ready_s = time.monotonic()
+        while True:
+            await asyncio.sleep(READ_S)
+            if self._services[service.name].is_ready:
+                ready_s = time.monotonic()
+                await self._read(service, names)
+            elif time.monotonic() - ready_s > self._timeout_s:
+                begin = self._begin(f"{names[0]} cannot be read", service)
+                self._unread[names[0]] = self._without_server(begin)
+
+    async def _read(self, service: DriverIoService, names: list[str]) -> None:
+        answer: Message | None = None
+        for name in names:
+            number = self._places[name][1]
+            begin = self._begin(f"{name} cannot be read", service)
+            try:
+                if answer is None or service.number:
+                    request = {service.number: number} if service.number else {}
+                    answer = await self._ask(begin, service, request)
+            except CobotError as exc:
+                self._unread[name] = str(exc)
+                return  # the rest of this service would have to wait as long
+            if problem := _rejection(begin, service, answer):
+                self._unread[name] = problem
+                continue
+            listed = [answer[service.value]] if service.number else answer[service.value]
+            place = 0 if service.number else number
+            if place < len(listed):
+                self._found[name] = float(listed[place]), time.monotonic()
+                self._unread.pop(name, None)
+            else:
+                self._unread[name] = f"{begin} has the numbers 0 to {len(listed) - 1}"
+        self._problem = self._sent.explain(self.values, time.monotonic()) or self._problem
+
+    def _confirm(self, interface: str, value: float, sent: SentOutput) -> None:
+        if self._places[interface][0].read is None:
+            self._found[interface] = value, math.inf
+            self._sent.drop(interface, sent)
+
+
+def arm_io(node: DdsNode, driver: str, below: str, interfaces: Collection[str], timeout_s: float) -> ArmIo:
+    """The inputs and outputs of a driver.
+
+    Args:
+        driver: value of `robot.backend.io`.
+        below: the GPIO controller, or what the names of the driver's services begin with.
+    """
+    if driver == "gpio":
+        return GpioIo(node, below, interfaces, timeout_s)
+    if driver == "ur":
+        return UrIo(node, below, interfaces, timeout_s)
+    return PolledIo(node, driver, below, interfaces, timeout_s)

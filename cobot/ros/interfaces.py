@@ -31,6 +31,8 @@ _CLAIMS = (
 )
 _EXPORTED = "string[] exported_state_interfaces\n"
 _CHAIN = "string[] reference_interfaces\nChainConnection[] chain_connections\n"
+_DSR_READ = "int8 index\n---\nint8 value\nbool success\n"
+_DSR_SET = "int8 index\nint8 value\n---\nbool success\n"
 STANDARD = {
     "action_msgs/srv/CancelGoal": (
         "action_msgs/GoalInfo goal_info\n---\n"
@@ -84,11 +86,24 @@ STANDARD = {
         "int32 BEST_EFFORT=1\nint32 STRICT=2\nint32 strictness\n"
         "bool activate_asap\nbuiltin_interfaces/Duration timeout\n---\nbool ok\nstring message\n"
     ),
+    "dsr_msgs2/srv/GetCtrlBoxAnalogInput": "int8 channel\n---\nfloat64 value\nbool success\n",
+    "dsr_msgs2/srv/GetCtrlBoxDigitalInput": _DSR_READ,
+    "dsr_msgs2/srv/GetCtrlBoxDigitalOutput": _DSR_READ,
+    "dsr_msgs2/srv/GetToolDigitalInput": _DSR_READ,
+    "dsr_msgs2/srv/GetToolDigitalOutput": _DSR_READ,
+    "dsr_msgs2/srv/SetCtrlBoxDigitalOutput": _DSR_SET,
+    "dsr_msgs2/srv/SetToolDigitalOutput": _DSR_SET,
     "lifecycle_msgs/srv/ChangeState": "lifecycle_msgs/Transition transition\n---\nbool success\n",
     "lifecycle_msgs/srv/GetState": "---\nlifecycle_msgs/State current_state\n",
     "lifecycle_msgs/srv/GetAvailableStates": "---\nlifecycle_msgs/State[] available_states\n",
     "lifecycle_msgs/srv/GetAvailableTransitions": (
         "---\nlifecycle_msgs/TransitionDescription[] available_transitions\n"
+    ),
+    "motoros2_interfaces/srv/ReadSingleIO": (
+        "uint32 address\n---\nuint32 result_code\nstring message\nbool success\nint32 value\n"
+    ),
+    "motoros2_interfaces/srv/WriteSingleIO": (
+        "uint32 address\nint32 value\n---\nuint32 result_code\nstring message\nbool success\n"
     ),
     "rcl_interfaces/srv/DescribeParameters": (
         "string[] names\n---\nrcl_interfaces/ParameterDescriptor[] descriptors\n"
@@ -115,6 +130,12 @@ STANDARD = {
     "ur_msgs/srv/SetIO": "int8 fun\nint8 pin\nfloat32 state\n---\nbool success\n",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
+    "xarm_msgs/srv/GetAnalogIO": "int16 ionum\n---\nint16 ret\nstring message\nfloat32 data\n",
+    "xarm_msgs/srv/GetDigitalIO": "---\nint16 ret\nstring message\nint16[] digitals\n",
+    "xarm_msgs/srv/SetDigitalIO": (
+        "int16 ionum\nint16 value\nfloat32 delay_sec 0\nfloat32[] xyz\nfloat32 tol_r\n"
+        "---\nint16 ret\nstring message\n"
+    ),
 }
 DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
 """Standard messages with defaults other than zero."""

@@ -82,6 +82,29 @@ CONTROLLER_STATE = (
     )
 )
 """The fields of control_msgs/msg/JointTrajectoryControllerState in Jazzy."""
+IO_OF_DRIVERS = {
+    "motoros2_interfaces": {
+        "motoros2_interfaces/srv/ReadSingleIO": (
+            "uint32 address\n---\nuint32 result_code\nstring message\nbool success\nint32 value\n"
+        ),
+        "motoros2_interfaces/srv/WriteSingleIO": (
+            "uint32 address\nint32 value\n---\nuint32 result_code\nstring message\nbool success\n"
+        ),
+    },
+    "xarm_msgs": {
+        "xarm_msgs/srv/GetDigitalIO": "---\nint16 ret\nstring message\nint16[] digitals\n",
+        "xarm_msgs/srv/SetDigitalIO": (
+            "int16 ionum\nint16 value\nfloat32 delay_sec 0\nfloat32[] xyz\nfloat32 tol_r\n"
+            "---\nint16 ret\nstring message\n"
+        ),
+    },
+    "dsr_msgs2": {
+        "dsr_msgs2/srv/GetCtrlBoxDigitalInput": "int8 index\n---\nint8 value\nbool success\n",
+        "dsr_msgs2/srv/GetCtrlBoxDigitalOutput": "int8 index\n---\nint8 value\nbool success\n",
+        "dsr_msgs2/srv/SetCtrlBoxDigitalOutput": "int8 index\nint8 value\n---\nbool success\n",
+    },
+}
+"""The fields of these services as the drivers publish them; only those for which the double has servers."""
 ALL_GENERATORS = "find_package(rosidl_default_generators REQUIRED)\n"
 Packages = Mapping[str, Mapping[str, str]]
 """The files of packages: by the package's name, then by the path in its folder."""
@@ -163,6 +186,7 @@ def controller_packages() -> dict[str, dict[str, str]]:
         "control_msgs": interface_package("control_msgs", control, *needed),
         "controller_manager_msgs": made,
         "ur_msgs": interface_package("ur_msgs", of_ur),
+        **{name: interface_package(name, texts) for name, texts in IO_OF_DRIVERS.items()},
     }
 
 

@@ -66,10 +66,10 @@ class ControllerClient:
         self._link.set_output(self._gpio.place_of(name), value)
 
     def _look_at_facts(self) -> Facts:
-        """Get the facts, and log an output that was not set, or was set late."""
+        """Get the facts, and log outputs that were not set or set late, and inputs that cannot be read."""
         before, self._facts = self._facts, self._link.facts()
         if (problem := self._facts.gpio_problem) and problem != before.gpio_problem:
-            log.warning("an output of the device: %s", problem)
+            log.warning("inputs and outputs of the device: %s", problem)
         return self._facts
 
     def _full_speed(self, scaling: float) -> float:

@@ -1,16 +1,14 @@
-"""Inputs and outputs of a GPIO controller, by the names in the settings."""
+"""Inputs and outputs of a driver, by the names in the settings."""
 
 from __future__ import annotations
 
 import math
 
 from cobot.robot.io_points import IoKind, IoPoint
+from cobot.ros.driver_io import MAX_AGE_S
 from rtloop.backends.protocols import BackendError
 from rtloop.backends.ros2_control.link import Facts
 from rtloop.backends.ros2_control.options import Ros2ControlOptions
-
-OLD_S = 1.0
-"""Maximum age of the values of inputs and outputs, s. Older ones are reported as unknown."""
 
 
 class GpioPoints:
@@ -25,7 +23,7 @@ class GpioPoints:
 
     def points(self, facts: Facts) -> list[IoPoint]:
         """All points with their last values; not a number while the controller does not report them."""
-        is_old = facts.gpio_age_s is None or facts.gpio_age_s > OLD_S
+        is_old = facts.gpio_age_s is None or facts.gpio_age_s > MAX_AGE_S
         named = {name: (place, False) for name, place in self._options.inputs.items()}
         named |= {name: (place, True) for name, place in self._options.outputs.items()}
         return [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from cobot.config import RosSection, Settings
 from cobot.errors import ConfigError
+from cobot.ros.driver_io import DRIVERS, DriverIo
 from cobot.types import JointLimits
 from rtloop.backends.protocols import BackendOptions
 
@@ -21,9 +21,8 @@ IoName = Annotated[str, Field(pattern=r"^[^/\x00-\x1f]{1,60}$")]
 Interface = Annotated[str, Field(pattern=r"^[^\s/]+(/[^\s/]+)+$", max_length=200)]
 """Name of a GPIO and of its interface: GPIO/INTERFACE."""
 MAX_IO = 64
-UR_PLACE = re.compile(r"digital_(in|out)/([0-9]|1[0-7])|analog_in/[0-3]")
-CONTROLLERS = {"gpio": "gpio_command_controller", "ur": "io_and_status_controller"}
-"""Default of `gpio_controller` for each kind of `io`."""
+CONTROLLER = "gpio_command_controller"
+"""Default of `gpio_controller` for a GPIO controller."""
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -52,11 +51,12 @@ class Ros2ControlOptions(BackendOptions):
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
         speed_scaling_full: value of the speed slider at full speed; None: 100 after a value above 1 was seen,
             else 1, because drivers differ.
-        io: what has the inputs and outputs: a GPIO controller of ros2_controllers, or the driver of Universal
-            Robots with its own topic and service.
-        gpio_controller: name of that controller; None: the usual one.
-        inputs, outputs: interfaces of that controller by the names that cobot gives them: GPIO/INTERFACE, or
-            those of `cobot.dds.arm_io`.
+        io: what has the inputs and outputs: a GPIO controller of ros2_controllers, or a driver with services
+            of its own.
+        gpio_controller: name of that controller, or what the names of these services begin with; None: the
+            usual one.
+        inputs, outputs: interfaces by the names that cobot gives them: GPIO/INTERFACE, or those of
+            `cobot.ros.driver_io`.
         analog: names of inputs and outputs whose values are numbers; the others are true or false.
     """
 
@@ -80,7 +80,7 @@ class Ros2ControlOptions(BackendOptions):
     connect_s: Seconds = 5.0
     speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
     speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    io: Literal["gpio", "ur"] = "gpio"
+    io: Literal["gpio", "ur", "motoros2", "xarm", "doosan"] = "gpio"
     gpio_controller: Relative | None = None
     inputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
     outputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
@@ -92,16 +92,25 @@ class Ros2ControlOptions(BackendOptions):
             raise ValueError(f"{both[0]!r} is an input and an output, names must differ")
         if unknown := sorted(set(self.analog) - set(self.inputs) - set(self.outputs)):
             raise ValueError(f"analog: {unknown[0]!r} is neither in inputs nor in outputs")
-        places = {**self.inputs, **self.outputs}
-        for name, place in places.items() if self.io == "ur" else ():
-            if UR_PLACE.fullmatch(place) is None or (
-                name in self.outputs and not place.startswith("digital_out")
-            ):
-                raise ValueError(
-                    f"{name!r} is {place}; with io: ur valid are digital_in/0 to 17, digital_out/0 to 17, "
-                    "analog_in/0 to 3, and for outputs digital_out only"
-                )
+        if self.io != "gpio":
+            self._check_driver(DRIVERS[self.io])
         return self
+
+    def _check_driver(self, driver: DriverIo) -> None:
+        for name, place in {**self.inputs, **self.outputs}.items():
+            kind = driver.kind(place)
+            if kind is None or (name in self.outputs and not driver.can_set(place)):
+                raise ValueError(f"{name!r} is {place}; with io: {self.io} valid are {driver.valid()}")
+            if kind[0].is_analog != (name in self.analog):
+                what = "a number, add it to" if kind[0].is_analog else "true or false, remove it from"
+                raise ValueError(f"{name!r} is {place}, whose value is {what} analog")
+
+    @property
+    def io_names_begin(self) -> str:
+        """The whole name of the GPIO controller, or what the names of the driver's services begin with."""
+        usual = CONTROLLER if self.io == "gpio" else DRIVERS[self.io].below
+        name = self.gpio_controller or usual
+        return self.namespace if name is None else self.below(name)
 
     def below(self, name: str) -> str:
         """Put a name below the namespace, unless it begins with a slash."""
@@ -154,7 +163,7 @@ def client_settings(options: Ros2ControlOptions, settings: Settings, names: list
         "speed_scaling": options.below(options.speed_scaling),
         "gpio": {
             "driver": options.io,
-            "controller": options.below(options.gpio_controller or CONTROLLERS[options.io]),
+            "controller": options.io_names_begin,
             "interfaces": sorted({*options.inputs.values(), *options.outputs.values()}),
         },
         "answer_timeout_s": options.answer_timeout_s,

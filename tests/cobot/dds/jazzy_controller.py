@@ -11,9 +11,10 @@ Usage: jazzy_controller.py JOINT... . Each line of standard input is one of
     replace         another goal replaces the current one
     speed SHARE     of the speed slider
     forward         the forward command controller is active instead
-    refuse_io       sets no output of the driver of Universal Robots
+    refuse_io       the services of the drivers set no output
     silent_io       does not answer a request for an output until the next mode
     ur_io           tells its outputs, as JSON
+    driver_io       tells the signals of the services of other drivers, as JSON
     gpio            tells the values of the GPIO controller, as JSON
     seen            tells the number of points, the first and last time and the tolerances of the newest goal,
                     and where the arm is, as JSON
@@ -33,6 +34,8 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue, JointTrajectoryControllerState
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers
+from dsr_msgs2.srv import GetCtrlBoxDigitalInput, GetCtrlBoxDigitalOutput, SetCtrlBoxDigitalOutput
+from motoros2_interfaces.srv import ReadSingleIO, WriteSingleIO
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -42,6 +45,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from ur_msgs.msg import Analog, Digital, IOStates
 from ur_msgs.srv import SetIO
+from xarm_msgs.srv import GetDigitalIO, SetDigitalIO
 
 PERIOD_S, FEEDBACK_S, SLIDER_S, LATE_S = 0.004, 0.05, 0.1, 4.0
 AHEAD_S = int(time.time()) + 18_000
@@ -121,6 +125,21 @@ class Controllers(Node):
         self.ur_outputs: dict[int, bool] = dict.fromkeys(range(18), False)
         self.ur_states = self.create_publisher(IOStates, f"{UR_IO}/io_states", 10)
         self.create_service(SetIO, f"{UR_IO}/set_io", self.set_io, callback_group=group)
+        self.signals = {
+            "motoros2": {"20": 1, "10010": 0},
+            "xarm": {"in 8": 1, "out 3": 0},
+            "doosan": {"in 2": 1, "out 1": 0},
+        }
+        for type_, name, answer in (
+            (ReadSingleIO, "read_single_io", self.read_motoros2),
+            (WriteSingleIO, "write_single_io", self.write_motoros2),
+            (GetDigitalIO, "xarm/get_cgpio_digital", self.read_xarm),
+            (SetDigitalIO, "xarm/set_cgpio_digital", self.write_xarm),
+            (GetCtrlBoxDigitalInput, "io/get_ctrl_box_digital_input", self.read_doosan),
+            (GetCtrlBoxDigitalOutput, "io/get_ctrl_box_digital_output", self.read_doosan),
+            (SetCtrlBoxDigitalOutput, "io/set_ctrl_box_digital_output", self.write_doosan),
+        ):
+            self.create_service(type_, name, answer, callback_group=group)
         self.create_service(
             ListControllers, "controller_manager/list_controllers", self.list, callback_group=group
         )
@@ -300,6 +319,48 @@ class Controllers(Node):
             self.ur_outputs[request.pin] = request.state != 0.0
         return response
 
+    # Services of other drivers, as their published definitions and code say
+
+    def read_motoros2(self, request: Any, response: Any) -> Any:
+        value = self.signals["motoros2"].get(str(request.address))
+        response.success, response.value = value is not None, value or 0
+        if value is None:
+            response.result_code, response.message = 1001, "Address cannot be read from"
+        return response
+
+    def write_motoros2(self, request: Any, response: Any) -> Any:
+        response.success = self._write("motoros2", str(request.address), request.value)
+        response.result_code = 0 if response.success else 1005
+        return response
+
+    def read_xarm(self, request: Any, response: Any) -> Any:
+        response.digitals = [self.signals["xarm"].get(f"in {number}", 0) for number in range(16)]
+        return response
+
+    def write_xarm(self, request: Any, response: Any) -> Any:
+        is_now = request.delay_sec == 0.0 and not request.xyz
+        done = is_now and self._write("xarm", f"out {request.ionum}", request.value)
+        response.ret = 0 if done else 9
+        return response
+
+    def read_doosan(self, request: Any, response: Any) -> Any:
+        side = "in" if isinstance(response, GetCtrlBoxDigitalInput.Response) else "out"
+        response.success = 1 <= request.index <= 16
+        response.value = self.signals["doosan"].get(f"{side} {request.index}", 0)
+        return response
+
+    def write_doosan(self, request: Any, response: Any) -> Any:
+        response.success = self._write("doosan", f"out {request.index}", request.value)
+        return response
+
+    def _write(self, driver: str, signal: str, value: int) -> bool:
+        while self.mode == "silent_io":
+            time.sleep(0.01)
+        done = self.mode != "refuse_io" and signal in self.signals[driver] and value in (0, 1)
+        if done:
+            self.signals[driver][signal] = value
+        return done
+
     def command_gpio(self, message: Any) -> None:
         for group, each in zip(message.interface_groups, message.interface_values):  # noqa: B905
             self.gpio[group] |= dict(zip(each.interface_names, each.values))  # noqa: B905
@@ -336,6 +397,8 @@ class Controllers(Node):
                 self.speed = float(rest[0])
             elif word == "ur_io":
                 answer = json.dumps([pin for pin, on in self.ur_outputs.items() if on])
+            elif word == "driver_io":
+                answer = json.dumps(self.signals)
             elif word == "gpio":
                 answer = json.dumps(self.gpio)
             elif word == "seen":

@@ -1,6 +1,7 @@
-"""Outputs of the driver of Universal Robots beside a service of the test, and of a GPIO controller.
+"""Inputs and outputs of drivers beside services of the test, and outputs of a GPIO controller.
 
-Oracle: the definition of ur_msgs/srv/SetIO, the clock of the event loop, and the messages that are sent.
+Oracle: the published definitions of the services, the clock of the event loop, and the messages that are
+sent. rclpy's services are in tests/e2e/realtime/test_ros2_control.py.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from typing import Any
 import pytest
 
 from cobot.dds import arm_io
-from cobot.dds.arm_io import SET_DIGITAL_OUT, GpioIo, UrIo
+from cobot.dds.arm_io import GpioIo, PolledIo, UrIo
 from cobot.dds.gpio_values import message_of, values_of
 from cobot.dds.node import Message
 from cobot.errors import CobotError, InputError
+from cobot.ros.driver_io import DRIVERS
+from cobot.ros.messages import Messages
 
 TIMEOUT_S = 0.05
 Answer = Callable[[Message], Awaitable[Message]]
@@ -73,9 +76,9 @@ def test_a_driver_that_does_not_set_an_output_delays_no_other_request(
         made.set_output("digital_out/8", 0.0)
         made.set_output("digital_out/16", 1.0)
         assert made.problem == ""
-        await asyncio.gather(*made._calls)
+        await asyncio.gather(*made._tasks)
         assert [(each["pin"], each["state"]) for each in asked] == [(8, 0.0), (16, 1.0)]
-        assert {each["fun"] for each in asked} == {SET_DIGITAL_OUT}
+        assert {each["fun"] for each in asked} == {1}
         assert made.problem.startswith(problem)
         made.set_output("digital_out/8", 0.0)
         assert made.problem == "", "the failure of an earlier output is not that of this one"
@@ -87,7 +90,7 @@ def test_an_output_without_a_service_is_rejected_at_once(
     driver: Callable[[Answer], tuple[UrIo, list[Message]]],
 ) -> None:
     made, asked = driver(silent)
-    made._service.is_ready = False  # type: ignore[misc]
+    made._services["set_io"].is_ready = False  # type: ignore[misc]
     with pytest.raises(CobotError, match="/io/set_io has no server; start the driver's io_and_status"):
         made.set_output("digital_out/8", 1.0)
     assert asked == []
@@ -123,3 +126,226 @@ def test_an_output_that_was_not_set_in_time_is_not_sent_with_another_one(
     now_s[0] = 12.5
     made.set_output("tool/valve", 0.0)
     assert sent[-1] == {"tool/lamp": 1.0, "tool/valve": 0.0}
+
+
+class Driver:
+    """The signals of a controller, and the services of its driver."""
+
+    def __init__(self, signals: dict[tuple[str, int], float]) -> None:
+        self.signals = signals
+        self.asked: list[tuple[str, Message]] = []
+        self.hangs = self.refuses = self.is_away = False
+
+    async def answer(self, name: str, type_: str, request: Message) -> Message:
+        answer: Message
+        self.asked.append((name, request))
+        if self.hangs:
+            await asyncio.Event().wait()
+        short = type_.rpartition("/")[2]
+        if type_.startswith("motoros2"):
+            place = "io", request["address"]
+            done = not self.refuses and place in self.signals
+            if done and short == "WriteSingleIO":
+                self.signals[place] = request["value"]
+            answer = {"success": done, "message": "Success" if done else "Address cannot be read from"}
+            return answer | ({"value": self.signals.get(place, 0)} if short == "ReadSingleIO" else {})
+        if type_.startswith("dsr_msgs2"):
+            kind = name.partition("_")[2]
+            place = kind, request["index"] if "index" in request else request["channel"]
+            if short.startswith("Set") and not self.refuses:
+                self.signals[place] = request["value"]
+            answer = {"success": not self.refuses}
+            return answer | ({} if short.startswith("Set") else {"value": self.signals.get(place, 0)})
+        if short == "SetDigitalIO":
+            return {"ret": 9 if self.refuses else 0, "message": f"ionum={request['ionum']}"}
+        if short == "GetAnalogIO":
+            return {"ret": 0, "message": "", "data": self.signals[name, request["ionum"]]}
+        digitals = [int(self.signals.get((name, number), 0)) for number in range(16)]
+        return {"ret": 0, "message": "", "digitals": digitals}
+
+
+@pytest.fixture
+def polled(monkeypatch: pytest.MonkeyPatch) -> Callable[..., PolledIo]:
+    """Makes a `PolledIo` beside a `Driver`, whose messages pass through CDR."""
+    messages = Messages()
+    monkeypatch.setattr(arm_io, "READ_S", 0.001)
+
+    def made(driver: Driver, name: str, *interfaces: str) -> PolledIo:
+        class Service:
+            def __init__(self, node: object, name: str, type_: str, **_: object) -> None:
+                self._name, self._type = name.rpartition("/")[2], type_
+
+            @property
+            def is_ready(self) -> bool:
+                return not driver.is_away
+
+            async def call(self, request: Message) -> Message:
+                sent = messages.from_cdr(
+                    f"{self._type}_Request", messages.to_cdr(f"{self._type}_Request", request)
+                )
+                answer = await driver.answer(self._name, self._type, sent)
+                packed = messages.to_cdr(f"{self._type}_Response", answer)
+                return messages.from_cdr(f"{self._type}_Response", packed)
+
+        monkeypatch.setattr(arm_io, "ServiceCaller", Service)
+        node: Any = None
+        return PolledIo(node, name, "/arm", interfaces, TIMEOUT_S)
+
+    return made
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(10.0):
+        while not condition():
+            await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize(
+    ("name", "signals", "expected", "output", "request_", "place"),
+    [
+        (
+            "motoros2",
+            {("io", 20): 1, ("io", 10010): 0},
+            {"io/20": 1.0, "io/10010": 0.0},
+            "io/10010",
+            ("write_single_io", {"address": 10010, "value": 1}),
+            ("io", 10010),
+        ),
+        (
+            "doosan",
+            {
+                ("ctrl_box_digital_input", 2): 1,
+                ("ctrl_box_analog_input", 1): 2.5,
+                ("tool_digital_output", 6): 0,
+            },
+            {"digital_in/2": 1.0, "digital_in/1": 0.0, "analog_in/1": 2.5, "tool_digital_out/6": 0.0},
+            "tool_digital_out/6",
+            ("set_tool_digital_output", {"index": 6, "value": 1}),
+            ("tool_digital_output", 6),
+        ),
+    ],
+)
+def test_a_driver_is_asked_for_its_inputs_and_outputs(
+    polled: Callable[..., PolledIo],
+    name: str,
+    signals: dict[tuple[str, int], float],
+    expected: dict[str, float],
+    output: str,
+    request_: tuple[str, Message],
+    place: tuple[str, int],
+) -> None:
+    async def run() -> None:
+        driver = Driver(signals)
+        made = polled(driver, name, *expected)
+        await until(lambda: made.values == expected)
+        made.set_output(output, 1.0)
+        await until(lambda: made.values == expected | {output: 1.0})
+        assert request_ in driver.asked
+        assert driver.signals[place] == 1
+        assert made.problem == ""
+
+    asyncio.run(run())
+
+
+def test_outputs_that_a_driver_cannot_read_are_those_that_it_has_confirmed(
+    polled: Callable[..., PolledIo],
+) -> None:
+    async def run() -> None:
+        driver = Driver({("get_cgpio_digital", 8): 1, ("get_tgpio_analog", 1): 3.25})
+        made = polled(
+            driver, "xarm", "digital_in/8", "tool_analog_in/1", "digital_out/3", "tool_digital_out/1"
+        )
+        here = {"digital_in/8": 1.0, "tool_analog_in/1": 3.25}
+        await until(lambda: made.values == here)
+        made.set_output("digital_out/3", 1.0)
+        made.set_output("tool_digital_out/1", 0.0)
+        await until(lambda: made.values == here | {"digital_out/3": 1.0, "tool_digital_out/1": 0.0})
+        sent = [(name, request) for name, request in driver.asked if name.startswith("set")]
+        assert [(name, each["ionum"], each["value"]) for name, each in sent] == [
+            ("set_cgpio_digital", 3, 1),
+            ("set_tgpio_digital", 1, 0),
+        ]
+        assert {each["delay_sec"] for _, each in sent} == {0.0}, "the output is set at once"
+        driver.refuses = True
+        made.set_output("digital_out/3", 0.0)
+        await until(lambda: made.problem != "")
+        assert made.problem == (
+            "digital_out/3 cannot be set: the service /arm/set_cgpio_digital has rejected it; see the "
+            "driver's log (ret is 9: ionum=3)"
+        )
+        assert "digital_out/3" not in made.values
+
+    asyncio.run(run())
+
+
+def test_a_number_that_the_controller_does_not_have_is_unknown_and_named(
+    polled: Callable[..., PolledIo],
+) -> None:
+    async def run() -> None:
+        driver = Driver({("io", 20): 1})
+        made = polled(driver, "motoros2", "io/19", "io/20")
+        await until(lambda: made.values == {"io/20": 1.0} and made.problem != "")
+        assert made.problem == (
+            "io/19 cannot be read: the service /arm/read_single_io has rejected it; see the driver's log "
+            "(success is False: Address cannot be read from)"
+        )
+        driver.signals["io", 19] = 1
+        await until(lambda: made.values == {"io/19": 1.0, "io/20": 1.0} and made.problem == "")
+
+    asyncio.run(run())
+
+
+def test_values_of_a_driver_that_hangs_are_unknown(
+    polled: Callable[..., PolledIo], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And an output is not confirmed; the request itself returns at once."""
+    monkeypatch.setattr(arm_io, "MAX_AGE_S", 0.03)
+
+    async def run() -> None:
+        driver = Driver({("ctrl_box_digital_input", 1): 1, ("ctrl_box_digital_output", 1): 0})
+        made = polled(driver, "doosan", "digital_in/1", "digital_out/1")
+        await until(lambda: len(made.values) == 2)
+        driver.hangs = True
+        made.set_output("digital_out/1", 1.0)
+        await until(lambda: made.values == {})
+        await until(lambda: "digital_out/1 cannot be set" in made.problem)
+        assert made.problem.endswith("/arm/set_ctrl_box_digital_output has not answered within 0.05 s")
+        driver.hangs = False
+        driver.signals["ctrl_box_digital_output", 1] = 1
+        await until(lambda: made.values == {"digital_in/1": 1.0, "digital_out/1": 1.0})
+        await until(lambda: "the device has carried it out late" in made.problem)
+
+    asyncio.run(run())
+
+
+def test_a_service_that_is_not_there_is_named_with_what_to_do(polled: Callable[..., PolledIo]) -> None:
+    async def run() -> None:
+        driver = Driver({})
+        driver.is_away = True
+        made = polled(driver, "xarm", "digital_in/0", "digital_out/0")
+        with pytest.raises(CobotError, match="/arm/set_cgpio_digital has no server; set it to true in"):
+            made.set_output("digital_out/0", 1.0)
+        assert made.problem == "", "services may be discovered later than the controllers"
+        await until(lambda: "digital_in/0 cannot be read" in made.problem)
+        assert "/arm/get_cgpio_digital has no server; set it to true in the" in made.problem
+        assert driver.asked == []
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_each_service_of_a_driver_has_a_definition_with_its_fields(driver: str) -> None:
+    messages = Messages()
+    for kind in DRIVERS[driver].kinds.values():
+        for service in (kind.read, kind.write):
+            if service is None:
+                continue
+            request = messages.from_cdr(
+                f"{service.type}_Request", messages.to_cdr(f"{service.type}_Request", {})
+            )
+            answer = messages.from_cdr(
+                f"{service.type}_Response", messages.to_cdr(f"{service.type}_Response", {})
+            )
+            assert {*service.fixed, service.number} - {""} <= set(request)
+            assert service.value in (request if service is kind.write else answer)
+            assert service.done[0] in answer

@@ -369,6 +369,59 @@ def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) ->
         made.close()
 
 
+@pytest.mark.parametrize(
+    ("driver", "inputs", "output", "signal"),
+    [
+        ("motoros2", {"there": "io/20", "unknown": "io/21"}, "io/10010", "10010"),
+        ("xarm", {"there": "digital_in/8", "off": "digital_in/0"}, "digital_out/3", "out 3"),
+        ("doosan", {"there": "digital_in/2", "off": "digital_in/1"}, "digital_out/1", "out 1"),
+    ],
+)
+def test_inputs_and_outputs_of_drivers_with_services(
+    double: Double, driver: str, inputs: dict[str, str], output: str, signal: str
+) -> None:
+    """Oracle: the values that rclpy's node has, whose services have the published definitions."""
+    double.be("good")
+    options: dict[str, Any] = {"io": driver, "inputs": inputs, "outputs": {"suction": output}}
+    made = double.arm(connect_s=20.0, answer_timeout_s=3.0, **options)
+    made.open(np.zeros(7))
+
+    def points() -> dict[str, Any]:
+        measured(made)
+        return {each.name: each.shown for each in made.io()}
+
+    def set_when_there(value: float) -> bool:
+        try:
+            made.set_output("suction", value)
+        except BackendError as exc:
+            return "has no server" not in str(exc)
+        return True
+
+    expected = {"there": True} | ({"unknown": None} if driver == "motoros2" else {"off": False})
+    try:
+        until(lambda: set_when_there(1.0))
+        until(lambda: points() == expected | {"suction": True})
+        assert json.loads(double.be("driver_io"))[driver][signal] == 1
+        if driver == "motoros2":
+            assert "io/21 cannot be read: the service /left/read_single_io" in made.status().text
+            assert "Address cannot be read from" in made.status().text
+        double.be("refuse_io")
+        made.set_output("suction", 0.0)
+        until(lambda: bool(points()) and "has rejected it" in made._facts.gpio_problem)
+        double.be("silent_io")
+        begun_s = time.monotonic()
+        made.set_output("suction", 0.0)
+        made.stop()
+        assert time.monotonic() - begun_s < 2.0, "a stop does not wait for the answer, which takes 3 s"
+        until(lambda: bool(points()) and "has not answered within 3 s" in made._facts.gpio_problem)
+        double.be("good")
+        until(lambda: set_when_there(0.0))
+        until(lambda: points() == expected | {"suction": False})
+    finally:
+        double.be("good")
+        made.close()
+
+
 def test_outputs_of_a_controller_that_is_not_there_are_named(double: Double) -> None:
     double.be("good")
     made = double.arm(connect_s=20.0, gpio_controller="other", outputs={"suction": "tool/vacuum"})

@@ -20,6 +20,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ros2_control import Ros2ControlArm, words
 from rtloop.backends.ros2_control.link import Facts, GoalFacts, facts_of
+from rtloop.backends.ros2_control.options import Ros2ControlOptions
 from rtloop.backends.ros2_control.path import PathProgress, resampled
 from rtloop.backends.ros2_control.rig import RigLink, Ros2ControlRig
 
@@ -163,13 +164,43 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
         ({"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}}, "'a' is an input and an output"),
         ({"io": "ur", "inputs": {"a": "digital_in/18"}}, "'a' is digital_in/18; with io: ur valid are"),
         ({"io": "ur", "outputs": {"a": "digital_in/1"}}, "'a' is digital_in/1; with io: ur valid are"),
-        ({"io": "ur", "outputs": {"a": "analog_out/0"}}, "and for outputs digital_out only"),
+        ({"io": "ur", "outputs": {"a": "analog_out/0"}}, "for outputs digital_out/0 to 17 only"),
+        ({"io": "ur", "inputs": {"a": "analog_in/0"}}, "value is a number, add it to analog"),
+        (
+            {"io": "ur", "outputs": {"a": "digital_out/0"}, "analog": ["a"]},
+            "value is true or false, remove it from analog",
+        ),
+        ({"io": "motoros2", "outputs": {"a": "io/10009"}}, "io/10 to 99999; for outputs io/10010 to 29999"),
+        ({"io": "xarm", "inputs": {"a": "digital_in/16"}}, "digital_in/0 to 15, digital_out/0 to 15, "),
+        ({"io": "xarm", "inputs": {"a": "digital_in/03"}}, "'a' is digital_in/03; with io: xarm valid are"),
+        ({"io": "doosan", "outputs": {"a": "digital_out/0"}}, "'a' is digital_out/0; .*digital_out/1 to 16"),
+        (
+            {"io": "doosan", "outputs": {"a": "tool_digital_in/1"}},
+            "for outputs digital_out/1 to 16, tool",
+        ),
+        ({"io": "abb"}, "robot.backend.io"),
         ({"analog": ["a"]}, "'a' is neither in inputs nor in outputs"),
     ],
 )
 def test_options_that_cannot_be_right(limits: JointLimits, options: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         Ros2ControlArm(settings_with(**options), limits)
+
+
+@pytest.mark.parametrize(
+    ("options", "begin"),
+    [
+        ({}, "/left/gpio_command_controller"),
+        ({"io": "ur"}, "/left/io_and_status_controller"),
+        ({"io": "motoros2"}, "/left"),
+        ({"io": "xarm"}, "/left/xarm"),
+        ({"io": "xarm", "gpio_controller": "/ufactory"}, "/ufactory"),
+        ({"io": "doosan"}, "/left/io"),
+    ],
+)
+def test_the_services_of_a_driver_are_below_its_name(options: dict[str, Any], begin: str) -> None:
+    made = Ros2ControlOptions(namespace="/left", **options)
+    assert made.io_names_begin == begin
 
 
 def test_the_answers_of_the_process_are_read() -> None:
@@ -254,5 +285,5 @@ def test_an_output_that_the_driver_has_not_set_is_logged_once(
     for _ in range(3):
         arm.state(Measured(7))
     assert [each.getMessage() for each in caplog.records] == [
-        "an output of the device: set_io has rejected it"
+        "inputs and outputs of the device: set_io has rejected it"
     ]
