@@ -1,6 +1,6 @@
--- Tells ROS 2 where the arm is, and asks it for a name to greet. Start `make run` in another terminal, then:
+-- Publishes a joint position in ROS 2, and waits for a name from there. Start `make run` in another terminal, then:
 --     .venv/bin/cobot lua examples/hello.lua
--- Meanwhile, from any ROS 2 node or rosbridge client: publish a std_msgs/msg/String on /demo/name.
+-- Then publish a std_msgs/msg/String on /demo/name, with any ROS 2 node or rosbridge client.
 local ros = require("ros_bind")
 local names = ros.ros_subscriber_factory("/demo/name", "std_msgs/msg/String")
 local joint4 = ros.ros_publisher_factory("/demo/joint4", "std_msgs/msg/Float64")

@@ -1,9 +1,9 @@
-"""An arm as a robot of LeRobot: it is observed, and it acts. Start `make run` in another terminal, then, with
-LeRobot in this environment (or with the Python of the one that it is in):
+"""An arm as a robot of LeRobot: read observations, and send actions. Start `make run` in another terminal.
+Then run this with the Python in which LeRobot is installed:
 
     .venv/bin/python examples/lerobot_arm.py
 
-or with a number of seconds. It needs the packages of its error message, which bring LeRobot and PyTorch.
+The duration in seconds is an optional argument. If packages are missing, the error message names them.
 """
 
 from __future__ import annotations
@@ -37,4 +37,4 @@ try:
 except ConnectionError as exc:  # LeRobot's DeviceNotConnectedError is one
     sys.exit(f"lerobot_arm.py: {exc}")
 finally:
-    arm.disconnect()  # the arm comes to rest
+    arm.disconnect()  # the arm stops

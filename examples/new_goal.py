@@ -1,4 +1,4 @@
-"""Lead a running motion to another goal, without a stop.
+"""Give a running motion another goal, without a stop.
 
 Start `make run` in another terminal, then:
 
@@ -14,7 +14,7 @@ from cobot.client import Client
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 TARGETS = (1.0, -0.6, 0.3)
-"""Where joint 1 is to go, rad; the target moves while the arm is on its way."""
+"""Goals of joint 1, rad. Each one replaces the previous goal while the arm moves."""
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)

@@ -1,8 +1,8 @@
-"""A policy that an openpi server computes moves the arm. Start `make run` in another terminal, then:
+"""Move the arm with a policy that runs on an openpi server. Start `make run` in another terminal, then:
 
     .venv/bin/python examples/openpi_policy.py HOST:PORT [SECONDS]
 
-From another computer, with COBOT_ROBOT=http://HOST:8007. It needs `pip install 'cobot[learning]'`.
+On another computer, set COBOT_ROBOT=http://HOST:8007. This example needs `pip install 'cobot[learning]'`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from cobot.errors import CobotError
 from cobot.learning.openpi import PolicyConnection
 from cobot.learning.policy import PolicyRunner, state_observer
 
-PERIOD_S = 1 / 30  # of the actions of a chunk: as the policy was trained
+PERIOD_S = 1 / 30  # period of the actions in a chunk, as in the training of the policy
 
 parser = argparse.ArgumentParser()
-parser.add_argument("address", metavar="HOST:PORT", help="of the policy's server")
+parser.add_argument("address", metavar="HOST:PORT", help="address of the openpi server")
 parser.add_argument("seconds", metavar="SECONDS", type=float, nargs="?", default=10.0)
 chosen = parser.parse_args()
 name = os.environ.get("COBOT_ROBOT", "iiwa")

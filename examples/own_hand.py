@@ -1,5 +1,5 @@
-"""A device of yours moves the arm by hand. This one draws a small square with the TCP; yours asks a joystick,
-a tracker, a glove. While it holds nothing, or is gone, the arm is at rest.
+"""Move the arm by hand with your own device, such as a joystick, a tracker or a glove. The device of this
+example draws a small square with the TCP. While the device gives no velocity, the arm stands still.
 
 Start `make run` in another terminal, then:
 
@@ -30,7 +30,7 @@ class Square:
         self._begun_s = SYSTEM.now_s()
 
     def read_velocity(self, now_s: float) -> JogVelocity | None:
-        """What is asked for now: shares of the largest velocity along x, y, z and about them."""
+        """The requested velocity: shares of the maximum velocity along x, y, z and about these axes."""
         side = int((now_s - self._begun_s) / SIDE_S)
         if side >= len(SIDES):
             return None
@@ -42,7 +42,7 @@ class Square:
         return SYSTEM.now_s() > self._begun_s + SIDE_S * (len(SIDES) + 1)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
 
 url = os.environ.get("COBOT_URL", "http://localhost:8007")
@@ -50,7 +50,7 @@ try:
     with Client(url) as robot:
         robot.move_named("work", speed=0.5)
         with open_socket(url, token_from_environment(), True) as socket:
-            Teleoperation(socket, Square(), 0.4, print).run()  # it says when less is permitted, and why
+            Teleoperation(socket, Square(), 0.4, print).run()  # prints when the velocity is limited, and why
         place = robot.pose()["position"]
         print(f"at rest at x {place['x']:.3f} m, y {place['y']:.3f} m")
 except UnavailableError as exc:

@@ -1,4 +1,4 @@
-"""Paths of the tool in metres per second: a rectangle with round corners, a full circle, a helix.
+"""Paths of the TCP with a speed in m/s: a rectangle with round corners, a full circle, a helix.
 
 Start `make run` in another terminal, then:
 
@@ -20,16 +20,16 @@ def draw(robot: Client) -> None:
     corners = [(0.55, -0.1), (0.55, 0.1), (0.4, 0.1), (0.4, -0.1)]
     poses = [{"x": x, "y": y, "z": HEIGHT, **DOWN} for x, y in corners]
     robot.move_pose(**poses[-1], speed=0.5)
-    # All sides without a stop, the corners rounded by 20 mm, the tool at 0.15 m/s where the joints can.
+    # All sides without a stop, with a blend radius of 20 mm. The TCP moves at most at 0.15 m/s.
     robot.move_pose(**poses[-1], planner="polyline", through=poses[:-1], radius=0.02, speed_m_s=0.15)
-    # A full circle about an axis that points upwards, 50 mm from the tool.
+    # A full circle about an axis that points up, 50 mm from the TCP.
     axis = {"x": 0, "y": 0, "z": 1}
     robot.move_arc(centre={"x": 0.45, "y": -0.1, "z": HEIGHT}, axis=axis, angle=6.2831853, speed_m_s=0.15)
-    # Two turns of a helix about the same axis, 60 mm up.
+    # Two turns of a helix about the same axis. It rises by 60 mm.
     robot.move_arc(
         centre={"x": 0.45, "y": -0.1, "z": HEIGHT}, axis=axis, angle=12.566371, rise=0.06, speed=0.5
     )
-    # 50 mm back along the tool, whose z axis looks down: up.
+    # 50 mm up: back along the z axis of the tool, which points down.
     answer = robot.move_pose(x=0, y=0, z=-0.05, frame_id="tool", planner="lin", speed=0.5)
     print(answer)
 

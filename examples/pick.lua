@@ -1,4 +1,4 @@
--- A pick without a gripper: over the part, straight down, up again, home. Start `make run` in another
+-- A pick without a gripper: move above the part, straight down, up again, and home. Start `make run` in another
 -- terminal, then:
 --     .venv/bin/cobot lua examples/pick.lua
 -- Lengths in m, angles in rad: a pose is {x, y, z, rx, ry, rz}.
@@ -6,7 +6,7 @@ local ros_bind = require("ros_bind")
 local events = ros_bind.ros_publisher_factory("/demo/pick", "std_msgs/msg/String")
 
 local FAST, SLOW = 0.5, 0.1
-local LIFT = 0.15 -- so far above the part the arm comes and goes
+local LIFT = 0.15 -- height above the part where the arm arrives and leaves, m
 
 local function over(pose, height)
   local x, y, z, rx, ry, rz = table.unpack(pose)

@@ -1,4 +1,4 @@
-"""Plan, look at the plan, ask for a faster one, then run it.
+"""Plan a motion, read the plan, search for a faster plan, and run it.
 
 Start `make run` in another terminal, then:
 

@@ -1,8 +1,8 @@
-"""A policy that decides 30 times a second moves the arm. Start `make run` in another terminal, then:
+"""Move the arm with a policy that sends 30 targets per second. Start `make run` in another terminal, then:
 
     .venv/bin/python examples/policy_30hz.py
 
-or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007.
+The duration in seconds is an optional argument. On another computer, set COBOT_ROBOT=http://HOST:8007.
 """
 
 from __future__ import annotations
@@ -33,4 +33,4 @@ with Robot(os.environ.get("COBOT_ROBOT", "iiwa")) as robot:
             control.set_target_joints(policy(home, tick / RATE_HZ))
             time.sleep(max(0.0, begun_s + (tick + 1) / RATE_HZ - time.monotonic()))
         print("the arm is at", control.get_state().q)
-print("and rests")  # the end of the `with` block has seen to it; so would the end of this process
+print("and rests")  # the arm stops at the end of the `with` block, and also if this process ends

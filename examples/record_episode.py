@@ -1,11 +1,11 @@
-"""Record an episode for learning: a program demonstrates a motion, with pictures of a camera in the scene.
+"""Record an episode for learning. A program demonstrates a motion, and a simulated camera takes pictures.
 
 Start `make run` in another terminal, then:
 
     .venv/bin/python examples/record_episode.py
 
-or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007. To record an arm
-that a person or a policy moves, use `python -m cobot.learning record`; it makes the same file.
+The duration in seconds is an optional argument. On another computer, set COBOT_ROBOT=http://HOST:8007. To
+record an arm that a person or a policy moves, use `python -m cobot.learning record`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RATE_HZ = 30
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0
 FILE = Path("episode.mcap")
 
-arm = load_robot(load_settings())  # of another robot: the file of its `cobot run --config`
+arm = load_robot(load_settings())  # for another robot: load_settings(Path("FILE.yaml"))
 camera = Renderer(arm, [FRONT])
 
 try:
@@ -52,5 +52,5 @@ try:
 except CobotError as exc:
     sys.exit(f"record_episode.py: {exc}")
 
-found = read_episode(FILE)  # as arrays; Foxglove shows the file, `cobot-to-lerobot` makes a dataset of it
+found = read_episode(FILE)  # `cobot-to-lerobot` makes a dataset of such files
 print(f"{FILE}: actions {found.action.shape}, pictures {found.pictures['front'].shape}")

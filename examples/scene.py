@@ -1,4 +1,4 @@
-"""Tell the arm what it carries and what stands around it, and plan with that.
+"""Set a tool, add obstacles, and plan a motion around them.
 
 Start `make run` in another terminal, then:
 
@@ -17,7 +17,7 @@ with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
     print(robot.set_tool(name="gripper", mass=1.2, centre=[0.0, 0.0, 0.06], tcp={"z": 0.15}))
     post = {"shape": "cylinder", "radius": 0.05, "length": 1.0, "x": 0.35, "y": 0.2, "z": 0.5}
-    # 50,000 points, m, as from a camera
+    # 50,000 points, in m, like those of a depth camera
     seen = np.random.default_rng(1).uniform([-0.1, 0.6, 0.0], [0.1, 0.8, 0.15], (50_000, 3))
     cloud = {"shape": "point_cloud", "points": seen, "voxel": 0.01, "x": 0.0, "y": 0.0, "z": 0.0}
     print(robot.change_scene(objects={"post": post, "seen": cloud}))

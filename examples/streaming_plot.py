@@ -1,12 +1,12 @@
-"""Draws how the arm follows a policy: along lines, quintics, profiles of Ruckig's, and action chunks.
+"""Plot how the arm follows a policy with each interpolation (linear, quintic, ruckig) and with action chunks.
 
-Install matplotlib and start the service, each in a terminal on the robot's computer, then:
+On the robot's computer, install matplotlib, start the service in another terminal, and run the example:
 
     make setup-test
     make run
     .venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png
 
-It moves the first joint by some degrees, four times, and records what rtloop commands.
+It moves the first joint by some degrees, four times, and records the commands of the real-time loop.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from cobot import Mode, Robot
 from cobot.ipc.shm import MemoryRole, RobotMemory
 
 JOINT = 0
-AHEAD_S = 0.5  # how far into its future a policy plans that sends chunks
+AHEAD_S = 0.5  # length of an action chunk, s
 WAYS = ("linear", "quintic", "ruckig", "chunks")
 
 
 def path(time_s: np.ndarray | float, duration_s: float) -> np.ndarray:
-    """Where the policy wants the joint, rad from where it begins; it begins and ends at rest."""
+    """Target of the policy, rad from the start of the joint. It starts and ends at rest."""
     time_s = np.clip(time_s, 0.0, duration_s)
     wave = 0.15 * np.sin(0.6 * np.pi * time_s) + 0.03 * np.sin(1.8 * np.pi * time_s)
     return np.sin(np.pi * time_s / duration_s) ** 4 * wave
 
 
 class Recorder(threading.Thread):
-    """Every cycle of rtloop, from its shared memory: robot time, then position, velocity, acceleration."""
+    """Records each cycle from shared memory: robot time, position, velocity and acceleration."""
 
     def __init__(self, robot_name: str) -> None:
         super().__init__(daemon=True)
@@ -61,7 +61,7 @@ class Recorder(threading.Thread):
 
 
 def follow(name: str, way: str, rate_hz: int, duration_s: float) -> np.ndarray:
-    """One session in which the policy is followed; what was commanded, shape (4, n), from time 0."""
+    """Follow the policy in one session. Returns the commands, shape (4, n), from time 0."""
     with Robot(name) as robot:
         robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
         interpolation = "linear" if way == "chunks" else way
@@ -87,7 +87,7 @@ def follow(name: str, way: str, rate_hz: int, duration_s: float) -> np.ndarray:
 
 
 def lag_s(recorded: np.ndarray, duration_s: float) -> float:
-    """By how much the policy's path has to be delayed to fit the command best."""
+    """Delay of the policy's path that fits the commands best, s."""
     time_s, position = recorded[:2]
     lags_s = np.arange(0.0, 0.3, 0.001)
     return float(
@@ -125,9 +125,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--robot", default=os.environ.get("COBOT_ROBOT", "iiwa"), help="its name")
-    parser.add_argument("--rate", type=int, default=30, help="of the policy, Hz")
-    parser.add_argument("--seconds", type=float, default=4.0, help="that each of the four takes")
+    parser.add_argument("--robot", default=os.environ.get("COBOT_ROBOT", "iiwa"), help="name of the robot")
+    parser.add_argument("--rate", type=int, default=30, help="rate of the policy, Hz")
+    parser.add_argument("--seconds", type=float, default=4.0, help="duration of each of the four sessions, s")
     parser.add_argument("--output", type=Path, default=Path("streaming.png"))
     arguments = parser.parse_args()
     recordings = {way: follow(arguments.robot, way, arguments.rate, arguments.seconds) for way in WAYS}

@@ -1,4 +1,4 @@
-% The ten-minute tour with MATLAB. Start `make run` in another terminal, then, in MATLAB:
+% The ten-minute tour with MATLAB. Start `make run` in a terminal, then run in MATLAB:
 %     run examples/tour
 URL = getenv('COBOT_URL');
 if isempty(URL), URL = 'http://localhost:8007'; end
@@ -12,7 +12,7 @@ here = fileparts(mfilename('fullpath'));
 jointState = webread([URL '/robot/joint_states'], readOpts);
 disp(jointState.position)
 
-% 2. Where is its tool? Metres in base_link; KUKA angles A, B, C
+% 2. Where is the TCP? Metres in base_link, and the KUKA angles A, B, C
 pose = webread([URL '/robot/pose'], readOpts);
 fprintf('TCP: x=%.3f, y=%.3f, z=%.3f m\n', pose.position.x, pose.position.y, pose.position.z);
 
@@ -22,7 +22,7 @@ for i = 1:numel(positions)
   fprintf('%s - %s\n', positions(i).name, positions(i).description);
 end
 
-% 4. Go home, at half speed; the answer comes when the arm has arrived
+% 4. Go home, at half speed. The response comes when the arm has arrived
 reply = webwrite([URL '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
 assert(reply.success, reply.message)
 
@@ -31,7 +31,7 @@ body = struct('joints', [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], 'speed', 0.5);
 reply = webwrite([URL '/robot/move/joints'], body, moveOpts);
 assert(reply.success, reply.message)
 
-% 6. Move the tool: to a point first, then down a straight line, then along an arc
+% 6. Move the TCP: first to a point, then down a straight line, then along an arc
 target = struct('x', 0.45, 'y', 0.0, 'z', 0.55, 'b', pi, 'speed', 0.5);
 reply = webwrite([URL '/robot/move/pose'], target, moveOpts);
 assert(reply.success, reply.message)
@@ -45,11 +45,11 @@ target.via = struct('x', 0.5, 'y', 0.1, 'z', 0.45);
 reply = webwrite([URL '/robot/move/pose'], target, moveOpts);
 assert(reply.success, reply.message)
 
-% 7. What cannot be done says why, and nothing moves
+% 7. Impossible motions: the response gives the reason, and nothing moves
 reply = webwrite([URL '/robot/move/pose'], struct('x', 3.0, 'y', 0.0, 'z', 0.5), moveOpts);
 disp(reply.message)
 
-% 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log
+% 8. Send your own trajectory, as JSON and as CSV. It runs while you read the log
 reply = webwrite([URL '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
 assert(reply.success, reply.message)
 home = [0, 0, 0, -1.57, 0, 1.57, 0];
@@ -67,11 +67,11 @@ request = matlab.net.http.RequestMessage('post', [], form);
 response = request.send(matlab.net.URI([URL '/trajectory/send_csv?separator=%2C&retime=true']));
 disp(response.Body.Data)
 
-% 9. Stop it: the arm comes to rest on its path
+% 9. Stop: the arm stops on its path
 reply = webwrite([URL '/stop'], struct(), moveOpts);
 disp(reply.message)
 
-% 10. Run a sequence, in a process of its own
+% 10. Run a sequence. It runs in its own process
 form = matlab.net.http.io.MultipartFormProvider( ...
     'config', matlab.net.http.io.FileProvider(fullfile(here, 'motion_sequence_config.json')), ...
     'n_iterations', '1', 'delay_between_iterations', '0');
@@ -86,6 +86,6 @@ end
 disp(status)
 assert(status.returncode == 0, 'the sequence has failed, see /sequences/logs')
 
-% And how is the robot?
+% What is the state of the robot?
 health = webread([URL '/health'], readOpts);
 disp(health.status)

@@ -15,7 +15,7 @@ import httpx2
 URL = os.environ.get("COBOT_URL", "http://localhost:8007")
 HERE = Path(__file__).parent
 T_READ, T_STOP, T_MOVE = 10, 15, 90
-http = httpx2.Client(base_url=URL, trust_env=False)  # no proxy between a program and its robot
+http = httpx2.Client(base_url=URL, trust_env=False)  # requests to the robot do not use a proxy
 
 
 def read(path: str) -> dict:
@@ -25,7 +25,7 @@ def read(path: str) -> dict:
 
 
 def move(path: str, body: dict) -> None:
-    """A motion answers 200 even when it could not be done: check `success` too."""
+    """Move the arm. If a motion fails, the status is still 200, so check `success` too."""
     response = http.post(path, json=body, timeout=T_MOVE)
     response.raise_for_status()
     answer = response.json()
@@ -35,7 +35,7 @@ def move(path: str, body: dict) -> None:
 
 
 def wait_for(path: str, pattern: str) -> str:
-    """What the pattern finds in the answer, once it finds something."""
+    """Read a path until the response matches the pattern, and return the match."""
     for _ in range(450):
         found = re.search(pattern, http.get(path, timeout=T_READ).text)
         if found:
@@ -48,7 +48,7 @@ def wait_for(path: str, pattern: str) -> str:
 state = read("/robot/joint_states")
 print(dict(zip(state["name"], state["position"], strict=True)))
 
-# 2. Where is its tool? Metres in base_link; KUKA angles A, B, C
+# 2. Where is the TCP? Metres in base_link, and the KUKA angles A, B, C
 pose = read("/robot/pose")
 print(pose["position"], pose["orientation"]["euler_deg"])
 
@@ -56,26 +56,26 @@ print(pose["position"], pose["orientation"]["euler_deg"])
 for position in read("/robot/positions"):
     print(position["name"], "-", position["description"])
 
-# 4. Go home, at half speed; the answer comes when the arm has arrived
+# 4. Go home, at half speed. The response comes when the arm has arrived
 move("/robot/move/named", {"name": "home", "speed": 0.5})
 
 # 5. Move the joints
 move("/robot/move/joints", {"joints": [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], "speed": 0.5})
 
-# 6. Move the tool: to a point first, then down a straight line, then along an arc
+# 6. Move the TCP: first to a point, then down a straight line, then along an arc
 down = {"b": 3.14159, "speed": 0.5}
 via = {"x": 0.5, "y": 0.1, "z": 0.45}
 move("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.55, **down})
 move("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.45, **down, "planner": "lin"})
 move("/robot/move/pose", {"x": 0.45, "y": 0.2, "z": 0.45, **down, "planner": "circ", "via": via})
 
-# 7. What cannot be done says why, and nothing moves
+# 7. Impossible motions: the response gives the reason, and nothing moves
 too_far = http.post("/robot/move/pose", json={"x": 3.0, "y": 0.0, "z": 0.5}, timeout=T_MOVE).json()
 print(too_far["success"], too_far["message"])
 beyond = http.post("/robot/move/joints", json={"joints": [9, 0, 0, 0, 0, 0, 0]}, timeout=T_MOVE)
 print(beyond.status_code, beyond.json()["detail"])
 
-# 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log
+# 8. Send your own trajectory, as JSON and as CSV. It runs while you read the log
 move("/robot/move/named", {"name": "home", "speed": 0.5})
 home = [0, 0, 0, -1.57, 0, 1.57, 0]
 points = [
@@ -99,10 +99,10 @@ with (HERE / "trajectory.csv").open("rb") as csv_file:
 uploaded.raise_for_status()
 print(uploaded.json())
 
-# 9. Stop it: the arm comes to rest on its path
+# 9. Stop: the arm stops on its path
 print(http.post("/stop", timeout=T_STOP).json()["message"])
 
-# 10. Run a sequence, in a process of its own
+# 10. Run a sequence. It runs in its own process
 with (HERE / "motion_sequence_config.json").open("rb") as sequence:
     started = http.post(
         "/sequences/start",
@@ -117,5 +117,5 @@ status = read("/sequences/status")
 print(status)
 assert status["returncode"] == 0, "the sequence has failed"
 
-# And how is the robot?
+# What is the state of the robot?
 print(read("/health")["status"])

@@ -17,7 +17,7 @@ URL = os.environ.get("COBOT_URL", "http://localhost:8007")
 
 
 def there_and_back(name: str) -> str:
-    """Each robot has a client, a planner and a process of its own, so no robot waits for another."""
+    """Each robot has its own client, planner and process, so no robot waits for another."""
     with Client(URL, robot=name) as robot:
         there = robot.move_named("work", speed=0.5)
         back = robot.move_named("home", speed=0.5)

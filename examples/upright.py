@@ -1,4 +1,4 @@
-"""Carries a glass of water to the left and back: ompl keeps the tool upright all the way.
+"""Carries a glass of water to the left and back. ompl keeps the tool upright during the whole motion.
 
 Start `make run` in another terminal, then:
 

@@ -2,8 +2,8 @@
 
     .venv/bin/python examples/fleet/start.py
 
-It prints the address of the page, a token, and commands for another terminal. It ends with Ctrl-C.
-Certificates, settings and logs are in a folder that is deleted then.
+It prints the address of the page, a token, and commands for another terminal. Ctrl-C ends it. Certificates,
+settings and logs are in a temporary folder, which is deleted at the end.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def prepare(folder: Path) -> list[list[str]]:
         settings = SETTINGS.format(cell=cell, zone=zone, folder=folder, port=port, web=web)
         config.write_text(settings, encoding="utf-8")
         commands.append([*COBOT, "run", "--config", str(config)])
-    print(f"the page:  https://localhost:{page} (your browser does not know the certificate; go on to it)")
+    print(f"the page:  https://localhost:{page} (your browser does not know the certificate: accept it)")
     print(f"the token: {token}")
     print(f"export COBOT_FLEET=https://localhost:{page} COBOT_TOKEN={token}", end=" ")
     print(f"COBOT_CERTIFICATE={certificates}/ca.pem")

@@ -1,4 +1,4 @@
-"""Picks the peg and inserts it into a hole whose place is known to 2 mm and 2 degrees.
+"""Picks the peg and inserts it into a hole. The place of the hole is known to 2 mm and 2 degrees.
 
 Start `cobot run --cell examples/insert_peg` in another terminal, then:
 
@@ -18,13 +18,13 @@ DOWN = math.pi
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
-    robot.set_tool(tcp={"z": 0.155})  # the TCP is at the peg's lower end, about which the peg turns
+    robot.set_tool(tcp={"z": 0.155})  # the TCP is at the lower end of the peg, and the peg turns about it
     robot.gripper.release()
     robot.move_pose(x=0.5, y=-0.2, z=0.3, b=DOWN, speed=0.5)  # above the peg
     robot.move_pose(x=0.5, y=-0.2, z=0.2, b=DOWN, planner="lin", speed_m_s=0.1)
     robot.gripper.grasp(width=0.014, force=200.0)
     robot.move_pose(x=0.5, y=-0.2, z=0.3, b=DOWN, planner="lin", speed_m_s=0.1)
-    # Above the hole, which is at x = 0.55, y = 0.15: 2 mm and 1 degree off.
+    # Above the hole at x = 0.55, y = 0.15, with an error of 2 mm and 1 degree.
     robot.move_pose(x=0.552, y=0.149, z=0.28, b=DOWN + 0.017, speed=0.5)
     robot.move_pose(x=0.552, y=0.149, z=0.235, b=DOWN + 0.017, planner="lin", speed_m_s=0.05)
     found: Any = robot.insert(

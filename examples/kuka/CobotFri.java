@@ -18,14 +18,14 @@ import java.util.concurrent.TimeoutException;
 import javax.inject.Inject;
 
 /**
- * The cabinet's side of cobot's backend "fri": holds the arm where it is and lays on that what cobot commands.
+ * The program on the cabinet for cobot's backend "fri". It holds the arm and adds the commands of cobot as an overlay.
  *
  * For Sunrise.OS 1.11 to 1.17 with FRI 1.x. With FRI 2.x the imports are com.kuka.fri.FRIConfiguration,
  * FRIJointOverlay and FRISession, com.kuka.fri.common.ClientCommandMode, in which POSITION is called
  * JOINT_POSITION, and those of the new names of LBR and of the motions. See docs/kuka-fri.md.
  *
- * Whatever ends the motion (a safety stop, a late client, a jump), the program opens the next session and holds
- * the arm again, where it is then; cobot goes on after a reset. It ends by the smartPAD.
+ * After a safety stop, a late client or a jump, the motion ends. The program then opens the next session and holds
+ * the arm at its current position. cobot continues after a reset. Stop the program with the smartPAD.
  */
 public class CobotFri extends RoboticsAPIApplication {
     /** Address of the computer with cobot, on the network of the controller's port for FRI. */
@@ -36,7 +36,7 @@ public class CobotFri extends RoboticsAPIApplication {
     private static final int SEND_PERIOD_MS = 5;
     /** robot.backend.overlay: POSITION, TORQUE or WRENCH. */
     private static final ClientCommandMode OVERLAY = ClientCommandMode.POSITION;
-    /** What the joints give way with in TORQUE and WRENCH. */
+    /** Stiffness with TORQUE and WRENCH. */
     private static final double STIFFNESS = 300.0;
 
     private static final long SESSION_S = 30;
@@ -67,7 +67,7 @@ public class CobotFri extends RoboticsAPIApplication {
         super.dispose();
     }
 
-    /** One session: ends with its motion, which only an error or the smartPAD ends. */
+    /** One session. It ends with its motion, and only an error or the smartPAD ends the motion. */
     private void holdAndFollow() throws TimeoutException {
         FRISession session = new FRISession(configuration());
         try {

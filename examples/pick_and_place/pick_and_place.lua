@@ -17,7 +17,7 @@ move(down_at(0.5, -0.3, 0.36, { speed = 0.5 })) -- above the cube
 line(0.5, -0.3, 0.225, 0.1)
 gripper.grasp { width = 0.05, force = 40 }
 line(0.5, -0.3, 0.36, 0.1)
-line(0.5, 0.12, 0.36, 0.3) -- into the light barrier, which is below the fingers: it sees the cube alone
+line(0.5, 0.12, 0.36, 0.3) -- the cube interrupts the light barrier, the fingers are above it
 wait_for({ input = "gate", is = true }, 2)
 line(0.55, 0.3, 0.36, 0.3) -- above the tray
 move(down_at(0.55, 0.3, 0.22, {

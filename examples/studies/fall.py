@@ -1,4 +1,4 @@
-"""A function for examples/studies/fall.yaml: it computes a number from numbers, and changes nothing else."""
+"""A function for examples/studies/fall.yaml. It computes results and changes nothing else."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ G = 9.81
 
 
 def drop(height_m: float, drag: float, mass_kg: float) -> dict[str, float | bool]:
-    """A part that a gripper loses: its speed at the floor, and whether it survives."""
+    """Compute the speed of a falling part at the floor, and whether the part survives."""
     speed, position, step_s = 0.0, height_m, 1e-3
     while position > 0.0:
         speed += (G - drag * speed * speed / mass_kg) * step_s
