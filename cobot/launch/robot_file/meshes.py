@@ -20,6 +20,8 @@ LARGE_M, SMALL_M = 10.0, 1e-3
 """A link that is larger or smaller than this probably has another unit."""
 SPLIT_TIMEOUT_S = 60.0
 """Timeout for decomposing one mesh, s. After it the hull of the mesh is used."""
+MIN_VOID_M = 0.01
+"""Smallest depth of the free space in a hull that is reported: motions that need this space are rejected."""
 
 
 class MissingMeshError(ConfigError):
@@ -86,19 +88,24 @@ class Meshes:
             "scale": scale,
         }
         answer = self._worker.ask("solids", **request, split=False)
+        void_m, is_split, why = answer["void"], False, ""
         if self.split and answer["wrong"]:
             try:
                 answer = self._worker.ask("solids", SPLIT_TIMEOUT_S, **request, split=True)
-                self.said.append(
-                    f"{link}: {path.name} has become {len(answer['files'])} convex solids for collisions, "
-                    f"because its hull would fill {1000.0 * answer['void']:.0f} mm of free space (--hulls to "
-                    "use the hull)"
-                )
+                is_split = True
             except ConfigError:
-                self.said.append(
-                    f"{link}: the hull of {path.name} is used for collisions, although it fills "
-                    f"{1000.0 * answer['void']:.0f} mm of free space: decomposing it failed or took too long"
-                )
+                why = ": decomposing it failed or took too long"
+        if is_split:
+            self.said.append(
+                f"{link}: {path.name} has become {len(answer['files'])} convex solids for collisions, "
+                f"because its hull would fill {1000.0 * void_m:.0f} mm of free space (--hulls to use the "
+                "hull)"
+            )
+        elif void_m >= MIN_VOID_M:
+            self.said.append(
+                f"{link}: the hull of {path.name} is used for collisions, although it fills "
+                f"{1000.0 * void_m:.0f} mm of free space{why}"
+            )
         self._report(path, link, answer)
         return [into / name for name in answer["files"]]
 

@@ -5,6 +5,7 @@ and the planes of a solid's faces.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import coal
@@ -245,6 +246,27 @@ def test_solids_are_switched_off_and_a_convex_mesh_stays_one(tmp_path: Path) -> 
         robot = load_robot(load_settings(tmp_path / name / "made" / "cobot-setting.yaml"))
         assert least <= robot.model.mj.nmesh <= most
         assert any("convex solids" in sentence for sentence in new.guessed) == (most > 1)
+        assert any("is used for collisions, although" in sentence for sentence in new.guessed) == (most == 1)
+
+
+def test_a_hull_that_fills_some_free_space_is_used_and_reported(tmp_path: Path) -> None:
+    """The oracle is the depth of a notch: its middle is half its width of 44 mm from the sides."""
+    box = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+    vertices, triangles = yoke()
+    parts = [
+        ((0, 0, 0), (0.3, 0.1, 0.05)),
+        ((0, 0, 0.05), (0.128, 0.1, 0.1)),
+        ((0.172, 0, 0.05), (0.128, 0.1, 0.1)),
+    ]
+    vertices = np.concatenate([np.array(low) + box * size for low, size in parts])
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [
+        f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles
+    ]
+    new = made_with(tmp_path, "notch.obj", "\n".join(lines).encode())
+    (sentence,) = [each for each in new.guessed if "notch.obj" in each]
+    depth_mm = re.search(r"hull of notch\.obj is used for collisions, although it fills (\d+) mm", sentence)
+    assert depth_mm is not None
+    assert 22 - 13 <= int(depth_mm[1]) <= 22 + 13, "half the notch, within one cell of 0.3 m / 24"
 
 
 def test_each_shape_and_colour_of_a_visual_is_one_that_check_accepts(tmp_path: Path) -> None:
