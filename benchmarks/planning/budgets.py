@@ -1,10 +1,7 @@
 """What a planning budget gains: the duration of a motion over its lower bound, for several budgets.
 
-    pip download vamp-planner==0.6.4 --no-deps --no-binary vamp-planner --dest build/peers
-    python -m benchmarks budgets
-
-The problems are those of `benchmarks.planning.problem_sets`. The budget is processor time, with the first
-motion. The lower bound is the time that the slowest joint needs alone.
+The problems are those of `motion_bench_maker`. The budget is processor time, with the first motion. The lower
+bound is the time that the slowest joint needs alone.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import TIMEOUT_S, Problem, unpacked
+from benchmarks.planning.motion_bench_maker import TIMEOUT_S, Problem, unpacked
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -29,8 +26,8 @@ COLUMNS = ("first", *(f"{budget_s:g} s" for budget_s in BUDGETS_S))
 
 def budgets(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene."""
-    for _, robot, chosen in unpacked("budgets", ["panda"], every):
-        rows = np.array([found for each in chosen if (found := ratios(robot, each))])
+    for chosen in unpacked("budgets", ["panda"], every):
+        rows = np.array([found for each in chosen.problems if (found := ratios(chosen.robot, each))])
         for name, share in (("median", 50.0), ("p95", 95.0)):
             yield row(
                 f"duration over its lower bound, {len(rows)} problems, with a budget: {name}",

@@ -1,6 +1,6 @@
 """Scenes as point clouds: how long it takes until one can be used, and planning among its voxels.
 
-The problems are those of `problem_sets`; the points are on the surfaces of their solids.
+The problems are those of `motion_bench_maker`; the points are on the surfaces of their solids.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.planning.problem_sets import Problem, unpacked
+from benchmarks.planning.motion_bench_maker import Problem, unpacked
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
@@ -32,8 +32,8 @@ COLUMNS = ("p50", "p95", "max")
 
 def clouds(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene, with so many points."""
-    for _, robot, found in unpacked("clouds", ["panda"], every):
-        chosen = list(found)
+    for each in unpacked("clouds", ["panda"], every):
+        robot, chosen = each.robot, each.problems
         usual = _plans(robot, chosen, lambda problem: problem.scene)
         for count in COUNTS:
             yield from _rows(robot, chosen, count, usual)

