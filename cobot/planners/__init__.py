@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cobot.errors import LimitError, PlanningError
+from cobot.errors import InputError, LimitError, PlanningError
 from cobot.motions.checks import check_for_robot
 from cobot.motions.planners import PLANNERS, PlannerName, Way
 from cobot.motions.requests import MotionRequest, WaypointRequest
@@ -27,7 +27,7 @@ from cobot.planners.goals import joint_goals, nearest_goal
 from cobot.planners.held import Held
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.timing.waypoints import plan_waypoints
-from cobot.planners.unit_advice import advising_units
+from cobot.planners.unit_advice import advice_on_units
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Notice, Trajectory
@@ -65,7 +65,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_for_robot(request, robot)
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
-    with advising_units(robot.model, request):
+    try:
         if request.traits.way is not Way.SEARCH:
             robot.collision.check_position(request.start, "the start", 0.0)
             return _direct(robot, request)
@@ -74,6 +74,10 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
             return _search(robot, request)
         rest = _search(robot, replace(_after(robot, request, first), start=first.end))
         return first if rest is None else first.followed_by(rest)
+    except (InputError, PlanningError) as exc:
+        if advice := advice_on_units(robot.model, request):
+            raise exc.with_message(f"{exc}; {advice}") from exc
+        raise
 
 
 def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 
 import numpy as np
 
-from cobot.errors import InputError, PlanningError
 from cobot.motions.requests import MotionRequest
 from cobot.robot.inverse_kinematics import reach_gap
 from cobot.robot.model import RobotModel
@@ -15,18 +13,13 @@ from cobot.types import Array, Pose
 from cobot.units import FAR_M, MILLIMETRES_TO_M
 
 
-@contextmanager
-def advising_units(model: RobotModel, request: MotionRequest) -> Iterator[None]:
-    """Add advice to planning errors if a position looks like millimetres."""
-    try:
-        yield
-    except (InputError, PlanningError) as exc:
-        for position in _positions(request):
-            if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
-                x, y, z = position
-                advice = f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres, positions are in m"
-                raise exc.with_message(f"{exc}; {advice}") from exc
-        raise
+def advice_on_units(model: RobotModel, request: MotionRequest) -> str:
+    """The advice if a position that the arm does not reach looks like millimetres; "" otherwise."""
+    for position in _positions(request):
+        if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
+            x, y, z = position
+            return f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres, positions are in m"
+    return ""
 
 
 def _positions(request: MotionRequest) -> Iterable[Array]:
