@@ -43,6 +43,20 @@ class Contact:
         return f"{self.first} and {self.second} at {1e3 * self.distance_m:.0f} mm"
 
 
+@dataclass(frozen=True, slots=True)
+class FirstContact:
+    """The first contact of a motion.
+
+    Attributes:
+        free_s: the motion is free before this time, s.
+        time_s: time of the contact, s.
+    """
+
+    free_s: float
+    time_s: float
+    contact: Contact
+
+
 class CollisionChecker:
     """Checks configurations of one robot. Not thread safe, because it has one scratch memory.
 
@@ -198,11 +212,22 @@ class CollisionChecker:
                 deepest contact.
             InputError: the motion is too long to be checked.
         """
+        found = self.first_contact(trajectory)
+        if found is not None:
+            raise self.refusal(trajectory, found)
+
+    def first_contact(self, trajectory: Trajectory) -> FirstContact | None:
+        """Where a motion fails `check_trajectory`; None if it passes. The motion that passed last is not
+        proven again.
+
+        Raises:
+            InputError: as `check_trajectory`.
+        """
         last = self._proven
         if last is not None and (
             trajectory.coefficients is last.coefficients and trajectory.breakpoints_s is last.breakpoints_s
         ):
-            return
+            return None
         pieces = motion_pieces(trajectory)
         travel = float(np.abs(np.diff(pieces, axis=1)).sum(axis=1).max(axis=1).sum())
         if not travel <= MAX_TRAVEL_RAD:
@@ -212,24 +237,27 @@ class CollisionChecker:
             )
         if self.clearance.contact(pieces) is None:
             self._proven = trajectory
-            return
-        found = self.clearance.contact(pieces, first=True) or self.clearance.contact(pieces)
+            return None
+        found = self.clearance.contact(pieces, first=True)
+        is_first = found is not None
+        found = found or self.clearance.contact(pieces)
         if found is None:
-            return
+            return None
         piece, share, pair, distance_m = found
         begin_s, end_s = trajectory.breakpoints_s[piece : piece + 2]
         time_s = float(begin_s + share * (end_s - begin_s))
-        self._refuse(trajectory, time_s, Contact(*self.names(pair), distance_m))
+        return FirstContact(time_s if is_first else 0.0, time_s, Contact(*self.names(pair), distance_m))
 
-    def _refuse(self, trajectory: Trajectory, time_s: float, contact: Contact) -> None:
-        """Raise an error with the first contact and the deepest one."""
+    def refusal(self, trajectory: Trajectory, found: FirstContact) -> CollisionError:
+        """The error of `check_trajectory` for a motion, with its first contact and the deepest one."""
+        time_s, contact = found.time_s, found.contact
         joints = trajectory.sample([time_s])[0]
         times = np.linspace(0.0, trajectory.duration_s, DEEPEST_SAMPLES)
         distances = self.clearance.distances(trajectory.sample(times), max(self.margin_m, 0.0))
         row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
         deepest = Contact(*self.names(int(pair)), float(distances[row, pair]))
         percent = 100.0 / trajectory.duration_s
-        raise CollisionError(
+        return CollisionError(
             f"collision of {contact} after {percent * time_s:.0f} % of the motion "
             f"({time_s:.2f} s), at joints {_shown(joints)} {self.limits.units}; the deepest is {deepest} "
             f"after {percent * times[row]:.0f} %; allowed: {1e3 * self.margin_m:.0f} mm",

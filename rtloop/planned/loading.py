@@ -15,7 +15,7 @@ from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
 PIECE_TIMES = 4096
-"""Number of breakpoints that are copied and checked in one cycle. They have as many bytes as the segments of
+"""Number of breakpoints that are copied and checked in one cycle. They have fewer bytes than the segments of
 one cycle.
 """
 PLACES = np.linspace(0.0, 1.0, 9)
@@ -34,6 +34,10 @@ def load(
     path: Path, slot: Slot, motion_id: int, start: Array | None, tolerance_rad: float, limits: JointLimits
 ) -> Iterator[None]:
     """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
+
+    A replacement takes fewer steps than a start, because meanwhile the arm nears the place of the change: the
+    first piece of segments follows in the step of the last breakpoints, and the last checks in that of the
+    last segments.
 
     Positions must be checked in advance. Excessive velocities and accelerations can be caught during the
     motion, but at a joint limit it may be too late to stop.
@@ -54,7 +58,8 @@ def load(
         checksum = zlib.crc32(piece.data, checksum)
         if not path.increases(begin, end):
             raise RefusedError("the trajectory's breakpoints do not start at 0 and increase")
-        yield
+        if start is not None or end <= segments:
+            yield
     low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
     for begin in range(0, segments, LOADED_SEGMENTS):
         end = min(begin + LOADED_SEGMENTS, segments)
@@ -65,7 +70,8 @@ def load(
             raise RefusedError("the trajectory has a coefficient that is not finite")
         if not path.stays_within(begin, end, low, high):
             _refuse_positions(piece, path.breakpoints_s[begin : end + 1], limits)
-        yield
+        if start is not None or end < segments:
+            yield
     if checksum != int(slot.head.data["checksum"]):
         raise RefusedError("the trajectory's checksum is wrong")
     path.begin(segments)

@@ -137,6 +137,17 @@ def test_one_that_differs_where_the_arm_is_is_refused_and_the_motion_goes_on(rig
     within_limits(rig)
 
 
+def test_a_replacement_of_the_usual_length_is_loaded_within_three_cycles(rig: Rig) -> None:
+    """A way around an object has 350 to 520 segments. The oracle is the count of cycles."""
+    whole = begun(rig, 400, 500)
+    before = len(rig.commanded)
+    assert replace(rig, with_more(rig, whole)) == ""
+    assert len(rig.commanded) - before <= 3 + 1, "and one that takes the command"
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+    within_limits(rig)
+
+
 def test_one_that_differs_ahead_is_taken(rig: Rig) -> None:
     whole = begun(rig, 300)
     ahead = int(np.searchsorted(whole.breakpoints_s, 0.6))

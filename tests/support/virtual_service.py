@@ -29,6 +29,7 @@ from cobot.client.rest import Client
 from cobot.config import Settings, load_settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.scene import Scene
 from rtloop import main as rtloop
 from rtloop.realtime import Permissions
 
@@ -52,8 +53,10 @@ class PlanningHere(PlanningService):
     def status(self) -> PlanningStatus:
         return PlanningStatus("ready", workers=1, usable=1, busy=0, replaced=0, problem="")
 
-    async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
-        return self.placed(work)(self._robot)
+    async def compute(
+        self, work: Callable[[RobotDescription], Result], timeout_s: float, scene: Scene | None = None
+    ) -> Result:
+        return self.placed(work, scene)(self._robot)
 
     def close(self) -> None: ...
 

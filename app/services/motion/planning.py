@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import do_nothing, in_scene
+from app.services.motion.planning_tasks import in_scene, prepare_search
 from cobot.errors import CobotError, PlanningError, PlanningTimeout
 from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
@@ -105,7 +105,9 @@ class PlanningService:
         state = "ready" if pool.usable else "failed" if problem else "starting"
         return PlanningStatus(state, pool.size, pool.usable, pool.busy, pool.replaced, problem)
 
-    async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
+    async def compute(
+        self, work: Callable[[RobotDescription], Result], timeout_s: float, scene: Scene | None = None
+    ) -> Result:
         """Run a picklable function with the robot in a worker, and return its result. Cancelling this kills
         the worker.
 
@@ -114,6 +116,7 @@ class PlanningService:
 
         Args:
             timeout_s: timeout for the wait for a free worker, the work, and a possible repetition.
+            scene: a scene that is not in force yet; None: the current one.
 
         Raises:
             PlanningTimeout: the worker did not finish in time.
@@ -123,9 +126,9 @@ class PlanningService:
         """
         asked_s, lost = asyncio.get_running_loop().time(), 0
         while True:
-            scene, tool = self.scene, self.tool
+            chosen, tool = scene or self.scene, self.tool
             try:
-                found = await self._pool.run(self.placed(work), timeout_s, asked_s)
+                found = await self._pool.run(self.placed(work, chosen), timeout_s, asked_s)
             except TimeoutError as exc:
                 raise PlanningTimeout.after(
                     timeout_s, f"planning took longer than {timeout_s:.1f} s and was cancelled; {exc}"
@@ -138,27 +141,31 @@ class PlanningService:
                     raise PlanningError(f"the planning process {exc}, like the one before") from exc
                 log.warning("the planning process %s; its task is repeated", exc)
                 continue
-            if scene is self.scene and tool is self.tool:
+            if chosen is (scene or self.scene) and tool is self.tool:
                 return cast(Result, found)
             log.info("the scene or the tool has changed during planning: planning again")
 
-    def prepare(self) -> None:
-        """Let all free processes take over the scene and the tool now, so that the next task does not wait
-        for this.
+    def prepare(self, scene: Scene) -> None:
+        """Let all free processes take over a scene that is not in force yet, so that the next task does not
+        wait for this.
         """
-        self._preparing = asyncio.create_task(self._prepare(self.status.usable - self.status.busy))
+        self._preparing = asyncio.create_task(self._prepare(scene, self.status.usable - self.status.busy))
 
-    async def _prepare(self, processes: int) -> None:
-        tasks = (self.compute(do_nothing, PREPARE_S) for _ in range(processes))
+    async def _prepare(self, scene: Scene, processes: int) -> None:
+        tasks = (self.compute(prepare_search, PREPARE_S, scene) for _ in range(processes))
         for found in await asyncio.gather(*tasks, return_exceptions=True):
             if isinstance(found, CobotError):
                 log.info("a planning process has not taken over the scene yet: %s", found)
 
-    def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
-        """Wrap a function so that it uses the current scene and tool."""
-        if not self.scene.version and not self.tool.version:
+    def placed(
+        self, work: Callable[[RobotDescription], Result], scene: Scene | None = None
+    ) -> Callable[[RobotDescription], Result]:
+        """Wrap a function so that it uses the current tool, and a scene; None: the current one."""
+        scene = scene or self.scene
+        is_new = self._preparing is None  # a process may have prepared a scene that was rejected afterwards
+        if is_new and not scene.version and not self.tool.version:
             return work
-        return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
+        return partial(in_scene, scene=scene, tool=self.tool, work=work)
 
     def close(self) -> None:
         self._pool.close()

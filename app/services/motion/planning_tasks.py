@@ -68,8 +68,9 @@ def in_scene(
     return work(robot)
 
 
-def do_nothing(robot: RobotDescription) -> None:
-    """The task of a process that only takes over the scene and the tool."""
+def prepare_search(robot: RobotDescription) -> None:
+    """The task of a process that only takes over the scene and the tool, and prepares a search in it."""
+    robot.collision.clearance.enclose()
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:

@@ -23,6 +23,7 @@ from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.requests import MotionRequest
+from cobot.robot.scene import Scene
 from cobot.types import Array, PlannerName
 
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
@@ -107,7 +108,7 @@ class RetargetService:
         finally:
             self._busy = False
 
-    async def lead_around(self, within_s: float) -> bool:
+    async def lead_around(self, within_s: float, scene: Scene, in_force: asyncio.Event) -> bool:
         """Redirect the running motion to its goal along another path, because an object is in the current
         one.
 
@@ -116,6 +117,8 @@ class RetargetService:
 
         Args:
             within_s: time to find the way and hand it over.
+            scene: the scene with the object.
+            in_force: set once plans are made and checked in this scene. Before, no way is handed over.
 
         Returns:
             Whether the motion was redirected. If not, it continues as before.
@@ -133,8 +136,9 @@ class RetargetService:
             self._claim_of(job)
             async with asyncio.timeout(within_s):
                 way = replace(goal, goal=trajectory.end, planner=PlannerName.OMPL, in_tool=False)
-                found = await self._plan(claim, way, within_s + MIN_LEAD_S, within_s)
-                await self._hand_over(claim, job, found, begun_s)
+                found = await self._plan(claim, way, within_s + MIN_LEAD_S, within_s, scene)
+                await in_force.wait()
+                await self._hand_over(claim, job, found, self._link.clock.now_s())
         except (TimeoutError, CobotError) as exc:
             log.info(
                 "%smotion %s: no way around: %s", self._link.label, claim.motion_id, str(exc) or "too late"
@@ -190,7 +194,14 @@ class RetargetService:
             return self._report(claim, found, self._link.clock.now_s() - begun_s)
         raise AssertionError
 
-    async def _plan(self, claim: Claim, goal: MotionRequest, lead_s: float, timeout_s: float) -> ChangeOver:
+    async def _plan(
+        self,
+        claim: Claim,
+        goal: MotionRequest,
+        lead_s: float,
+        timeout_s: float,
+        scene: Scene | None = None,
+    ) -> ChangeOver:
         trajectory, state = claim.trajectory, self._link.state()
         assert trajectory is not None
         now_s = state.path_time_s if state.motion_id == claim.motion_id else 0.0
@@ -201,7 +212,7 @@ class RetargetService:
             now_s=now_s,
             from_s=now_s + lead_s,
         )
-        return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
+        return await claim.run_interruptibly(self._planning.compute(work, timeout_s, scene))
 
     async def _hand_over(self, claim: Claim, job: Job, found: ChangeOver, planned_s: float) -> None:
         """Let the real-time loop continue with the new trajectory.

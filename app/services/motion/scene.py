@@ -25,14 +25,13 @@ from cobot.cell.surroundings import scene_file
 from cobot.config import Settings
 from cobot.errors import (
     CobotError,
-    CollisionError,
     ConflictError,
     ExecutionError,
     InputError,
     LimitError,
     NotFoundError,
 )
-from cobot.robot.collision import CollisionChecker, Contact
+from cobot.robot.collision import CollisionChecker, Contact, FirstContact
 from cobot.robot.description import RobotDescription
 from cobot.robot.geometry.solids import MAX_SOLIDS
 from cobot.robot.load import carrying, check_load
@@ -51,6 +50,8 @@ STOPS_WITHIN_S = 0.5
 
 log = logging.getLogger("cobot.scene")
 
+HandedOver = tuple[int, Trajectory]
+
 
 @dataclass(frozen=True, slots=True)
 class Changed:
@@ -64,6 +65,21 @@ class Changed:
     scene: Scene
     stopped: str
     contacts: list[Contact]
+
+
+@dataclass(frozen=True, slots=True)
+class _Remaining:
+    """The current motion from a time on, in a scene that has changed.
+
+    Attributes:
+        since_s: time at which the arm was at the beginning of `left`, on the link's clock.
+        contact: its first contact; None if it is free.
+    """
+
+    handed_over: HandedOver
+    since_s: float
+    left: Trajectory
+    contact: FirstContact | None
 
 
 class SceneService:
@@ -102,6 +118,9 @@ class SceneService:
         self._parts = () if (cell := cell_of(settings)) is None else tuple(cell.parts)
         self._file = scene_file(settings)
         self.turn = asyncio.Lock()
+        self._version = (
+            0  # the newest; one that was rejected is not given again, planning processes may have it
+        )
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = self._file.read()
         if scene.version:
@@ -218,9 +237,12 @@ class SceneService:
             scene = self.scene
             for edit in edits:
                 scene = edit(scene, hand)
-            scene = replace(self._with_fixtures(scene, edits), version=self.scene.version + 1)
+            self._version = max(self._version, self.scene.version) + 1
+            scene = replace(self._with_fixtures(scene, edits), version=self._version)
             scene = replace(scene, objects=await asyncio.to_thread(with_room, scene.objects))
             if scene.load == self.scene.load:
+                if self._replan_within_s > 0.0:
+                    self._planning.prepare(scene)
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
@@ -253,9 +275,43 @@ class SceneService:
             return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
+        """Apply a scene. If an object is in the current path, a way around it is searched while the scene is
+        stored, and handed over once the scene is in force.
+        """
         checker = await asyncio.to_thread(self._robot.collision.among, scene)
+        remaining, in_force = await self._examine(checker), asyncio.Event()
+        leading = self._begin_way_around(remaining, scene, in_force)
+        try:
+            ours = await self._store(scene, checker)
+        except BaseException:  # also if cancelled
+            if leading is not None:
+                leading.cancel()
+            raise
+        if scene.loads != self.scene.loads:
+            self._robot.model.carry(self._robot.model.tool, scene)
+        self._robot.collision.take_over(ours)
+        self._planning.scene = scene
+        self._motion.scene_changed_s = self._link.clock.now_s()
+        self._link.events.publish("scene", version=scene.version, objects=sorted(scene.objects))
+        log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
+        if self._under_way() is not (None if remaining is None else remaining.handed_over):
+            if leading is not None:
+                leading.cancel()
+            remaining = await self._examine(checker)  # another motion has begun, or this one has ended
+        elif leading is not None:
+            in_force.set()
+            remaining = None if await leading else remaining
+        stopped = "" if remaining is None else await self._stop_if_invalid(checker, remaining)
+        return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
+
+    async def _store(self, scene: Scene, checker: CollisionChecker) -> CollisionChecker:
+        """Write the scene to disk and inform the real-time loop. Returns a twin of its checker, because the
+        other one is for threads.
+        """
         before = self.scene
-        await asyncio.to_thread(self._file.write, scene)
+        _, ours = await asyncio.gather(
+            asyncio.to_thread(self._file.write, scene), asyncio.to_thread(checker.twin)
+        )
         try:
             await self._tell(scene)
         except CobotError as exc:
@@ -263,18 +319,7 @@ class SceneService:
             if isinstance(exc, ExecutionError):
                 raise ConflictError(str(exc)) from exc
             raise
-        ours = checker.twin()  # the other one is for threads
-        if scene.loads != before.loads:
-            self._robot.model.carry(self._robot.model.tool, scene)
-        self._robot.collision.take_over(ours)
-        self._planning.scene = scene
-        self._motion.scene_changed_s = self._link.clock.now_s()
-        if self._replan_within_s > 0.0:
-            self._planning.prepare()
-        self._link.events.publish("scene", version=scene.version, objects=sorted(scene.objects))
-        log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
-        stopped = await self._stop_if_invalid(checker)
-        return Changed(scene, stopped, checker.contacts(self._link.state().position))
+        return ours
 
     async def _tell(self, scene: Scene) -> None:
         if scene.loads == self.scene.loads:
@@ -290,51 +335,54 @@ class SceneService:
         load, mounted = (carrying(tool, each, tcp) for each in (scene, scene.without(self._parts)))
         await self._link.commands.set_tool(load, mounted, scene.version)
 
-    async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
-        """Stop the current motion if its remaining path now collides. Returns the reason, or ""."""
-        state, since_s = self._link.state(), self._link.clock.now_s()
-        handed_over = self._link.commands.handed_over
+    def _under_way(self) -> HandedOver | None:
+        """The motion that rtloop executes or begins."""
+        state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
-            return ""
+            return None
+        return handed_over
+
+    async def _examine(self, checker: CollisionChecker) -> _Remaining | None:
+        """Check the remaining part of the current motion; None if nothing remains."""
+        handed_over = self._under_way()
+        if handed_over is None:
+            return None
+        state, since_s = self._link.state(), self._link.clock.now_s()
         motion_id, trajectory = handed_over
-        begun = state.motion_id == motion_id
-        time_s = max(0.0, state.path_time_s) if begun else 0.0
+        time_s = max(0.0, state.path_time_s) if state.motion_id == motion_id else 0.0
         if time_s >= trajectory.duration_s:
-            return ""
+            return None
         left = cut(trajectory, time_s, trajectory.duration_s)
+        contact = await asyncio.to_thread(checker.first_contact, left)
+        return _Remaining(handed_over, since_s, left, contact)
+
+    async def _stop_if_invalid(self, checker: CollisionChecker, remaining: _Remaining) -> str:
+        """Stop the current motion if its remaining path collides. Returns the reason, or ""."""
+        if remaining.contact is None:
+            return ""
+        problem = await asyncio.to_thread(checker.refusal, remaining.left, remaining.contact)
+        why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {problem}"
+        log.warning("motion %d is stopped: %s", remaining.handed_over[0], why)
         try:
-            await asyncio.to_thread(checker.check_trajectory, left)
-        except CollisionError as exc:
-            if await self._lead_around(checker, left, since_s):
-                return ""
-            why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {exc}"
-            log.warning("motion %d is stopped: %s", motion_id, why)
-            try:
-                await self._stopping.stop_motion(StopReason(why, "scene"))
-            except ExecutionError as problem:  # the scene has changed nevertheless
-                return f"{why}; {problem}"
-            return why
-        return ""
+            await self._stopping.stop_motion(StopReason(why, "scene"))
+        except ExecutionError as exc:  # the scene has changed nevertheless
+            return f"{why}; {exc}"
+        return why
 
-    async def _lead_around(self, checker: CollisionChecker, left: Trajectory, since_s: float) -> bool:
-        """Redirect the current motion around an obstacle in its path, if the settings permit this and the arm
-        could still stop afterwards. Returns whether it did.
-
-        Args:
-            since_s: time at which the arm was at the beginning of `left`, on the link's clock. The arm moves
-                on during the check and the search.
+    def _begin_way_around(
+        self, remaining: _Remaining | None, scene: Scene, in_force: asyncio.Event
+    ) -> asyncio.Task[bool] | None:
+        """Begin to redirect the current motion around an object in its path, if the settings permit this and
+        the arm could still stop afterwards. The task returns whether it did.
         """
         within_s = self._replan_within_s
-        if within_s == 0.0:
-            return False
-        deadline_s = self._link.clock.now_s() + within_s
-        near = cut(left, 0.0, min(deadline_s - since_s + STOPS_WITHIN_S, left.duration_s))
-        try:
-            await asyncio.to_thread(checker.check_trajectory, near)
-        except CollisionError:
-            return False
-        left_s = deadline_s - self._link.clock.now_s()
-        return left_s > 0.0 and await self._retargeting.lead_around(left_s)
+        if within_s == 0.0 or remaining is None or remaining.contact is None:
+            return None
+        left_s = remaining.since_s + within_s - self._link.clock.now_s()  # the arm has moved on
+        free_s = min(within_s + STOPS_WITHIN_S, remaining.left.duration_s)
+        if left_s <= 0.0 or remaining.contact.free_s < free_s:
+            return None
+        return asyncio.create_task(self._retargeting.lead_around(left_s, scene, in_force))
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """The pose in the base frame. `frame` may have been made by the same change."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from app.services.state.link import RobotLink
 
 ACKNOWLEDGE_S = 3.0
-"""Timeout for an acknowledgement, s. rtloop verifies the largest trajectory in about a second."""
+"""Timeout for an acknowledgement, s. rtloop verifies the largest trajectory in 0.4 s."""
 STATE_S = 1.5
 """Maximum time to wait for a state before a reset, s."""
 POLL_S = 0.001

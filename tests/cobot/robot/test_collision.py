@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from cobot.robot.collision import RESOLUTION_M, CollisionChecker
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory, from_hermite
+from cobot.trajectory_parts import cut
 from cobot.types import Array
 
 SEED = 20261121
@@ -146,6 +148,21 @@ def test_a_dip_into_the_floor_is_found_however_long_the_arm_stands_still_around_
     dip = from_hermite(times, np.array([home, home, low, home, home]), still, still)
     with pytest.raises(CollisionError, match=r"collision of floor and link\d at .* mm after \d+ %"):
         robot.collision.check_trajectory(dip)
+
+
+def test_a_motion_is_free_until_its_first_contact(robot: RobotDescription) -> None:
+    """The oracle is the check of the part before that time, and of a part that includes it."""
+    collision, low = robot.collision, IN_THE_FLOOR
+    motion = rest_to_rest(np.zeros(7), low)
+    found = collision.first_contact(motion)
+    assert found is not None
+    assert 0.0 < found.free_s == found.time_s < motion.duration_s
+    collision.check_trajectory(cut(motion, 0.0, found.free_s - 1e-3))
+    with pytest.raises(CollisionError, match=re.escape(str(found.contact))):
+        collision.check_trajectory(motion)
+    with pytest.raises(CollisionError):
+        collision.check_trajectory(cut(motion, 0.0, found.free_s + 0.02))
+    assert collision.first_contact(rest_to_rest(np.zeros(7), 0.1 * low)) is None
 
 
 def test_nothing_comes_nearer_between_two_checks_than_a_free_motion_is_proven_to(

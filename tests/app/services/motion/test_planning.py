@@ -425,12 +425,29 @@ def test_a_free_process_takes_over_the_scene_before_it_has_a_task(
     ball = SceneObject("sphere", (0.1,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
 
     async def check() -> None:
-        real.scene = Scene(7, {"ball": ball})
-        real.prepare()
+        real.prepare(Scene(7, {"ball": ball}))
         assert real._preparing is not None
         await real._preparing
         assert await real._pool.run(_objects, WAIT_S) == ["ball"]
+        assert await real.compute(_objects, WAIT_S) == [], "that scene is not in force"
+
+    runner.run(check())
+
+
+def test_a_task_can_be_computed_in_a_scene_that_is_not_in_force_yet(
+    runner: asyncio.Runner, real: PlanningService
+) -> None:
+    """Oracle: the objects that the process itself has."""
+    ball = SceneObject("sphere", (0.1,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
+    coming = Scene(9, {"ball": ball})
+
+    async def check() -> None:
+        task = asyncio.create_task(real.compute(_objects, WAIT_S, coming))
+        await asyncio.sleep(0)
+        real.scene = coming
+        assert await task == ["ball"]
         real.scene = Scene(8)
+        assert await real.compute(_objects, WAIT_S, coming) == ["ball"]
         assert await real.compute(_objects, WAIT_S) == []
 
     runner.run(check())

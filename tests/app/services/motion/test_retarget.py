@@ -20,8 +20,9 @@ from app.services.motion.retarget import KINDS
 from app.services.rights.claims import Claim
 from app.services.rights.job import JobKind
 from app.services.rights.stop_reason import StopReason
-from cobot.errors import ConflictError, ExecutionError, PlanningTimeout
+from cobot.errors import ConflictError, ExecutionError, PlanningTimeout, UnavailableError
 from cobot.motions.requests import MotionRequest
+from cobot.robot.scene import Scene
 from cobot.types import LoopMode, PlannerName, Scaling
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -227,11 +228,11 @@ def slow_planning(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     at_once = PlanningHere.compute
 
     def take(time_s: float) -> None:
-        async def compute(self: PlanningHere, work: Any, timeout_s: float) -> Any:
+        async def compute(self: PlanningHere, work: Any, timeout_s: float, scene: Scene | None = None) -> Any:
             if time_s > timeout_s:
                 raise PlanningTimeout.after(timeout_s, "planning takes longer")
             await asyncio.sleep(time_s)
-            return await at_once(self, work, timeout_s)
+            return await at_once(self, work, timeout_s, scene)
 
         monkeypatch.setattr(PlanningHere, "compute", compute)
 
@@ -465,20 +466,92 @@ def test_while_a_way_around_is_planned_the_goal_does_not_change(
 def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
     around: VirtualService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The arm moves on during the check: the stretch that was checked must end behind the stop."""
+    """The arm moves on during the check: it may have left the stretch in which it could still stop."""
     around.post("/scene", {"clear": True}).raise_for_status()
     around.go_home()
     job = moving(around, FAR | {"speed": 0.3})
     at_once = asyncio.to_thread
 
     async def slowly(work: Any, *values: Any, **named: Any) -> Any:
-        if getattr(work, "__name__", "") == "check_trajectory":
+        if getattr(work, "__name__", "") == "first_contact":
             await asyncio.sleep(0.15)
         return await at_once(work, *values, **named)
 
     monkeypatch.setattr(asyncio, "to_thread", slowly)
     assert "ball" in around.post("/scene", ball_at(around, 1.1)).json()["stopped"]
     assert ended(around, job)["state"] == "cancelled"
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
+def slow_storing(run: VirtualService, monkeypatch: pytest.MonkeyPatch, fails: bool) -> list[str]:
+    """Let the disk take 50 ms for each scene. Returns what is stored and handed over, in their order."""
+    told, services = list[str](), run.app.state.services
+    store, replace = services.scene._store, services.motion.replace
+
+    async def slowly(*values: Any) -> Any:
+        await asyncio.sleep(0.05)
+        if fails:
+            raise UnavailableError("a disk is full: make room, see df")
+        found = await store(*values)
+        told.append("stored")
+        return found
+
+    async def hand_over(*values: Any) -> None:
+        told.append("handed over")
+        await replace(*values)
+
+    monkeypatch.setattr(services.scene, "_store", slowly)
+    monkeypatch.setattr(services.motion, "replace", hand_over)
+    return told
+
+
+def test_a_way_around_is_planned_while_the_scene_is_stored_and_handed_over_afterwards(
+    around: VirtualService, slow_planning: Callable[[float], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The oracle is the virtual clock: one after the other would take longer than the setting permits."""
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    around.rig.commanded.clear()
+    job = moving(around, FAR | {"speed": 0.3})
+    slow_planning(0.06)
+    told = slow_storing(around, monkeypatch, fails=False)
+    put = around.post("/scene", ball_at(around, 1.1))
+    assert put.json()["stopped"] == "", put.text
+    assert told == ["stored", "handed over"]
+    assert ended(around, job)["state"] == "finished"
+    require_within_limits(around)
+
+
+def test_a_scene_that_cannot_be_stored_leads_no_motion_around(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    path = around.get("/robot/motion?samples=5").json()["path"]
+    told = slow_storing(around, monkeypatch, fails=True)
+    put = around.post("/scene", ball_at(around, 1.1))
+    assert put.status_code == 503, put.text
+    around.sleep(0.2)
+    assert told == []
+    assert around.get("/robot/motion?samples=5").json()["path"] == path
+    monkeypatch.undo()
+    new_goal(around, job, FAR | {"speed": 0.3}).raise_for_status()  # nothing is left of the search
+    assert ended(around, job)["state"] == "finished"
+
+
+def test_a_motion_that_begins_while_a_scene_is_stored_is_stopped_too(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    body = ball_at(around, 1.1)
+    slow_storing(around, monkeypatch, fails=False)
+    putting = around.begin(around.asking("POST", "/scene", json=body))
+    job = around.post("/robot/move/joints?wait=false", FAR | {"speed": 0.3}).json()["id"]
+    assert "ball" in around.end(putting).json()["stopped"]
+    assert ended(around, job)["state"] == "cancelled"
+    monkeypatch.undo()
     around.post("/scene", {"clear": True}).raise_for_status()
 
 

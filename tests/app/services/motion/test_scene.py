@@ -204,6 +204,9 @@ def test_a_scene_that_cannot_be_written_changes_nothing(robot, monkeypatch):
     assert "disk is full" in answer.json()["detail"]
     assert robot.get("/scene").json() == before
     assert file_of(robot).read().version == before["version"]
+    monkeypatch.undo()
+    version = put(robot, "ball", AHEAD).json()["version"]
+    assert version > before["version"] + 1, "planning processes may know another scene by that version"
 
 
 def test_who_puts_something_where_the_arm_is_hears_of_it(robot):
