@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fri_run import CabinetProcess, RunOverFri
 
+from benchmarks.backends.derivatives import commands_row
 from benchmarks.backends.driven import (
     PRIORITY,
     Driven,
@@ -22,6 +23,7 @@ from benchmarks.backends.driven import (
 from benchmarks.loop.idle import busy
 from benchmarks.service import background
 from benchmarks.table import Row
+from cobot.config import load_settings
 
 PERIODS_MS = (5, 2, 1)
 COUNT = "answered"
@@ -54,7 +56,8 @@ def robot(period_ms: int) -> Iterator[Driven]:
 
 
 def fri(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Answers at each period in motion, alone and beside two busy loops; then losses, and recoveries."""
+    """Derivatives; answers at each period in motion, alone and beside two busy loops; losses, recoveries."""
+    yield commands_row("FRI: commands that the cabinet is sent", load_settings(), "fri")
     for period_ms in PERIODS_MS:
         for loops in (0, 2):
             with busy(loops):

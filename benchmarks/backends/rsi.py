@@ -12,6 +12,7 @@ import numpy as np
 from cobot_run import WAIT_S
 from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
 
+from benchmarks.backends.derivatives import commands_row
 from benchmarks.backends.driven import Faults, driven
 from benchmarks.service import background
 from benchmarks.table import Row, percentiles, row
@@ -20,14 +21,12 @@ from cobot.robot.description import load_robot
 from rtloop.backends.rsi.simulator.controller import RsiController
 from rtloop.backends.rsi.simulator.lockstep import controller_for
 from rtloop.backends.rsi.simulator.options import ControllerOptions
-from rtloop.contract.suite import cell_for
 
 SPEED = 0.3
 """Of the moves under loss: a lost packet is 12 ms, in which this arm moves by 0.07 rad at full speed."""
 WARM = 500
 ANSWER_S = 0.02
 """A packet that gets no answer for so long is lost."""
-MOVES = 4
 FAULTS: Faults = {
     "an emergency stop": ({"estop": True}, {"estop": False}),
     "a change of the operation mode": ({"mode": "T2"}, {"mode": "AUT"}),
@@ -43,7 +42,8 @@ def rsi(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
     """Answers as fast as the controller sends; then moves under loss, recoveries, and derivatives."""
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         yield _answer_row(Path(folder), answers)
-        yield _derivative_row(Path(folder) / "kr10" / "cobot-setting.yaml")
+        config = Path(folder) / "kr10" / "cobot-setting.yaml"
+        yield commands_row("RSI: corrections that the controller is sent", load_settings(config), "rsi")
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         port = free_udp_port()
         made = kr10(Path(folder), port)
@@ -112,26 +112,3 @@ def _answer_times(controller: RsiController, port: int, answers: int) -> list[fl
             took.append(1e-3 * (time.perf_counter_ns() - begun))
             controller.answer(answer)
     return took[WARM:]
-
-
-def _derivative_row(config: Path) -> Row:
-    """Of what the controller is sent, at half the joints' limits: the contract's motion."""
-    cell = cell_for(load_settings(config), "rsi")
-    limits = cell.robot.limits
-    with cell.drive() as driver:
-        for _ in range(MOVES):
-            driver.move()
-        sent = np.array(driver.wire)
-    shares = []
-    for order, most in enumerate((limits.max_velocity, limits.max_acceleration, limits.max_jerk), start=1):
-        rates = np.diff(sent, order, axis=0) / cell.settings.rt.period_s**order
-        shares.append(float((np.abs(rates) / most).max()))
-    return row(
-        "RSI: corrections that the controller is sent in planned motions, share of the joints' limits",
-        "",
-        shares,
-        "the limits",
-        (1.0, 1.0, 1.0),
-        columns=("velocity", "acceleration", "jerk"),
-        aim="1 at most",
-    )

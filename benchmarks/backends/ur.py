@@ -14,10 +14,11 @@ from cobot_run import WAIT_S
 from ur_arm import POSITIONS, ur_folder
 from ur_run import ControllerProcess, RunOverUr
 
+from benchmarks.backends.derivatives import commands_row
 from benchmarks.backends.driven import PRIORITY, Driven, Faults, Times, answer_row, driven, times_of
 from benchmarks.service import background
 from benchmarks.table import Row
-from cobot.config import SETTINGS_FILE
+from cobot.config import SETTINGS_FILE, load_settings
 
 PERIODS_MS = (8, 2)
 HOME = np.radians(POSITIONS["home"]).tolist()
@@ -46,7 +47,10 @@ def robot(period_ms: int) -> Iterator[Driven]:
 
 
 def ur(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Commands at two periods in motion; then packages left out, late commands, and recoveries."""
+    """Derivatives, commands at two periods in motion, packages left out, late commands, and recoveries."""
+    with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        settings = load_settings(ur_folder(Path(folder)) / SETTINGS_FILE)
+        yield commands_row("Universal Robots: commands that the controller is sent", settings, "ur")
     for period_ms in PERIODS_MS:
         floor = _floor(period_ms, answers)
         with robot(period_ms) as made:

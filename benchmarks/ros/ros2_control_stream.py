@@ -16,6 +16,7 @@ import yaml
 from cobot_run import WAIT_S, Run
 from dds_peers import own_domain
 
+from benchmarks.backends.derivatives import commands_row, goals_row
 from benchmarks.backends.driven import Faults, driven
 from benchmarks.ros.controllers import ControllersProcess
 from benchmarks.service import background
@@ -98,6 +99,9 @@ def faults(kind: str, moves: int, repetitions: int) -> Iterator[Row]:
 
 def ros2_control_stream(quick: bool) -> Iterator[Row]:
     """Everything: about twelve minutes, `quick` two."""
+    yield goals_row(5 if quick else 50)
+    kind = "ros2_control_stream"
+    yield commands_row(f"{kind}: commands that the controller is sent", load_settings(), kind)
     for rate_hz in RATES_HZ:
         yield from answers(rate_hz, 2000 if quick else 100_000)
     for kind in ("ros2_control", "ros2_control_stream"):

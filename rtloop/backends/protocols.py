@@ -392,7 +392,7 @@ class TrajectoryDevice(Protocol):
     cycle, while nothing moves.
 
     Two attributes are optional: `state_period_s`, the interval at which the device is polled (0.05), and
-    `point_period_s`, the time between points of a motion (0.02).
+    `point_period_s`, the maximum time between points of a motion (0.02).
     """
 
     def open(self, initial_position: Array) -> None:

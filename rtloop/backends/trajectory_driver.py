@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -57,6 +58,8 @@ rest, rad.
 FROZEN_ASKED = 5
 """Maximum number of polls with identical measured values while the device reports progress."""
 FROZEN_RAD = 1e-3
+NEAREST = 0.1
+"""Minimum time between two points of a motion, as a share of the point period."""
 END_S = 1e-9
 
 
@@ -96,9 +99,13 @@ class Motion:
         self.duration_s = float(breakpoints_s[-1])
 
     def points(self, period_s: float) -> tuple[Array, Array]:
-        """Times, shape (n,), and position, velocity and acceleration at them, shape (3, n, dof)."""
+        """Times, shape (n,), and position, velocity and acceleration at them, shape (3, n, dof).
+
+        The times are at most `period_s` apart. Some are where the polynomials of the path meet, so that a
+        device with quintics between the points keeps the path and its jerk.
+        """
         slowed = Trajectory(*self._parts).stretched(1.0 / self._share)
-        times_s = np.linspace(0.0, slowed.duration_s, 2 + int(slowed.duration_s / period_s))
+        times_s = _point_times(slowed.breakpoints_s, period_s)
         return times_s, np.array([slowed.sample(times_s, order) for order in range(3)])
 
     def position(self, done_s: float) -> Array:
@@ -107,6 +114,17 @@ class Motion:
     def done_s(self, progress_s: float) -> float:
         done_s = progress_s * self._share
         return self.duration_s if done_s >= self.duration_s - END_S else max(done_s, 0.0)
+
+
+def _point_times(breakpoints_s: Array, period_s: float) -> Array:
+    """The breakpoints that are not too near to the one before or to the end, and even steps in between."""
+    nearest_s, end_s = NEAREST * period_s, float(breakpoints_s[-1])
+    times_s = [0.0]
+    for mark_s in [*breakpoints_s[1:-1], end_s]:
+        if mark_s == end_s or nearest_s <= mark_s - times_s[-1] <= end_s - times_s[-1] - nearest_s:
+            steps = max(math.ceil((mark_s - times_s[-1]) / period_s), 1)
+            times_s.extend(np.linspace(times_s[-1], mark_s, steps + 1)[1:])
+    return np.array(times_s)
 
 
 class TrajectoryDriver:

@@ -5,6 +5,7 @@ Oracle: the toy device, which knows where on its motion it is, and what it was g
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 import time
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from cobot_run import until
 from rig import Rig
+from scipy.interpolate import BPoly
 
 from cobot.config import Settings
 from cobot.ipc.device_record import device_of
@@ -43,6 +45,7 @@ from rtloop.backends.trajectory_driver import (
     LAST_CALL_LOG_S,
     LAST_CALL_S,
     TURN_S,
+    Motion,
     TrajectoryDriver,
     as_backend,
 )
@@ -670,3 +673,25 @@ def test_it_is_made_from_the_settings(settings: Settings, robot: RobotDescriptio
     assert isinstance(made, TrajectoryDriver)
     assert made.capabilities.trajectories
     assert made.device.state_period_s == STATE_PERIOD_S  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_a_device_with_quintics_between_the_points_keeps_the_jerk_of_the_path(
+    robot: RobotDescription, share: float
+) -> None:
+    """Oracle: scipy's polynomials with these positions, velocities and accelerations. With even steps they
+    need up to 1.7 times the jerk."""
+    limits = robot.limits
+    random = np.random.default_rng(7)
+    places = random.uniform(0.9 * limits.min_position, 0.9 * limits.max_position, (6, limits.dof))
+    for start, goal in itertools.pairwise(places):
+        path = plan_ptp(robot, MotionRequest(start, goal, PlannerName.PTP, Scaling(1.0)), goal)
+        times_s, rows = Motion(1, path.breakpoints_s, path.coefficients, share).points(0.02)
+        steps_s = np.diff(times_s)
+        assert (times_s[0], times_s[-1]) == (0.0, pytest.approx(path.duration_s / share))
+        assert steps_s.min() >= 0.002 - 1e-9
+        assert steps_s.max() <= 0.02 + 1e-9
+        every_s = np.arange(0.0, times_s[-1], 1e-4)
+        jerk = np.abs(BPoly.from_derivatives(times_s, rows.transpose(1, 0, 2))(every_s, 3))
+        planned = np.abs(path.stretched(1.0 / share).sample(every_s, 3))
+        assert (jerk / limits.max_jerk).max() <= 1.2 * (planned / limits.max_jerk).max()
