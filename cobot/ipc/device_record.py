@@ -60,7 +60,7 @@ def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
         (CONFIRMS if capabilities.stops[category] else DOES) if category in capabilities.stops else UNABLE
         for category in STOP_CATEGORIES
     ]
-    record["hardware"] = capabilities.hardware
+    record["hardware"], record["guides"] = capabilities.hardware, capabilities.guides
 
 
 def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
@@ -93,6 +93,7 @@ def device_of(record: np.ndarray) -> DeviceReport:
             }
         ),
         hardware=bool(record["hardware"]),
+        guides=bool(record["guides"]),
         **{name: bool(able) for name, able in zip(FLAGS, record["able"], strict=True)},
     )
     status = None

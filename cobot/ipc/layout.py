@@ -291,6 +291,7 @@ DEVICE = np.dtype(
         ("able", "u1", (8,)),  # one per `cobot.robot.device.FLAGS`
         ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
         ("hardware", "u1"),
+        ("guides", "u1"),
         ("says", "u8"),  # 1: the device reports the status that follows
         ("connection", "S64"),
         ("quality", "S64"),

@@ -33,6 +33,7 @@ class Capabilities:
         torque: the arm follows streamed torques.
         wrench: accepts a force at the TCP in addition to positions.
         freedrive: the arm can be guided by hand.
+        guides: the device itself releases the arm for that; otherwise springs and measured torques serve.
         brakes: brakes can be commanded separately from the drives.
         payload: accepts the payload.
         io: has inputs and outputs.
@@ -53,6 +54,7 @@ class Capabilities:
     trajectories: bool = False
     stops: Mapping[int, bool] = field(default_factory=lambda: MappingProxyType({1: False, 2: False}))
     hardware: bool = False
+    guides: bool = False
 
     def __post_init__(self) -> None:
         """

@@ -221,7 +221,7 @@ class ImpedanceControlled(Protocol):
 
 @runtime_checkable
 class GuidedByHand(Protocol):
-    """A backend without springs in its drives, whose device itself lets a person guide the arm by hand."""
+    """A backend whose device itself lets a person guide the arm by hand, without springs."""
 
     def begin_guiding(self) -> None:
         """Let the device release the arm, which is at rest, with the next `write`. Until `follow_commands`
@@ -486,6 +486,7 @@ def capabilities_of(backend: object) -> Capabilities:
         )
     if isinstance(backend, TrajectoryDevice):
         return replace(capabilities, trajectories=True)
+    capabilities = replace(capabilities, guides=capabilities.freedrive and hasattr(backend, "begin_guiding"))
     if hasattr(backend, "set_impedance"):
         return replace(capabilities, impedance=True, torque=True)
     return capabilities

@@ -264,7 +264,7 @@ class FreedriveService:
         self._until_s = self._link.clock.now_s() + timeout_s
 
     def _require_able(self) -> bool:
-        """Whether the device releases the arm itself, because its drives have no springs."""
+        """Whether the device releases the arm itself, without springs."""
         named = self._link.device()
         if named is None:
             raise ConflictError("freedrive: the capabilities of the robot's backend cannot be read")
@@ -272,7 +272,7 @@ class FreedriveService:
         refusal = device.capabilities.lacks(backend, "guiding the arm by hand", "freedrive")
         if refusal:
             raise NotSupportedError(SWITCHED_OFF if self._is_switched_off else refusal)
-        return not device.capabilities.impedance
+        return device.capabilities.guides
 
     def _require_untouched(self, by_device: bool) -> None:
         """Check that nothing pushes the arm yet, because any measured effort would move it."""

@@ -22,17 +22,21 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Impedance, Measured
 from rtloop.backends.agreement import check_agreement
 from rtloop.backends.franka.bridge import Bridge
-from rtloop.backends.franka.impedance import GivingWay
 from rtloop.backends.franka.kinematics import told_flange
 from rtloop.backends.franka.link import Knock, Knocking, Link
 from rtloop.backends.franka.options import DOF, FrankaOptions
 from rtloop.backends.franka.words import MODES, REFUSALS, active_errors, in_words
+from rtloop.backends.giving_way import GivingWay
 from rtloop.backends.protocols import require_accepted
 
 if TYPE_CHECKING:
     from rtloop.contract import ContractRig
 
 PERIOD_S = 0.001
+MAX_TORQUE_RATE = 990.0
+"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats higher
+rates as a jump.
+"""
 REST_RAD_S = 0.02
 """Maximum speed of a joint at which the arm counts as at rest, rad/s."""
 
@@ -76,7 +80,7 @@ class FrankaBackend:
         self._preparing: Iterator[bool] | None = None
         self._periods = 1
         self._lost_packets = 0
-        self._giving = GivingWay(settings, limits)
+        self._giving = GivingWay(settings, limits, MAX_TORQUE_RATE)
         self._impedance: Impedance | None = None
         self._tool = BARE
         self._bridge = Bridge(DOF, PERIOD_S)

@@ -49,6 +49,7 @@ class ControllerArm:
         self._flange = self._model.site("flange").id if "flange" in sites else self._tcp
         self._base = self._model.body(settings.robot.base_frame).id
         self._jacobian = np.zeros((6, limits.dof))
+        self._dynamics = mujoco.MjData(self._model)
         self.limits = limits
         self.setpoint = np.array(position, dtype=float)
         self._velocity = np.zeros(limits.dof)
@@ -111,6 +112,37 @@ class ControllerArm:
             self._drives.write(rows)
             self._drives.read(self.measured)
         self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
+
+    def loosen(self) -> None:
+        """Let only torques act on the arm, on top of the compensation of gravity and friction."""
+        nothing = np.zeros(self.limits.dof)
+        self._drives.set_impedance(Impedance(False, nothing, np.ones(self.limits.dof)))
+
+    def exert(self, torque: Array, milliseconds: int) -> None:
+        """Exert torques on a loosened arm, shape (dof,), N·m, for this number of milliseconds. Its target is
+        where it is.
+        """
+        rows = self._rows
+        for _ in range(milliseconds):
+            rows[0], rows[1] = self.measured.position, self.measured.velocity
+            rows[2] = self._acceleration_of(torque)
+            self._drives.write(rows)
+            self._drives.read(self.measured)
+        self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
+
+    def _acceleration_of(self, torque: Array) -> Array:
+        """The acceleration, rad/s², whose inertial torque in the drives is the given one. The drives
+        compensate velocity-dependent torques too, so these are subtracted.
+        """
+        data, model = self._dynamics, self._model
+        gravity, found = np.zeros(self.limits.dof), np.zeros(self.limits.dof)
+        data.qpos[:], data.qvel[:] = self._data.qpos, 0.0
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_rne(model, data, 0, gravity)
+        data.qvel[:] = self._data.qvel
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_solveM(model, data, found[None], (torque - data.qfrc_bias + gravity)[None])
+        return found
 
     def hold(self) -> None:
         """Let the drives follow positions again."""

@@ -1,4 +1,5 @@
-"""Universal Robots over RTDE, with a program of cobot on the controller that follows joint positions.
+"""Universal Robots over RTDE, with a program of cobot on the controller that follows joint positions or
+torques.
 
 This module is long because it has all the functions that the cycle calls.
 """
@@ -6,7 +7,7 @@ This module is long because it has all the functions that the cycle calls.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from cobot.robot.io_points import IoPoint
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, Pose
-from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends import BackendError, Capabilities, DeviceStatus, Impedance, Measured
 from rtloop.backends.agreement import check_agreement
 from rtloop.backends.beat import Beat, CommandTransition
 from rtloop.backends.protocols import require_accepted
@@ -29,6 +30,13 @@ from rtloop.backends.ur.link import RtdeLink
 from rtloop.backends.ur.options import UrOptions
 from rtloop.backends.ur.points import GROUPS, READ, UrOutputs, points
 from rtloop.backends.ur.program import MotionProgram
+from rtloop.backends.ur.torques import (
+    MOTOR_TORQUE,
+    REST_RAD_S,
+    TORQUE_PERIOD_S,
+    ExertedTorques,
+    check_version,
+)
 from rtloop.backends.ur.transport import TcpTransport, UrTransport
 from rtloop.backends.ur.words import hindrance, mode_in_words
 from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection
@@ -61,14 +69,16 @@ USEFUL = (
     "actual_TCP_pose",
     *(each for each in READ if "analog" in each),
 )
-REST_RAD_S, REST_S = 0.01, 2.0
-"""Joint speed up to which the arm is at rest, rad/s, and timeout for coming to rest at the start, s."""
+REST_S = 2.0
+"""Timeout for coming to rest at the start, s."""
 ENDED_PACKAGES = 3
 """Packages after the end of cobot's program until it is a fault. The program ends just before the first
 package that has the cause, such as an emergency stop.
 """
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
+HELD_S = 0.1
+"""Time after torques in which the controller holds the arm before it follows positions, s."""
 POSE_S = 0.1
 """Time until the controller reports its pose with the TCP that the program has set, s."""
 HALF_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -85,7 +95,13 @@ class _Hand(Enum):
 
 class UrBackend:
     """An externally clocked `Backend` for the controller: `Paced`, `Reporting`, `Stepwise`, `CarriesTool`,
-    `GuidedByHand` and `HasIo`."""
+    `GuidedByHand` and `HasIo`. With the option `torque` it is also `ImpedanceControlled`: only then it has
+    the attributes of that protocol.
+    """
+
+    set_impedance: Callable[[Impedance | None], None]
+    nominal_stiffness: Array
+    nominal_cartesian_stiffness: Array
 
     Options = UrOptions
     capabilities = Capabilities(
@@ -118,16 +134,17 @@ class UrBackend:
         self._options, self._limits, self._robot = options, limits, settings.robot
         self.capabilities = replace(type(self).capabilities, freedrive=options.freedrive)
         self._period_s = settings.rt.period_s
+        self._torques = self._make_torques(settings) if options.torque else None
         self._transport: UrTransport = transport or TcpTransport()
         self._link = RtdeLink(
             self._transport,
             options.address,
             1.0 / self._period_s,
             NEEDED,
-            USEFUL,
+            (*USEFUL, MOTOR_TORQUE) if options.torque else USEFUL,
             GROUPS if options.outputs else (),
         )
-        self._program = MotionProgram(self._transport, options)
+        self._program = MotionProgram(self._transport, options, limits)
         self._making_ready = Enabling(self._transport, options, self._program, self._period_s)
         self._outputs = UrOutputs(self._link.send)
         self._beat = Beat[dict[str, Any]](limits.dof, self._period_s)
@@ -143,6 +160,7 @@ class UrBackend:
         self._begun = False
         self._unconnected = 0  # packages since the program has ended
         self._hand = _Hand.OFF
+        self._held_until_s = 0.0
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
@@ -150,12 +168,17 @@ class UrBackend:
 
     def open(self, initial_position: Array) -> None:
         robot = self._robot
-        self._model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+        self._model = (
+            RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+            if self._torques is None
+            else self._torques.robot
+        )
         until_s = self._transport.clock() + self._options.connect_s
         while not self.wait(self._options.silence_s):
             if self._link.lasting or self._transport.clock() > until_s:
                 raise BackendError(self._link.problem or "the controller sends no data")
         require_accepted(self._check_period())
+        require_accepted(self._check_torque())
         self._await_rest()
 
     def enable(self) -> None:
@@ -207,6 +230,11 @@ class UrBackend:
         measured.velocity = data["actual_qd"]
         measured.desired_effort = data["target_moment"]
         measured.wrench = self._in_base(data["actual_TCP_force"])
+        if self._torques is not None:
+            measured.effort = motor = np.array(data[MOTOR_TORQUE])
+            measured.external_effort = self._torques.estimate(
+                self._beat.position, np.array(data["actual_qd"]), motor
+            )
 
     def write(self, command: Array) -> None:
         data = self._beat.newest
@@ -223,13 +251,22 @@ class UrBackend:
         result = first_rejection(self._checks_of_a_command(data))
         if result is ACCEPTED and self._unconnected:
             return
-        follows = self._hand is _Hand.OFF
+        torques = self._torques if self._torques is not None and self._torques.is_on else None
+        if result is ACCEPTED and torques is not None:
+            result = torques.check(self._beat.position, np.array(data["actual_qd"]))
+        follows = (
+            self._hand is _Hand.OFF and torques is None and self._transport.clock() >= self._held_until_s
+        )
         if result is ACCEPTED and follows and self._transition.sent is None:
             result = self._begin(data, command[0])
         if isinstance(result, Rejected):
             self._last_motion = result
             self._abandon()
             raise BackendError(f"the robot does not accept commands: {result.reason}")
+        if torques is not None:
+            torque = torques.find(command, self._beat.position, np.array(data["actual_qd"]))
+            self._program.send_torque(torque.tolist())
+            return
         if not follows:
             self._program.send_hand(guided=self._hand is _Hand.GUIDES)
             return
@@ -283,6 +320,8 @@ class UrBackend:
     def set_tool(self, tool: Tool) -> None:
         """Send mass and centre of mass to the controller, which compensates gravity by itself."""
         self._tool = tool
+        if self._torques is not None:
+            self._torques.robot.carry(tool)
         if self._enabled:
             self._program.send_tool(tool)
 
@@ -291,6 +330,8 @@ class UrBackend:
             raise BackendError("robot.backend.freedrive is false: set it to true to guide this arm by hand")
         self._hand = _Hand.GUIDES
         self._transition.forget()
+        if self._torques is not None:  # the controller itself releases the arm, without springs
+            self._torques.is_on = False
 
     def end_guiding(self) -> None:
         if self._hand is _Hand.GUIDES:
@@ -308,6 +349,40 @@ class UrBackend:
         if self._silence_s > self._options.silence_s:
             raise BackendError(f"{name} cannot be set: {self._link.problem or 'the controller is silent'}")
         self._outputs.set(self._newest, name, value, self._transport.clock())
+
+    # ImpedanceControlled, with the option `torque`
+
+    def _make_torques(self, settings: Settings) -> ExertedTorques:
+        if self._period_s != TORQUE_PERIOD_S:
+            raise BackendError(
+                f"robot.backend.torque needs the period of the controller: rt.period_s is "
+                f"{self._period_s:g} s, set it to {TORQUE_PERIOD_S:g}"
+            )
+        torques = ExertedTorques(settings, self._limits)
+        self.set_impedance = self._set_impedance
+        self.nominal_stiffness = torques.nominal_stiffness
+        self.nominal_cartesian_stiffness = torques.nominal_cartesian_stiffness
+        able = self.capabilities
+        measured = able.measured | {"effort", "external_effort"}
+        self.capabilities = replace(able, impedance=True, torque=True, measured=measured)
+        return torques
+
+    def _set_impedance(self, impedance: Impedance | None) -> None:
+        """Switch between positions and torques. The arm must be at rest when torques begin."""
+        torques = self._torques
+        assert torques is not None
+        if impedance is not None and torques.is_needed(impedance):
+            speed = float(np.abs(self._newest["actual_qd"]).max())
+            if not (torques.is_on or speed <= REST_RAD_S):
+                raise BackendError(
+                    f"the arm moves at {speed:.3g} rad/s, the maximum is {REST_RAD_S} rad/s: torques begin "
+                    "only at rest; wait until the arm stands still"
+                )
+            torques.begin(impedance)
+            self._transition.forget()
+        elif torques.is_on:
+            torques.is_on = False
+            self._held_until_s = self._transport.clock() + HELD_S
 
     # Its own
 
@@ -330,6 +405,7 @@ class UrBackend:
 
     def _make_ready(self) -> Generator[None, None, None]:
         require_accepted(self._check_period())
+        require_accepted(self._check_torque())
         assert self._link.version is not None
         yield from self._making_ready.steps(
             lambda: self._newest, self._link.version, lambda: self._link.local
@@ -351,6 +427,8 @@ class UrBackend:
         self._program.drop()
         self._transition.forget()
         self._hand = _Hand.OFF
+        if self._torques is not None:
+            self._torques.is_on = False
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
         """Begin at the position in which the controller holds the arm, if the first command is near it."""
@@ -407,6 +485,12 @@ class UrBackend:
                 f"{CB3_PERIOD_S} s, rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
             )
         return ACCEPTED
+
+    def _check_torque(self) -> Accepted | Rejected:
+        version = self._link.version
+        if self._torques is None or version is None:
+            return ACCEPTED
+        return check_version(version, self._link.version_text, has_torque=MOTOR_TORQUE in self._newest)
 
     def _check_pose(self, data: Mapping[str, Any]) -> Accepted | Rejected:
         """Whether the controller's flange is where the model has it, in a base frame that may be turned by

@@ -62,6 +62,7 @@ OUTPUTS: dict[str, str] = {
     "actual_q": _V6,
     "actual_qd": _V6,
     "actual_current": _V6,
+    "actual_current_as_torque": _V6,
     "joint_control_output": _V6,
     "actual_TCP_pose": _V6,
     "actual_TCP_speed": _V6,

@@ -32,6 +32,8 @@ class UrOptions(BackendOptions):
         entry_rad: maximum distance of a joint from the controller's target when commands begin, rad.
         freedrive: whether cobot's program can release the arm for hand guiding. With false it has none of the
             functions of URScript for that.
+        torque: whether sessions can have an impedance or torques, by the controller's `direct_torque`.
+        torque_timeout_s: time without torques after which the program on the controller stops the arm, s.
         check_pose: whether the pose that the controller reports must be that of the model.
     """
 
@@ -52,4 +54,6 @@ class UrOptions(BackendOptions):
     gain: Annotated[float, Field(ge=100.0, le=2000.0)] = 1000.0
     entry_rad: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
     freedrive: bool = True
+    torque: bool = False
+    torque_timeout_s: Annotated[float, Field(ge=0.01, le=0.05)] = 0.02
     check_pose: bool = True

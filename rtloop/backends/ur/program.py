@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from importlib.resources import files
 
 from cobot.robot.tool import Tool
+from cobot.types import JointLimits
 from rtloop.backends import BackendError
 from rtloop.backends.ur.fields import AXES
 from rtloop.backends.ur.options import UrOptions
+from rtloop.backends.ur.torques import HELD_STEPS, SPEED_SHARE, TORQUE_PERIOD_S, torque_rate
 from rtloop.backends.ur.transport import ByteListener, ByteStream, UrTransport
 
 MAGIC = 0x636F626F
@@ -20,13 +22,15 @@ FIRST_TIMEOUT_S = 3.0
 """Time that the program waits for its first command, s."""
 _HELLO = struct.Struct(">ii")
 _MESSAGE = struct.Struct(">8i")
-END, POSITION, PAYLOAD, GUIDE, WAIT = 0, 1, 2, 3, 4
-FREEDRIVE = "# freedrive"
-"""End of each line of the program that is left out without freedrive."""
+TORQUE_SCALE = 1e6
+"""Integer value of 1 N·m in a message."""
+END, POSITION, PAYLOAD, GUIDE, WAIT, EXERT = 0, 1, 2, 3, 4, 5
+PARTS = ("freedrive", "torque")
+"""Options without which lines of the program are left out; such a line ends with the option's name."""
 MAX_PERIODS = 1000
 
 
-def script(options: UrOptions, host: str, port: int, token: int, period_s: float) -> str:
+def script(options: UrOptions, limits: JointLimits, host: str, port: int, token: int, period_s: float) -> str:
     """The text of the program."""
     text = files("rtloop.backends.ur").joinpath("control.script").read_text(encoding="utf-8")
     values = {
@@ -41,10 +45,16 @@ def script(options: UrOptions, host: str, port: int, token: int, period_s: float
         "LOOKAHEAD": repr(options.lookahead_s),
         "GAIN": repr(options.gain),
         "ENTRY": repr(options.entry_rad),
+        "MAX_TORQUE": limits.max_effort.tolist(),
+        "TORQUE_STEP": (torque_rate(limits) * TORQUE_PERIOD_S).tolist(),
+        "MAX_SPEED": (SPEED_SHARE * limits.max_velocity).tolist(),
+        "HELD_STEPS": HELD_STEPS,
+        "TORQUE_TIMEOUT": repr(options.torque_timeout_s),
     }
     for name, value in values.items():
         text = text.replace(f"@@{name}@@", str(value))
-    used = (line for line in text.splitlines() if options.freedrive or not line.endswith(FREEDRIVE))
+    unused = tuple(f"# {name}" for name in PARTS if not getattr(options, name))
+    used = (line for line in text.splitlines() if not line.endswith(unused))
     lines = (line.partition("#")[0].rstrip() for line in used)
     return "\n".join(filter(None, lines)) + "\n"
 
@@ -57,6 +67,17 @@ def encode_position(position: Sequence[float], periods: int) -> bytes:
     """
     numbers = [round(SCALE * value) for value in position]
     return _MESSAGE.pack(POSITION, *numbers, max(1, min(periods, MAX_PERIODS)))
+
+
+def encode_torque(torque: Sequence[float]) -> bytes:
+    """A message with joint torques, N·m, on top of gravity."""
+    return _MESSAGE.pack(EXERT, *(round(TORQUE_SCALE * value) for value in torque), 0)
+
+
+def decode_torque(message: bytes) -> list[float] | None:
+    """The torques of a message, N·m; None if it is another message."""
+    kind, *numbers = _MESSAGE.unpack(message)
+    return [each / TORQUE_SCALE for each in numbers[:AXES]] if kind == EXERT else None
 
 
 def decode_position(message: bytes) -> list[float] | None:
@@ -72,8 +93,8 @@ class MotionProgram:
         started: whether a program of this process was uploaded and may still be on the controller.
     """
 
-    def __init__(self, transport: UrTransport, options: UrOptions) -> None:
-        self._transport, self._options = transport, options
+    def __init__(self, transport: UrTransport, options: UrOptions, limits: JointLimits) -> None:
+        self._transport, self._options, self._limits = transport, options, limits
         self._listener: ByteListener | None = None
         self._stream: ByteStream | None = None
         self._guests: list[tuple[ByteStream, bytes]] = []
@@ -102,7 +123,7 @@ class MotionProgram:
         self._token = self._token % 1_000_000 + 1 + round(1e3 * self._transport.clock()) % 1_000_000
         self.started = True
         host = self._options.callback or local
-        return script(self._options, host, self._listener.port, self._token, period_s)
+        return script(self._options, self._limits, host, self._listener.port, self._token, period_s)
 
     @property
     def place(self) -> str:
@@ -147,6 +168,9 @@ class MotionProgram:
 
     def send_position(self, position: Sequence[float], periods: int) -> None:
         self._send(encode_position(position, periods))
+
+    def send_torque(self, torque: Sequence[float]) -> None:
+        self._send(encode_torque(torque))
 
     def send_tool(self, tool: Tool) -> None:
         """Send the payload: mass, and centre of mass in the frame of the flange."""

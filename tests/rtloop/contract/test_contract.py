@@ -67,10 +67,12 @@ def fanuc(settings: Settings) -> CheckedBackend:
     return cell_for(settings.model_copy(update={"rt": rt}), "fanuc")
 
 
-@pytest.fixture(scope="module", params=few([2, 8]))
+@pytest.fixture(scope="module", params=[*few([2, 8]), "torque"])
 def ur(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> CheckedBackend:
-    """An e-Series and a CB3."""
-    return cell_for(ur_settings(tmp_path_factory.mktemp("ur"), request.param), "ur")
+    """An e-Series and a CB3, and an e-Series with torques."""
+    torque = request.param == "torque"
+    period_ms = 2 if torque else request.param
+    return cell_for(ur_settings(tmp_path_factory.mktemp("ur"), period_ms, torque=torque), "ur")
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,9 @@ def _server(chosen: argparse.Namespace) -> UrServer:
     robot = load_robot(settings)
     start = np.array(robot.positions[settings.robot.start_position].joints)
     arm = ControllerArm(settings, robot.limits, start)
-    options = UrControllerOptions(chosen.series, chosen.on, not chosen.local, chosen.slider / 100.0)
+    options = UrControllerOptions(
+        chosen.series, chosen.on, not chosen.local, chosen.slider / 100.0, chosen.software
+    )
     network = DataNetwork(chosen.seed)
     network.loss = chosen.loss
     return UrServer(
@@ -54,6 +56,14 @@ def _server(chosen: argparse.Namespace) -> UrServer:
 
 def _operator_port(chosen: argparse.Namespace) -> int:
     return int(chosen.robot_api_port) if chosen.series == "x" else dashboard.PORT
+
+
+def _version(text: str) -> tuple[int, int, int, int]:
+    numbers = text.split(".")
+    if not 2 <= len(numbers) <= 4 or not all(each.isdecimal() and len(each) < 7 for each in numbers):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a version, such as 5.25.1")
+    major, minor, bugfix, build = [*map(int, numbers), 0, 0][:4]
+    return major, minor, bugfix, build
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -73,6 +83,12 @@ def _parser() -> argparse.ArgumentParser:
         choices=list(SERIES),
         default="e",
         help="e: 500 times per second; cb3: 125; x: PolyScope X, 500; default e",
+    )
+    add(
+        "--software",
+        type=_version,
+        metavar="VERSION",
+        help="version of its software, such as 5.25.1; default: 5.17.0, with cb3 3.15.8, with x 10.12.0",
     )
     add(
         "--robot-api-port",

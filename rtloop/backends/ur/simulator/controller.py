@@ -76,7 +76,7 @@ class UrController:
         self._acceleration = np.zeros(AXES)
         self._script: Script | None = None
         self._context = ProgramContext(self)
-        self._is_released = False
+        self._is_released = self._exerts = False
         self._secondary: list[Script] = []
         self._next_mode: tuple[float, UrRobotMode] | None = None
         self.program_name = ""
@@ -184,12 +184,15 @@ class UrController:
         if self._next_mode is not None and self.time_s >= self._next_mode[0]:
             mode, self._next_mode = self._next_mode[1], None
             self.robot_mode = mode
-        self._context.goal = None
+        self._context.begin_period()
         self._run_programs()
         plays = self.runtime == RuntimeState.PLAYING
         self._context.is_guided &= plays
-        self._switch_release(self._context.is_guided)
-        if self._is_released:
+        torque = self._context.torque if plays else None
+        self._switch_drives(self._context.is_guided, torque is not None)
+        if torque is not None:
+            self._exert(torque)
+        elif self._is_released:
             self._drift()
         else:
             self._move(self._context.goal if plays else None)
@@ -209,30 +212,52 @@ class UrController:
             self.messages.append((*_place(exc), f"runtime_error:{exc}"))
             return False
 
-    def _switch_release(self, released: bool) -> None:
-        """Release the arm for freedrive, or hold it again."""
-        if released == self._is_released:
+    def _switch_drives(self, released: bool, exerts: bool) -> None:
+        """Release the arm for freedrive, let it follow torques, or return to position control."""
+        if (released, exerts) == (self._is_released, self._exerts):
             return
-        self._is_released = released
-        if released:
+        if exerts != self._exerts:
+            self.events.append(f"direct torque {'begins' if exerts else 'ends'}")
+        self._is_released, self._exerts = released, exerts
+        if exerts:
+            self.arm.loosen()
+        elif released:
             self.arm.release()
         else:
             self.arm.hold()
 
     def _drift(self) -> None:
         """Let a person move the arm, within the reflexes."""
-        arm, limits = self.arm, self.arm.limits
-        arm.drift(round(1e3 * self.period_s))
-        measured = arm.measured
+        self.arm.drift(round(1e3 * self.period_s))
+        self._check_free_motion("was guided")
+
+    def _exert(self, torque: Array) -> None:
+        """Exert torques, within the reflexes."""
+        limits = self.arm.limits
+        over = np.abs(torque) / limits.max_effort
+        joint = int(over.argmax())
+        if over[joint] > 1.0 + 1e-9:
+            self.set_safety(
+                SafetyMode.PROTECTIVE_STOP,
+                f"{limits.names[joint]} is commanded a torque of {torque[joint]:.6g} N·m, its limit is "
+                f"{limits.max_effort[joint]:g} N·m",
+            )
+            torque = np.zeros(AXES)
+        self.arm.exert(torque, round(1e3 * self.period_s))
+        self._check_free_motion("was moved by torques")
+
+    def _check_free_motion(self, what: str) -> None:
+        """Take over the measured motion, and stop it beyond a limit."""
+        measured, limits = self.arm.measured, self.arm.limits
         self._velocity, self._acceleration = measured.velocity.copy(), np.zeros(AXES)
         past = np.maximum(limits.min_position - measured.position, measured.position - limits.max_position)
         if past.max() > LIMIT_RAD:
             name = limits.names[int(past.argmax())]
-            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} was guided beyond its limit")
+            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} {what} beyond its limit")
         speed = np.abs(measured.velocity) / limits.max_velocity
         if speed.max() > VELOCITY_SHARE:
             name = limits.names[int(speed.argmax())]
-            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} was guided too fast")
+            self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} {what} too fast")
 
     def _move(self, goal: Array | None) -> None:
         """Follow a goal if the reflexes permit it, otherwise brake."""
@@ -297,6 +322,7 @@ class UrController:
             target_qd=self._velocity.tolist(),
             target_qdd=self._acceleration.tolist(),
             target_moment=measured.desired_effort.tolist(),
+            actual_current_as_torque=measured.effort.tolist(),
             actual_q=measured.position.tolist(),
             actual_qd=measured.velocity.tolist(),
             actual_TCP_pose=pose,

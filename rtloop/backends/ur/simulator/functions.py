@@ -37,6 +37,7 @@ class ProgramContext:
     """
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None for none.
+        torque: joint torques for this control period, shape (dof,), N·m, on top of gravity; None for none.
         brake_rad_s2: deceleration while there is no goal.
         is_guided: whether the arm is in freedrive.
     """
@@ -45,8 +46,12 @@ class ProgramContext:
         self._controller = controller
         self._sockets: dict[str, _Socket] = {}
         self.goal: Array | None = None
+        self.torque: Array | None = None
         self.brake_rad_s2 = STOP_RAD_S2
         self.is_guided = False
+
+    def begin_period(self) -> None:
+        self.goal = self.torque = None
 
     def close(self) -> None:
         self.is_guided = False
@@ -90,7 +95,9 @@ class ProgramContext:
 
             return made(change)
 
+        torques = {"direct_torque": waiting(self._direct_torque)} if controller.options.has_torque else {}
         return {
+            **torques,
             "get_steptime": made(lambda: controller.period_s),
             "get_target_joint_positions": made(lambda: arm.setpoint.tolist()),
             "get_actual_joint_positions": made(lambda: arm.measured.position.tolist()),
@@ -163,6 +170,21 @@ class ProgramContext:
         for cycle in range(1, cycles + 1):
             self.goal = begin + (goal - begin) * (cycle / cycles)
             yield
+
+    def _direct_torque(
+        self,
+        torque: list[float],
+        viscous_scale: list[float] | None = None,
+        coulomb_scale: list[float] | None = None,
+        friction_comp: bool = True,
+    ) -> Run:
+        """Exert torques in this control period. The simulated drives compensate friction by themselves."""
+        if len(torque) != AXES or not all(map(math.isfinite, torque)):
+            raise ValueError(f"direct_torque: {AXES} torques are needed, got {torque}")
+        if self.is_guided:
+            raise ValueError("direct_torque: the arm is in freedrive, end it with end_freedrive_mode() first")
+        self.torque = np.array(torque, dtype=float)
+        yield
 
     def _stopj(self, a: float) -> Run:
         self.brake_rad_s2 = min(max(float(a), 0.1), 100.0)

@@ -14,7 +14,7 @@ from rtloop.backends.simulators.lockstep import EVERY, LockStepRig
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
 from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
 from rtloop.backends.ur.fields import SafetyMode
-from rtloop.backends.ur.program import decode_position
+from rtloop.backends.ur.program import decode_position, decode_torque
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.dashboard_session import DashboardSession
 from rtloop.backends.ur.simulator.network import DataNetwork
@@ -29,6 +29,8 @@ from rtloop.contract import FAULTS
 SLIDER = 0.99
 """Speed slider at the start: the contract raises it by one per cent."""
 HERE = "127.0.0.1"
+TORQUE_SOFTWARE = (5, 25, 1, 0)
+"""Version of the controller of a backend with the option `torque`."""
 MESSAGE_BYTES = 32
 
 
@@ -104,6 +106,7 @@ class UrLockStep:
         off: whether the cable is disconnected.
         busy: whether one wait in `EVERY` finds two packages in place of one.
         positions: joint positions that the program was sent.
+        torques: joint torques that the program was sent.
     """
 
     def __init__(
@@ -122,6 +125,11 @@ class UrLockStep:
     def positions(self) -> list[Array]:
         joints = map(decode_position, self._messages)
         return [np.array(each) for each in joints if each is not None]
+
+    @property
+    def torques(self) -> list[Array]:
+        torques = map(decode_torque, self._messages)
+        return [np.array(each) for each in torques if each is not None]
 
     def clock(self) -> float:
         return self.controller.time_s
@@ -259,7 +267,9 @@ class UrRig(LockStepRig[UrLockStep]):
         backend = backend.model_copy(update={"options": options})
         robot = settings.robot.model_copy(update={"backend": backend})
         self._settings, self._limits = settings.model_copy(update={"robot": robot}), limits
-        self._channel = joined(settings, limits, UrControllerOptions(series=series, slider=SLIDER))
+        software = TORQUE_SOFTWARE if options.get("torque") else None
+        made = UrControllerOptions(series=series, slider=SLIDER, software=software)
+        self._channel = joined(settings, limits, made)
 
     @property
     def wire(self) -> list[Array]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from random import Random
 from typing import Any
 
-SPOILED = ("actual_q", "actual_qd", "target_moment", "actual_TCP_force")
+SPOILED = ("actual_q", "actual_qd", "target_moment", "actual_TCP_force", "actual_current_as_torque")
 
 
 class DataNetwork:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rtloop.backends.ur.torques import check_version
+from rtloop.results import ACCEPTED
+
 SERIES = {
     "e": (0.002, (5, 17, 0, 128_000)),
     "cb3": (0.008, (3, 15, 8, 106_339)),
@@ -20,12 +23,14 @@ class UrControllerOptions:
         is_on: whether the arm is switched on and its brakes are released at the start.
         is_remote: whether Remote Control is chosen at the teach pendant.
         slider: the speed slider, 0 to 1.
+        software: version of the software; None: that of the series.
     """
 
     series: str = "e"
     is_on: bool = False
     is_remote: bool = True
     slider: float = 1.0
+    software: tuple[int, int, int, int] | None = None
 
     @property
     def period_s(self) -> float:
@@ -33,4 +38,9 @@ class UrControllerOptions:
 
     @property
     def version(self) -> tuple[int, int, int, int]:
-        return SERIES[self.series][1]
+        return self.software or SERIES[self.series][1]
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether this version has `direct_torque` and `MOTOR_TORQUE`."""
+        return check_version(self.version, "", has_torque=True) is ACCEPTED

@@ -20,6 +20,7 @@ from rtloop.backends.ur.rtde import (
 )
 from rtloop.backends.ur.simulator.controller import UrController
 from rtloop.backends.ur.simulator.network import DataNetwork
+from rtloop.backends.ur.torques import MOTOR_TORQUE
 
 MAX_OUT = 1 << 20
 MAX_RECIPES = 255
@@ -92,7 +93,8 @@ class RtdeSession:
     def _set_up_outputs(self, payload: bytes) -> None:
         (frequency_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        types = [OUTPUTS.get(name, "NOT_FOUND") for name in names]
+        absent = () if self._controller.options.has_torque else (MOTOR_TORQUE,)
+        types = ["NOT_FOUND" if name in absent else OUTPUTS.get(name, "NOT_FOUND") for name in names]
         top_hz = 1.0 / self._controller.period_s
         if not (math.isfinite(frequency_hz) and frequency_hz > 0.0):
             frequency_hz = top_hz

@@ -1,4 +1,5 @@
-"""Torques that make a Franka compliant: the springs of the simulation, applied to the measured state."""
+"""Torques that make an arm compliant whose controller compensates gravity: the springs of the simulation,
+applied to the measured state."""
 
 from __future__ import annotations
 
@@ -11,11 +12,6 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance
 from rtloop.backends.springs import Springs
 
-MAX_TORQUE_RATE = 990.0
-"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats higher
-rates as a jump.
-"""
-
 
 class GivingWay:
     """
@@ -24,7 +20,14 @@ class GivingWay:
         nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
     """
 
-    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+    def __init__(
+        self, settings: Settings, limits: JointLimits, rate: Array | float, stiffness_share: float = 1.0
+    ) -> None:
+        """
+        Args:
+            rate: maximum rate of the torques, N·m/s, for each joint or for all.
+            stiffness_share: share of the simulation's maximum stiffness that this arm permits.
+        """
         names = settings.robot
         self.robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
         self._model, self._data = self.robot.mj, mujoco.MjData(self.robot.mj)
@@ -32,11 +35,11 @@ class GivingWay:
         self._tcp = self._model.site(names.tcp).id
         self._jacobian = np.zeros((6, limits.dof))
         self._springs = Springs(self.robot, self._data, self._jacobian)
-        self._step = MAX_TORQUE_RATE * settings.rt.period_s
+        self._step = np.broadcast_to(rate, limits.dof) * settings.rt.period_s
         self._max_effort = limits.max_effort
         self._zeros, self._gravity = np.zeros(limits.dof), np.zeros(limits.dof)
-        self.nominal_stiffness = self._springs.joint_stiffness
-        self.nominal_cartesian_stiffness = self._springs.tcp_stiffness
+        self.nominal_stiffness = stiffness_share * self._springs.joint_stiffness
+        self.nominal_cartesian_stiffness = stiffness_share * self._springs.tcp_stiffness
         self.torque = np.zeros(limits.dof)
 
     def begin(self, impedance: Impedance) -> None:
@@ -51,14 +54,14 @@ class GivingWay:
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
         """The torques to command now, shape (dof,), N·m, without gravity, which the robot compensates itself.
 
-        They never change faster than the robot permits. If a position is not finite, the springs have no
-        torque, and the torques fade out.
+        They never change faster than the robot permits. If a value is not finite, the springs have no torque,
+        and the torques fade out.
 
         Args:
             command: shape (3, dof).
         """
         wanted = np.zeros(len(position))
-        if np.isfinite(position).all() and np.isfinite(velocity).all():
+        if all(np.isfinite(each).all() for each in (command, position, velocity)):
             wanted = self._find_torques(command, position, velocity)
         np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
         self.torque += np.clip(wanted - self.torque, -self._step, self._step)

@@ -1,0 +1,139 @@
+"""Torques for the controller's `direct_torque`, which compensates gravity itself: springs around the command,
+and an estimate of the external efforts.
+
+Published facts (URScript manual of PolyScope 5.25): the function sets the target torques of one control step,
+500 times per second, and must be called in each. After a step without a call the controller is in position
+control again, to which a program returns with `stopj` or `speedj`. Torques do not include gravity.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.config import Settings
+from cobot.types import Array, JointLimits
+from rtloop.backends import Impedance
+from rtloop.backends.giving_way import GivingWay
+from rtloop.backends.observer import Observer
+from rtloop.results import ACCEPTED, Accepted, Rejected
+
+TORQUE_PERIOD_S = 0.002
+"""The control step of controllers with `direct_torque`, s."""
+MIN_POLYSCOPE, MIN_POLYSCOPE_X, POLYSCOPE_X = (5, 23), (10, 11), (10,)
+"""First versions of the software with `direct_torque` and `MOTOR_TORQUE`."""
+MOTOR_TORQUE = "actual_current_as_torque"
+"""Variable of RTDE with the measured motor currents as torques, N·m."""
+HELD_STEPS = 4
+"""Control steps for which the newest torques stay while no message arrives. Then they fade out."""
+SPEED_SHARE = 1.1
+"""Share of a joint's velocity limit above which the program ends the torques and stops the arm."""
+RISE_S = 0.05
+"""Minimum time in which the torque of a joint rises from 0 to its limit, s."""
+REST_RAD_S = 0.01
+"""Joint speed up to which the arm is at rest, rad/s."""
+MAX_REPEATED = 5
+"""Number of packages with the same values of a moving arm after which they count as frozen."""
+STIFFNESS_SHARE = 0.09
+"""Share of the simulation's maximum stiffness, so that the stiffest springs have 30 rad/s, because several
+milliseconds pass between measuring and exerting.
+"""
+
+
+def torque_rate(limits: JointLimits) -> Array:
+    """Maximum rate of the torques, shape (dof,), N·m/s."""
+    return limits.max_effort / RISE_S
+
+
+def check_version(version: tuple[int, ...], text: str, *, has_torque: bool) -> Accepted | Rejected:
+    """Check whether a controller has `direct_torque`.
+
+    Args:
+        version: version of its software.
+        text: the same for people.
+        has_torque: whether its RTDE has `MOTOR_TORQUE`.
+    """
+    first = MIN_POLYSCOPE if version < POLYSCOPE_X else MIN_POLYSCOPE_X
+    if version >= first and has_torque:
+        return ACCEPTED
+    return Rejected(
+        f"robot.backend.torque is true, but the controller's software {text} has no direct_torque: update it "
+        f"to {'.'.join(map(str, first))} or later, or set robot.backend.torque to false"
+    )
+
+
+class ExertedTorques:
+    """
+    Attributes:
+        nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
+        is_on: whether torques are exerted, not positions.
+    """
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        self._giving = GivingWay(settings, limits, torque_rate(limits), STIFFNESS_SHARE)
+        self.robot = self._giving.robot
+        self.nominal_stiffness = self._giving.nominal_stiffness
+        self.nominal_cartesian_stiffness = self._giving.nominal_cartesian_stiffness
+        self.is_on = False
+        model = self._model = self.robot.mj
+        model.opt.timestep = settings.rt.period_s
+        model.dof_damping[:] = model.dof_frictionloss[:] = 0.0  # of real joints they are not known
+        self._data = mujoco.MjData(model)
+        self._observer = Observer(model, self._data, np.zeros((6, limits.dof)))
+        self._gravity = np.zeros(limits.dof)
+        self._before, self._repeated = np.zeros(2 * limits.dof), 0
+
+    def is_needed(self, impedance: Impedance | None) -> bool:
+        """Whether an impedance needs torques. The controller's own position control is as stiff as the
+        stiffest springs of the joints.
+        """
+        if impedance is None:
+            return False
+        return impedance.cartesian or not np.allclose(impedance.stiffness, self.nominal_stiffness, rtol=1e-6)
+
+    def begin(self, impedance: Impedance) -> None:
+        """Use these springs from the next cycle on."""
+        if self.is_on:
+            self._giving.use(impedance)
+        else:
+            self._giving.begin(impedance)
+        self.is_on = True
+
+    def check(self, position: Array, velocity: Array) -> Accepted | Rejected:
+        """Check whether the measured values can be used for torques. Called once per package."""
+        now = np.concatenate([position, velocity])
+        moves = float(np.abs(velocity).max()) > REST_RAD_S
+        self._repeated = self._repeated + 1 if moves and np.array_equal(now, self._before) else 0
+        self._before = now
+        if not np.isfinite(now).all():
+            return Rejected("the controller reports a position or velocity that is not a number")
+        if self._repeated < MAX_REPEATED:
+            return ACCEPTED
+        return Rejected(
+            f"the controller has repeated the position of a moving arm {self._repeated} times: no torque can "
+            "be computed from it"
+        )
+
+    def find(self, command: Array, position: Array, velocity: Array) -> Array:
+        """The torques to exert now, see `GivingWay.torques`."""
+        return self._giving.torques(command, position, velocity)
+
+    def estimate(self, position: Array, velocity: Array, motor: Array) -> Array:
+        """Estimate the external efforts, shape (dof,), N·m. Friction counts as external.
+
+        With torques, the exerted ones count, because the controller compensates friction in addition to them.
+
+        Args:
+            motor: measured torques of the motors, N·m; used only without torques.
+        """
+        data = self._data
+        if not all(np.isfinite(each).all() for each in (position, velocity, motor)):
+            return self._observer.effort
+        data.qpos[:], data.qvel[:] = position, 0.0
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_rne(self._model, data, 0, self._gravity)
+        data.qvel[:] = velocity
+        mujoco.mj_fwdVelocity(self._model, data)
+        data.qfrc_actuator[:] = self._gravity + self._giving.torque if self.is_on else motor
+        self._observer.update()
+        return self._observer.effort
