@@ -305,6 +305,17 @@ class SlowToEnable(ToyArm):
         self.calls.append("disable")
 
 
+@pytest.fixture
+def slow(settings: Settings, robot: RobotDescription) -> Iterator[tuple[SlowToEnable, Rig]]:
+    """A rig with an arm that is slow to enable."""
+    arm = SlowToEnable(settings, robot.limits)
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
+    yield arm, rig
+    arm.may_go.set()
+    rig.loop.close()
+    rig.close()
+
+
 class Unanswering(SlowToEnable):
     """Polls of it hang while `hangs` is set."""
 
@@ -500,59 +511,46 @@ def test_the_supervisor_waits_longer_than_the_last_call_to_a_device_may_take() -
 
 
 def test_the_cycle_goes_on_while_a_device_hangs_in_a_reset_and_a_stop_ends_it(
-    settings: Settings, robot: RobotDescription
+    slow: tuple[SlowToEnable, Rig],
 ) -> None:
     """Oracle: the device. In the cycle it would have waited to its end before the cycle went on."""
-    arm = SlowToEnable(settings, robot.limits)
-    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
-
-    try:
-        rig.loop.controller.fault("drive 3 is hot")
-        rig.step(300)
-        arm.may_go.clear()
-        reset = rig.send(Command.RESET)
-        until(lambda: rig.step() or arm.calls[-1] == "enable")
-        rig.step(300)
-        assert arm.calls == ["enable", "enabled", "enable"]
-        assert "a reset is enabling the robot" in device_of(rig.memory.device.data).status.text
-        rig.request()
-        assert rig.answer(reset, 10) == "a stop was requested meanwhile"
-        assert rig.mode is LoopMode.FAULT
-        again = rig.send(Command.RESET)
-        rig.step(10)
-        arm.may_go.set()
-        until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
-        assert rig.answer(again) == ""
-        assert arm.calls == ["enable", "enabled"] * 3
-    finally:
-        arm.may_go.set()
-        rig.loop.close()
-        rig.close()
+    arm, rig = slow
+    rig.loop.controller.fault("drive 3 is hot")
+    rig.step(300)
+    arm.may_go.clear()
+    reset = rig.send(Command.RESET)
+    until(lambda: rig.step() or arm.calls[-1] == "enable")
+    rig.step(300)
+    assert arm.calls == ["enable", "enabled", "enable"]
+    assert "a reset is enabling the robot" in device_of(rig.memory.device.data).status.text
+    rig.request()
+    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    assert rig.mode is LoopMode.FAULT
+    again = rig.send(Command.RESET)
+    rig.step(10)
+    arm.may_go.set()
+    until(lambda: rig.step() or rig.mode is LoopMode.HOLD)
+    assert rig.answer(again) == ""
+    assert arm.calls == ["enable", "enabled"] * 3
 
 
 def test_drives_that_a_hanging_reset_switches_on_after_an_estop_are_switched_off_again(
-    settings: Settings, robot: RobotDescription
+    slow: tuple[SlowToEnable, Rig],
 ) -> None:
-    arm = SlowToEnable(settings, robot.limits)
-    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001))
-    try:
-        rig.loop.controller.fast_stop("fast stop requested")
-        until(lambda: rig.step() or rig.loop.controller.drives.off)
-        assert arm.calls == ["enable", "enabled", "disable"]
-        arm.may_go.clear()
-        reset = rig.send(Command.RESET)
-        until(lambda: rig.step() or arm.calls[-1] == "enable")
-        rig.request("estops")
-        assert rig.answer(reset, 10) == "a stop was requested meanwhile"
-        arm.may_go.set()
-        until(lambda: arm.calls == ["enable", "enabled", "disable", "enable", "enabled", "disable"])
-        rig.step(10)
-        assert rig.loop.controller.drives.off
-        assert rig.mode is LoopMode.ESTOP
-    finally:
-        arm.may_go.set()
-        rig.loop.close()
-        rig.close()
+    arm, rig = slow
+    rig.loop.controller.fast_stop("fast stop requested")
+    until(lambda: rig.step() or rig.loop.controller.drives.off)
+    assert arm.calls == ["enable", "enabled", "disable"]
+    arm.may_go.clear()
+    reset = rig.send(Command.RESET)
+    until(lambda: rig.step() or arm.calls[-1] == "enable")
+    rig.request("estops")
+    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    arm.may_go.set()
+    until(lambda: arm.calls == ["enable", "enabled", "disable", "enable", "enabled", "disable"])
+    rig.step(10)
+    assert rig.loop.controller.drives.off
+    assert rig.mode is LoopMode.ESTOP
 
 
 class SlowToLoad(Arm):

@@ -18,3 +18,15 @@ def require_same_bits(clearance: Clearance, rows: Array, rates: Array) -> int:
     for other in found:
         assert other is None or all(np.array_equal(*pair) for pair in zip(plain, other, strict=True))
     return sum(other is not None for other in found)
+
+
+def sound_verdicts(clearance: Clearance, rows: Array, least_m: float) -> tuple[Array, Array, Array]:
+    """Check that spheres call no row free that is nearer than `least_m`, and none a hit that is not. The
+    oracle is the exact distance. Returns it, the hits and the rows that spheres cannot decide."""
+    nearest = clearance.distances(rows, 1.0).min(axis=1)
+    found = clearance.sphere_verdicts(rows)
+    assert found is not None
+    hit, _, unsure, _ = found
+    assert (nearest[~unsure] >= least_m).all()
+    assert (nearest[hit] < least_m).all()
+    return nearest, hit, unsure

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from independent_models import urdf
-from instruction_sets import require_same_bits
+from instruction_sets import require_same_bits, sound_verdicts
 from odd_arm import STANDING, by_mujoco, odd_arm
 from sample_counts import samples
 
@@ -146,12 +146,7 @@ def test_spheres_never_call_free_what_is_too_near_a_cube_and_all_instructions_ag
     clearance = with_cloud(CloudTree(cells(), VOXEL_M))
     random = np.random.default_rng(SEED + 3)
     rows, rates = rows_near(clearance, 2000, random), random.uniform(-1.0, 1.0, clearance.dof)
-    nearest = clearance.distances(rows, 1.0).min(axis=1)
-    found = clearance.sphere_verdicts(rows)
-    assert found is not None
-    hit, _, unsure, _ = found
-    assert (nearest[~unsure] >= LEAST_M).all()
-    assert (nearest[hit] < LEAST_M).all()
+    nearest, _, _ = sound_verdicts(clearance, rows, LEAST_M)
     assert require_same_bits(clearance, rows, rates)
     assert np.array_equal(clearance.are_free(rows), nearest >= LEAST_M)
 
