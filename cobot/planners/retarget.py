@@ -23,7 +23,7 @@ from cobot.planners.checks import TOLERANCE, validate
 from cobot.planners.goals import nearest_goal
 from cobot.planners.ptp import from_profiles
 from cobot.planners.timing.profile import fastest_profile
-from cobot.polynomials import greatest_rates
+from cobot.polynomials import greatest_rates, pieces_at
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
 from cobot.trajectory_parts import SAME_S, cut, expanded, remainder_at
@@ -36,6 +36,8 @@ GENTLE = 0.7
 """Share of the acceleration limits with which the arm slows down; the rest is for the new motion."""
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest after which the new motion begins; the first that keeps the limits is used."""
+STEPS = 100
+"""Number of samples of the motion to rest. Each share is a multiple of one step."""
 LOOK_S = 0.01
 """Interval at which the speed of the TCP is checked while both motions add up, s."""
 
@@ -164,54 +166,70 @@ def _joined(
 ) -> Trajectory:
     """Both motions as one that passes all checks.
 
-    The second begins as early as limits and collisions permit; with constraints it begins at rest.
+    The second begins as early as limits and collisions permit; with constraints it begins at rest. Once the
+    first has ended, the sum is the second alone. If `plan` has just proven that, it is not proven again.
 
     Raises:
         PlanningError: even if the second motion begins after the first has ended, a check fails; the error is
             the one of that check.
     """
-    fastest = max(_tcp_speeds(robot, each, each.duration_s) for each in (left, following))
-    shares = SHARES if request.constraints is None else SHARES[-1:]
-    problem: LimitError | PlanningError | None = None
-    for begun_s in dict.fromkeys(share * slowing.duration_s for share in shares):
+    is_proven = robot.collision.has_proven(following)
+    shares = _possible_shares(slowing, following, limits) if request.constraints is None else SHARES[-1:]
+    for share in shares:
+        begun_s = share * slowing.duration_s
         both_s = min(slowing.duration_s - begun_s, following.duration_s)
-        if both_s > SAME_S:  # if not, one begins where the other ends
-            opening = _sum(slowing, cut(following, 0.0, both_s), begun_s)
-            if not _keeps_rates(opening, limits) or _tcp_speeds(robot, opening, opening.duration_s) > fastest:
-                continue
-        whole = _sum(slowing, following, begun_s)
-        try:
-            validate(robot, whole, limits)
-        except (LimitError, PlanningError) as exc:
-            problem = exc
+        if both_s <= SAME_S:  # one begins where the other ends
+            opening, whole = slowing, slowing.followed_by(following)
         else:
-            return whole
-    assert problem is not None
-    kind = CollisionError if isinstance(problem, CollisionError) else PlanningError
-    raise kind(
-        f"the way from the current motion to the new goal: {problem}", findings=problem.findings
-    ) from problem
+            whole = opening = _sum(slowing, cut(following, 0.0, both_s), begun_s)
+            if following.duration_s - both_s > SAME_S:
+                whole = opening.followed_by(cut(following, both_s, following.duration_s))
+            speed = _tcp_speed(robot, opening)
+            if all(speed > _tcp_speed(robot, each) for each in (left, following)):
+                continue
+        try:
+            validate(robot, opening if is_proven else whole, limits)
+        except (LimitError, PlanningError):
+            continue
+        return whole
+    try:
+        validate(robot, whole, limits)  # the error names the place in the whole motion
+    except (LimitError, PlanningError) as exc:
+        kind = CollisionError if isinstance(exc, CollisionError) else PlanningError
+        said = f"the way from the current motion to the new goal: {exc}"
+        raise kind(said, findings=exc.findings) from exc
+    return whole
 
 
-def _keeps_rates(motion: Trajectory, limits: JointLimits) -> bool:
-    """Whether no joint is too fast. This takes a fraction of the time of `validate`, which also finds the
-    place.
+def _possible_shares(slowing: Trajectory, following: Trajectory, limits: JointLimits) -> list[float]:
+    """The `SHARES` at which no sample of the sum exceeds a rate limit. This takes a fraction of the time of
+    `validate`. It always includes the last one.
     """
+    times_s = slowing.duration_s / STEPS * np.arange(STEPS)
     bounds = np.array((limits.max_velocity, limits.max_acceleration, limits.max_jerk))[:, None]
-    return bool((greatest_rates(motion.coefficients, np.diff(motion.breakpoints_s), bounds) <= bounds).all())
+    first, second = (
+        pieces_at(each.breakpoints_s, each.coefficients, np.minimum(times_s, each.duration_s))[1:]
+        for each in (slowing, following)
+    )
+    possible = []
+    for share in SHARES:
+        step = round(share * STEPS)
+        total = np.abs(first[:, step:] + second[:, : STEPS - step])
+        if (total <= bounds * (1.0 + TOLERANCE)).all():
+            possible.append(share)
+    return possible
 
 
-def _tcp_speeds(robot: RobotDescription, motion: Trajectory, until_s: float) -> float:
-    """The largest speed of the TCP until a time, m/s."""
-    times_s = np.linspace(0.0, until_s, max(int(until_s / LOOK_S), 1) + 1)
-    twists = robot.model.chain.twists(motion.sample(times_s), motion.sample(times_s, 1))
+def _tcp_speed(robot: RobotDescription, motion: Trajectory) -> float:
+    """The largest speed of the TCP, m/s."""
+    times_s = np.linspace(0.0, motion.duration_s, max(int(motion.duration_s / LOOK_S), 1) + 1)
+    places = pieces_at(motion.breakpoints_s, motion.coefficients, times_s)
+    twists = robot.model.chain.twists(places[0], places[1])
     return float(np.linalg.norm(twists[:, :3], axis=1).max())
 
 
 def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
     """The sum of a motion to rest and, from a given time on, a motion that begins at this rest."""
-    if begun_s >= slowing.duration_s:
-        return slowing.followed_by(following)
     times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))
     times = times[np.append(True, np.diff(times) > SAME_S)]
     middles = 0.5 * (times[:-1] + times[1:])

@@ -216,6 +216,13 @@ class CollisionChecker:
         if found is not None:
             raise self.refusal(trajectory, found)
 
+    def has_proven(self, trajectory: Trajectory) -> bool:
+        """Whether a motion is the one that passed `check_trajectory` last."""
+        last = self._proven
+        return last is not None and (
+            trajectory.coefficients is last.coefficients and trajectory.breakpoints_s is last.breakpoints_s
+        )
+
     def first_contact(self, trajectory: Trajectory) -> FirstContact | None:
         """Where a motion fails `check_trajectory`; None if it passes. The motion that passed last is not
         proven again.
@@ -223,10 +230,7 @@ class CollisionChecker:
         Raises:
             InputError: as `check_trajectory`.
         """
-        last = self._proven
-        if last is not None and (
-            trajectory.coefficients is last.coefficients and trajectory.breakpoints_s is last.breakpoints_s
-        ):
+        if self.has_proven(trajectory):
             return None
         pieces = motion_pieces(trajectory)
         travel = float(np.abs(np.diff(pieces, axis=1)).sum(axis=1).max(axis=1).sum())

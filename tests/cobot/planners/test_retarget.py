@@ -20,6 +20,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.retarget import retarget
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -158,6 +159,34 @@ def test_a_goal_that_collides_is_an_error_with_the_contact(robot: RobotDescripti
     blocked = replace(robot, collision=checker)
     with pytest.raises((PlanningError, InputError), match="box"):
         retarget(blocked, MotionRequest(goal, goal, PlannerName.PTP, FULL), motion, 0.0, 0.2)
+
+
+def test_a_way_around_passes_all_checks_as_a_whole(robot: RobotDescription) -> None:
+    """Only its beginning is checked when it is joined, because the rest was proven before. The oracle is a
+    proof of the whole, by a checker that has proven nothing. Without the check of the beginning, three of
+    these seeds touch the ball.
+    """
+    home, found = np.array(robot.positions["home"].joints), 0
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        start, end, _ = home + random.uniform(-0.7, 0.7, (3, len(home)))
+        try:
+            motion = plan(robot, MotionRequest(start, end, PlannerName.PTP, FULL))
+            assert motion is not None
+            place = robot.model.forward(motion.sample([motion.duration_s * random.uniform(0.5, 0.9)])[0])
+            ball = SceneObject("sphere", (0.06,), (*place.position, 1.0, 0.0, 0.0, 0.0))
+            checker = robot.collision.among(Scene(objects={"ball": ball}, version=1))
+            blocked = replace(robot, collision=checker)
+            times_s = 0.15 * motion.duration_s, 0.2 * motion.duration_s
+            request = MotionRequest(start, end, PlannerName.OMPL, FULL)
+            changed = retarget(blocked, request, motion, *times_s).trajectory
+        except CobotError:
+            continue
+        found += 1
+        checker.twin().check_trajectory(Trajectory(changed.breakpoints_s, changed.coefficients.copy()))
+        check_limits(changed, robot.limits)
+        check_efforts(robot.model, changed, robot.limits)
+    assert found >= 3
 
 
 def test_a_process_that_is_ready_imports_nothing_for_the_way_around_an_obstacle() -> None:
