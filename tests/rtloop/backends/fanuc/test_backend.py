@@ -19,6 +19,7 @@ from lockstep_fanuc import BENT, Driven
 from cobot.config import Settings, load_settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool
+from cobot.types import Array
 from rtloop.backends import BackendError, CarriesTool, HasIo, Paced, Reporting, Stepwise
 from rtloop.backends.fanuc import FanucBackend
 from rtloop.backends.fanuc.codec import decode_received, decode_sent, encode_status
@@ -136,6 +137,28 @@ def test_another_arm_is_refused(made: Made, arm: RobotDescription) -> None:
     driven.controller.face_plate = shorter
     with pytest.raises(BackendError, match=r"60.\d mm and 0.0 degrees apart"):
         driven.open()
+
+
+@pytest.mark.parametrize("check_pose", [True, False])
+@pytest.mark.parametrize("change", [np.radians, np.flip], ids=["radians", "another order"])
+def test_joints_in_other_units_or_another_order_are_refused(
+    made: Made, arm: RobotDescription, change: Callable[[Array], Array], check_pose: bool
+) -> None:
+    """By the pose of the face plate, or without it by the other interface."""
+    driven = Driven(made(check_pose=check_pose), arm)
+    controller, dof = driven.controller, arm.limits.dof
+    status = controller.status
+
+    def changed() -> StatusPacket:
+        found = status()
+        joints = change(np.array(found.joints[:dof])).tolist()
+        return replace(found, joints=(*joints, *found.joints[dof:]))
+
+    controller.status = changed
+    problem = "the device reports its flange at" if check_pose else "Stream Motion reports axis"
+    with pytest.raises(BackendError, match=problem):
+        driven.open()
+    assert commands(driven) == []
 
 
 @pytest.mark.parametrize(("asked_m", "good"), [(None, True), (JOINT_2_HEIGHT_M, True), (0.0, False)])

@@ -20,7 +20,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
-from cobot.types import PlannerName, Scaling
+from cobot.types import Array, PlannerName, Scaling
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.ur import UrBackend
 from rtloop.backends.ur.fields import RuntimeState, SafetyMode, UrRobotMode
@@ -622,6 +622,25 @@ def test_a_wrong_model_is_rejected(connect: Joined, monkeypatch: pytest.MonkeyPa
     backend.open(np.zeros(6))
     backend.enable()
     assert "the device reports its flange at" in refusal(backend, way)
+
+
+@pytest.mark.parametrize("change", [np.degrees, np.flip], ids=["degrees", "another order"])
+def test_joints_in_other_units_or_another_order_are_rejected(
+    connect: Joined, monkeypatch: pytest.MonkeyPatch, change: Callable[[list[float]], Array]
+) -> None:
+    backend, way = connect(ON)
+    values = way.controller.values
+
+    def changed() -> dict[str, object]:
+        found = values()
+        return found | {name: change(found[name]).tolist() for name in ("actual_q", "target_q")}
+
+    monkeypatch.setattr(way.controller, "values", changed)
+    before = way.controller.arm.setpoint.copy()
+    backend.open(np.zeros(6))
+    backend.enable()
+    assert "the device reports its flange at" in refusal(backend, way)
+    np.testing.assert_allclose(way.controller.arm.setpoint, before)
 
 
 @pytest.mark.parametrize("turned", [False, True])
