@@ -46,6 +46,8 @@ FAULTS: Faults = {
     "a contact stop": ({"contact_stop": 2}, {"contact_stop": 1}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
     "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
+    "90 % of loss": ({"loss": 0.9}, {"loss": 0.0}),
     "a closed connection of RMI and an alarm": ({"close": True, "alarm": "SRVO-023 Stop error"}, {}),
 }
 """Each in the middle of a motion, with what ends it."""

@@ -31,6 +31,7 @@ FAULTS: Faults = {
     "a program stopped at the pendant": ({"program": "stop"}, {}),
     "a silent network": ({"silent": True}, {"silent": False}),
     "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
 }
 """Each in the middle of a motion, with what ends it."""
 
