@@ -331,6 +331,12 @@ cdef inline double _from_box(const double* point, const double* half) noexcept n
     return x if x > z else z
 
 
+cdef inline double _square_beyond(double at, double half) noexcept nogil:
+    """The square of the distance of a number from the range -half to half."""
+    cdef double beyond = fabs(at) - half
+    return beyond * beyond if beyond > 0.0 else 0.0
+
+
 cdef double _bound(
     const Solid* first, const Sphere* around, int spheres, const double* centre, const double* axis,
     const double* relative, const CloudNode* node, double best, double apart, const double* extent
@@ -406,27 +412,26 @@ cdef double _from_spheres(
     """The distance of the spheres around a geom from a box, at most `best`. Where they overlap it says
     nothing about the depth, because the whole may be deeper than its parts: with a negative `best` it is no
     bound."""
-    cdef double point[3]
     cdef const Sphere* sphere
-    cdef double distance
+    cdef double x, y, z, square, reach
     cdef int index = 0
-    cdef int i
     while index < spheres:
         sphere = &around[index]
-        for i in range(3):
-            point[i] = off[i] + (
-                relative[3 * i] * sphere.place[0] + relative[3 * i + 1] * sphere.place[1]
-                + relative[3 * i + 2] * sphere.place[2]
-            )
-        distance = _from_box(point, half) - sphere.outer
-        if distance >= best:
+        x, y, z = sphere.place[0], sphere.place[1], sphere.place[2]
+        reach = best + sphere.outer
+        square = (
+            _square_beyond(off[0] + relative[0] * x + relative[1] * y + relative[2] * z, half[0])
+            + _square_beyond(off[1] + relative[3] * x + relative[4] * y + relative[5] * z, half[1])
+            + _square_beyond(off[2] + relative[6] * x + relative[7] * y + relative[8] * z, half[2])
+        )
+        if square >= reach * reach if reach > 0.0 else square > 0.0:
             index = sphere.skip
             continue
         index += 1
         if sphere.skip == index:
-            if distance <= 0.0:
+            if square <= sphere.outer * sphere.outer:
                 return -1e300
-            best = distance
+            best = sqrt(square) - sphere.outer
     return best
 
 
