@@ -32,6 +32,7 @@ from benchmarks.planning import (
     repeats,
     time_law,
     timed,
+    verdicts,
 )
 from benchmarks.ros import dds, ros2_control, ros2_control_stream
 from benchmarks.streams import latency, overshoot, policy, servo, smoothness, stopping
@@ -76,6 +77,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "around": lambda quick: around.around(10 if quick else 100),
     "budgets": lambda quick: budgets.budgets(100 if quick else 20),
     "problem_sets": lambda quick: problem_sets.problem_sets(50 if quick else 10),
+    "verdicts": lambda quick: verdicts.verdicts(100_000 if quick else 10_000_000),
     "clouds": lambda quick: clouds.clouds(100 if quick else 30),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
     "straightness": lambda quick: planning_time.straightness(2 if quick else 12),

@@ -43,9 +43,9 @@ def _rows(robot: RobotDescription, chosen: list[Problem], count: int, usual: lis
     random = np.random.default_rng(count)
     usable, checks, edges = [], [], []
     for problem in chosen[:7]:
-        points = _points(problem.scene, count, random)
+        points = points_on(problem.scene, count, random)
         begun_ns = time.process_time_ns()
-        cloud = _cloud(points)
+        cloud = cloud_of(points, VOXEL_M)
         checker = robot.collision.among(Scene(1, {"cloud": cloud}))
         checker.clearance.enclose()
         usable.append((time.process_time_ns() - begun_ns) / 1e6)
@@ -66,7 +66,9 @@ def _rows(robot: RobotDescription, chosen: list[Problem], count: int, usual: lis
             "the boxes that streams check, at most 500", _three(theirs), columns=COLUMNS,
         )  # fmt: skip
     planned = _plans(
-        robot, chosen, lambda problem: Scene(1, {"cloud": _cloud(_points(problem.scene, count, random))})
+        robot,
+        chosen,
+        lambda problem: Scene(1, {"cloud": cloud_of(points_on(problem.scene, count, random), VOXEL_M)}),
     )
     yield row(
         f"{count} points: ompl, {len(planned)} of {len(chosen)} solved", "ms", _three(planned),
@@ -106,9 +108,10 @@ def _plans(
     return found
 
 
-def _cloud(points: Array) -> SceneObject:
-    cells = packed(points, VOXEL_M)
-    boxes, beyond_m = boxes_of(cells, VOXEL_M)
+def cloud_of(points: Array, voxel_m: float) -> SceneObject:
+    """The voxels that contain these points, shape (n, 3), m."""
+    cells = packed(points, voxel_m)
+    boxes, beyond_m = boxes_of(cells, voxel_m)
     return SceneObject(
         "point_cloud",
         tuple(np.ptp(points, axis=0).tolist()),
@@ -116,11 +119,11 @@ def _cloud(points: Array) -> SceneObject:
         boxes=tuple(map(tuple, boxes.tolist())),
         tolerance=beyond_m,
         cells=cells,
-        voxel=VOXEL_M,
+        voxel=voxel_m,
     )
 
 
-def _points(scene: Scene, count: int, random: np.random.Generator) -> Array:
+def points_on(scene: Scene, count: int, random: np.random.Generator) -> Array:
     """So many points on the surfaces of the boxes and cylinders, which are smaller by a voxel all around, so
     that their voxels stay within the solids and the problem keeps its solution."""
     areas = np.array([_area(each) for each in scene.objects.values()])
