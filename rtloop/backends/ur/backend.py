@@ -77,8 +77,6 @@ package that has the cause, such as an emergency stop.
 """
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
-HELD_S = 0.1
-"""Time after torques in which the controller holds the arm before it follows positions, s."""
 POSE_S = 0.1
 """Time until the controller reports its pose with the TCP that the program has set, s."""
 HALF_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -160,7 +158,7 @@ class UrBackend:
         self._begun = False
         self._unconnected = 0  # packages since the program has ended
         self._hand = _Hand.OFF
-        self._held_until_s = 0.0
+        self._begins_at_rest = False  # after torques, where the arm is
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
@@ -254,9 +252,7 @@ class UrBackend:
         torques = self._torques if self._torques is not None and self._torques.is_on else None
         if result is ACCEPTED and torques is not None:
             result = torques.check(self._beat.position, np.array(data["actual_qd"]))
-        follows = (
-            self._hand is _Hand.OFF and torques is None and self._transport.clock() >= self._held_until_s
-        )
+        follows = self._hand is _Hand.OFF and torques is None
         if result is ACCEPTED and follows and self._transition.sent is None:
             result = self._begin(data, command[0])
         if isinstance(result, Rejected):
@@ -382,7 +378,7 @@ class UrBackend:
             self._transition.forget()
         elif torques.is_on:
             torques.is_on = False
-            self._held_until_s = self._transport.clock() + HELD_S
+            self._begins_at_rest = True
 
     # Its own
 
@@ -426,13 +422,16 @@ class UrBackend:
         self._making_ready.close()
         self._program.drop()
         self._transition.forget()
-        self._hand = _Hand.OFF
+        self._hand, self._begins_at_rest = _Hand.OFF, False
         if self._torques is not None:
             self._torques.is_on = False
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
-        """Begin at the position in which the controller holds the arm, if the first command is near it."""
-        here = np.array(data["target_q"])
+        """Begin at the position in which the controller holds the arm, if the first command is near it. After
+        torques the arm is at rest, and the controller's target becomes valid only now.
+        """
+        here = self._beat.position if self._begins_at_rest else np.array(data["target_q"])
+        self._begins_at_rest = False
         off = np.abs(here - command)
         joint = int(off.argmax())
         if not off[joint] <= self._options.entry_rad:

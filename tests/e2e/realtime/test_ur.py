@@ -284,3 +284,58 @@ def test_a_killed_rtloop_stops_the_arm_and_the_next_one_takes_over(
     assert np.abs(np.subtract(rest, HOME)).max() < 0.3
     nothing_refused(controller)
     move(run, "joints", joints=THERE)
+
+
+@pytest.fixture
+def by_torques(arm: Path, tmp_path: Path) -> Iterator[tuple[RunOverUr, ControllerProcess]]:
+    """The service with `torque: true`, beside a controller that has `direct_torque`."""
+    with (
+        ControllerProcess(arm, "--software", "5.25.1") as controller,
+        answering(RunOverUr(tmp_path, arm, controller.address, period_ms=2, torque=True)) as run,
+    ):
+        acknowledge(run)
+        yield run, controller
+
+
+def test_streamed_torques_move_the_arm_and_a_killed_rtloop_brakes_it(
+    by_torques: tuple[RunOverUr, ControllerProcess],
+) -> None:
+    run, controller = by_torques
+    reset_until_ready(run, at_least_once=False)
+    move(run, "named", name="home")
+    assert {"torque", "impedance", "freedrive"} <= set(device(run)["able"])
+
+    def turned(client: StreamClient) -> bool:
+        """A session that has ended because its client was late is begun again."""
+        client.session(stream="joint_torque")
+        before = controller.ask()["measured"][0]
+        for _ in range(500):
+            client.number += 1
+            client.send("target", sequence=client.number, torques=[8.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+            if controller.ask()["measured"][0] - before > 0.1:
+                return True
+            time.sleep(0.002)
+        return False
+
+    def moved() -> bool:
+        with StreamClient(run.url) as client:
+            found = turned(client)
+            client.ended()
+        return found
+
+    run.until(moved)
+    assert "direct torque ends" in controller.ask()["events"]
+    reset_until_ready(run, at_least_once=False)
+    move(run, "named", name="home")
+    old = run.child("rtloop")
+    assert old is not None
+    with StreamClient(run.url) as client:
+        run.until(lambda: turned(client))
+        old.kill()
+        run.until(lambda: "cobot: no command in time" in controller.ask()["events"])
+    stopped = controller.ask()["measured"]
+    run.until(run.healthy)
+    reset_until_ready(run, at_least_once=False)
+    assert np.abs(np.subtract(controller.ask()["measured"], stopped)).max() < 0.05
+    nothing_refused(controller)
+    move(run, "joints", joints=THERE)
