@@ -4,6 +4,7 @@ polynomials by numpy.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 
 import mujoco
@@ -39,7 +40,7 @@ class Judge:
         self._data = arm.model.createData()
         self._loaded = loaded_model(arm.model, arm.tcp, robot.model.tool)
         self._loaded_data = self._loaded.createData()
-        self._mj = robot.model.among(robot.collision.scene)
+        self._mj = copy.copy(robot.model.among(robot.collision.scene))
         self._state = mujoco.MjData(self._mj)
         self._mj.geom_margin[:] = NEAR_M
         self._points = np.zeros(6)
