@@ -21,7 +21,8 @@ class Stations:
         """Change the bounds, shape (n, m) each."""
 
 def fastest_rate(
-    cells: int, times: Stations, bounded: list[Stations], gap: float, iterations: int
+    begin: Array, times: Stations, bounded: list[Stations], gap: float, iterations: int
 ) -> tuple[Array, float, int]:
     """The coefficients of the square of the rate, shape (cells + 2,), the remaining gap as a share of the
-    duration, and the number of iterations."""
+    duration, and the number of iterations. `begin` has the coefficients to begin with, except for a
+    factor."""

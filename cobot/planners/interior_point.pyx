@@ -229,11 +229,12 @@ cdef extern from *:
         Lanes* inverse
         Lanes* dual
         Lanes* change
+    void local_values(const Lanes*, const Lanes*, Lanes*) noexcept nogil
     void assemble_block(const Block*, const Lanes*, double, bint, double, Lanes*) noexcept nogil
     void step_block(const Block*, const Lanes*, const Lanes*, double, double, Lanes*) noexcept nogil
     void duration_block(const Lanes*, const Lanes*, const Lanes*, Lanes*, Lanes*) noexcept nogil
 
-cdef double BEGIN = 0.8  # The iteration begins at this share of the largest constant rate.
+cdef double BEGIN = 0.8  # The iteration begins at this share of the largest rate of the given shape.
 cdef double TO_THE_BOUND = 0.99  # A step covers this share of the way to the nearest bound.
 cdef double SHRINK = 0.2  # Factor by which the barrier decreases after a good step.
 cdef double FIRST_GAP = 0.3
@@ -320,28 +321,36 @@ cdef class Stations:
                     row += 1
                 right[cell + i] += terms[6 + i][lane]
 
-    cdef double constant_rate(self) noexcept nogil:
-        """The largest constant b that keeps all bounds; 0 if none does."""
+    cdef double largest_share(self, const double* c) noexcept nogil:
+        """The largest factor by which c can be multiplied so that all bounds are kept; 0 if none does."""
         cdef double largest = 1e300
-        cdef double least = 1e300  # The smallest bound of b^(3/2).
-        cdef double high, low, second
+        cdef double least = 1e300  # The smallest bound of its power of 3/2.
+        cdef double high, low, value
+        cdef Lanes at[3]
+        cdef Lanes y[3]
         cdef Block block
         cdef int number, row, lane
         for number in range(self._blocks):
             block = self._block(number)
+            self._gather(number, c, at)
+            local_values(block.basis, at, y)
             for row in range(self._rows):
                 for lane in range(LANES):
-                    high, low, second = block.high[row][lane], block.low[row][lane], block.second[row][lane]
+                    high, low = block.high[row][lane], block.low[row][lane]
+                    value = 0.5 * block.first[row][lane]
                     if block.third != NULL:
-                        second = fabs(block.third[row][lane])
-                        if second != 0.0:
-                            least = min(least, high / second)
-                    elif not (low < 0.0 < high):
+                        value = value * y[2][lane] + 1.5 * block.second[row][lane] * y[1][lane]
+                        value = fabs(block.third[row][lane] * y[0][lane] + value) * sqrt(y[0][lane])
+                        if value != 0.0:
+                            least = min(least, high / value)
+                        continue
+                    value = block.second[row][lane] * y[0][lane] + value * y[1][lane]
+                    if not (low < 0.0 < high):
                         return 0.0
-                    elif second > 0.0:
-                        largest = min(largest, high / second)
-                    elif second < 0.0:
-                        largest = min(largest, low / second)
+                    elif value > 0.0:
+                        largest = min(largest, high / value)
+                    elif value < 0.0:
+                        largest = min(largest, low / value)
         return min(largest, pow(least, 2.0 / 3.0)) if least < 1e299 else largest
 
     cdef void assemble(
@@ -457,10 +466,11 @@ cdef bint _solve(double* a, double* x, int n) noexcept nogil:
     return True
 
 
-def fastest_rate(int cells, Stations times, list bounded, double gap, int iterations):
+def fastest_rate(begin, Stations times, list bounded, double gap, int iterations):
     """See interior_point.pyi.
 
     Args:
+        begin: the coefficients to begin with, except for a factor, shape (cells + 2,).
         times: `high` are the weights of b^(-1/2) in the duration, one row.
         bounded: the limits of the rate.
         gap: the iteration ends when at most this share of the duration is left to gain.
@@ -468,16 +478,17 @@ def fastest_rate(int cells, Stations times, list bounded, double gap, int iterat
     Raises:
         ValueError: no rate keeps the bounds, not even a very small one.
     """
-    cdef int n = cells + 2
+    cdef int n = len(begin)
     cdef int number = 0, i
     cdef Stations each
-    cdef double constant = 1e300
-    for each in bounded:
-        constant = min(constant, each.constant_rate())
-    if not (0.0 < constant < 1e299):
-        raise ValueError("no rate keeps the bounds" if constant <= 0.0 else "nothing bounds the rate")
-    solution, matrix, right = np.full(n, BEGIN * constant), np.empty(3 * n), np.empty(n)
+    cdef double share = 1e300
+    solution, matrix, right = np.array(begin, dtype=np.float64), np.empty(3 * n), np.empty(n)
     cdef double* c = doubles(solution, n)
+    for each in bounded:
+        share = min(share, each.largest_share(c))
+    if not (0.0 < share < 1e299):
+        raise ValueError("no rate keeps the bounds" if share <= 0.0 else "nothing bounds the rate")
+    solution *= BEGIN * share
     cdef double* a = doubles(matrix, 3 * n)
     cdef double* x = doubles(right, n)
     matrix[:] = 0.0

@@ -5,5 +5,5 @@ from cobot.types import Array
 
 def reference_motion(
     first: Array, second: Array, jerk: Array, speed: Array, length: float, bounds: tuple[int, int, float]
-) -> tuple[Array, float]:
-    """The control points of s(τ), shape (cells + 3,), and the duration of a cell, s."""
+) -> tuple[Array, Array]:
+    """The control points of s(τ), shape (cells + 3,), and the relative durations of the cells, (cells,)."""

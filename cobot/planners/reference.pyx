@@ -3,9 +3,12 @@ ends.
 
 The speed is limited by the velocities, and by the accelerations, in one pass forward and one backward (after
 Bobrow, Dubowsky, Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985). The
-result need not be optimal, because the rate along it is optimised afterwards. It is only important that all
-cells take about the same time. A mean over the time that a full acceleration takes to build up makes the
-motion smooth. The result is a cubic B-spline, whose ends are at rest with a jerk that is not zero.
+result need not be optimal, because the rate along it is optimised afterwards. A mean over the time that a
+full acceleration takes to build up makes the motion smooth. The result is a cubic B-spline, whose ends are at
+rest with a jerk that is not zero.
+
+Its cells take the same time, or more time where the motion hardly uses its acceleration limits: most of a
+slow motion keeps the speed that a velocity limit allows, and needs few cells for this.
 """
 
 from libc.math cimport ceil, fabs, sqrt
@@ -15,6 +18,18 @@ import numpy as np
 from cobot.arrays cimport doubles
 
 cdef double STILL = 1e-12  # A coordinate with a smaller share does not bound the acceleration.
+# The shortest cells are where more than 1 / DENSE of an acceleration limit is used. Elsewhere cells are up to
+# MAX_FACTOR times longer, but no cell is longer than the distance between two places of the path.
+cdef double DENSE = 3.0
+cdef double MAX_FACTOR = 10.0
+# Largest change of this factor over the duration of a shortest cell. Means of so many values then make it
+# smooth, because a jump in the durations of cells would be a jerk at the first rate.
+cdef double CHANGE = 0.07
+cdef int MEAN = 17
+cdef int MEANS = 3
+# Cells have equal durations unless this share of them suffices.
+cdef double WORTH = 0.7
+cdef int MAX_EVEN = 20000
 
 
 cdef double _largest(
@@ -59,6 +74,64 @@ cdef void _limit(
     for i in range(points - 1, 0, -1):
         change = 2.0 * step * _largest(&first[i * m], &second[i * m], m, square[i], -1.0)
         square[i - 1] = min(square[i - 1], square[i] + change)
+
+
+cdef void _use(
+    const double* first, const double* second, const double* speed, int points, int m, double step,
+    double* shares
+) noexcept nogil:
+    """The largest share of an acceleration limit that each interval of the path uses, (points - 1,)."""
+    cdef double along
+    cdef int i, j, k
+    for i in range(points - 1):
+        along, shares[i] = 0.5 * (speed[i + 1] * speed[i + 1] - speed[i] * speed[i]) / step, 0.0
+        for k in range(i, i + 2):
+            for j in range(m):
+                shares[i] = max(
+                    shares[i], fabs(first[k * m + j] * along + second[k * m + j] * speed[k] * speed[k])
+                )
+
+
+cdef _factors(
+    const double* time, const double* shares, int intervals, double cell_s, int even, int mean
+):
+    """How many times longer than `cell_s` a cell may take, at the middle of each of `even` cells, (even,).
+
+    Args:
+        time, shares: of the motion before the mean, see `_use`.
+        mean: the number of cells over which the mean is taken.
+    """
+    cdef int place = 0, i, k, _mean
+    cdef double begin, end, used, passed, least
+    dense, factors = np.zeros(even), np.empty(even)
+    cdef double* needed = doubles(dense, even)
+    cdef double* factor = doubles(factors, even)
+    for i in range(even):
+        begin, end = i * cell_s, (i + 1) * cell_s
+        while place < intervals - 1 and time[place + 1] <= begin:
+            place += 1
+        used = passed = 0.0
+        for k in range(place, intervals):
+            if time[k] >= end:
+                break
+            used = max(used, shares[k])
+            passed += (min(time[k + 1], end) - max(time[k], begin)) / (time[k + 1] - time[k])
+        needed[i] = max(DENSE * used, passed)
+        if i <= mean or end >= time[intervals] - mean * cell_s:  # a step of the path can be too long for this
+            needed[i] = 1.0
+    for i in range(even):
+        least = 1.0 / MAX_FACTOR
+        for k in range(max(0, i - mean), min(even, i + 2)):
+            least = max(least, needed[k])
+        factor[i] = 1.0 / min(least, 1.0)
+    for i in range(1, even):
+        factor[i] = min(factor[i], factor[i - 1] + CHANGE)
+    for i in range(even - 2, -1, -1):
+        factor[i] = min(factor[i], factor[i + 1] + CHANGE)
+    for _mean in range(MEANS):
+        padded = np.pad(factors, MEAN // 2, mode="edge")
+        factors = np.convolve(padded, np.full(MEAN, 1.0 / MEAN), mode="valid")
+    return factors
 
 
 cdef class _Motion:
@@ -110,8 +183,9 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
     cdef double least = bounds[0], most = bounds[1], per_window = bounds[2]
     cdef int points = len(first)
     cdef int m = np.shape(first)[1]
-    cdef int i, cells
-    cdef double window, cell_s, area, way, v, area_before, way_before, v_before
+    cdef int i, cells, even
+    cdef double window, cell_s, area, way, v, area_before, way_before, v_before, mean_s, longer_s
+    cdef double change
     first, second, jerk = (np.array(each, dtype=np.float64, order="C") for each in (first, second, jerk))
     square = np.array(speed, dtype=np.float64) ** 2
     times, areas = np.zeros(points), np.zeros(points)
@@ -129,21 +203,37 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
         t[i] = t[i - 1] + duration
         whole[i] = whole[i - 1] + duration * ((i - 1) * step + duration * (2.0 * x[i - 1] + x[i]) / 6.0)
     window = min(_build_up(p, doubles(jerk, points * m), points, m), t[points - 1])
-    cells = <int>min(max(ceil((t[points - 1] + window) / window * per_window), least), most)
-    cell_s = (t[points - 1] + window) / cells
+    cdef double end_s = t[points - 1] + window
+    even = <int>min(max(ceil(end_s / window * per_window), least), MAX_EVEN)
+    shares = np.empty(points - 1)
+    _use(p, doubles(second, points * m), x, points, m, step, doubles(shares, points - 1))
+    cell_s = end_s / even
+    factors = _factors(t, doubles(shares, points - 1), points - 1, cell_s, even, <int>per_window + 1)
+    amounts = np.concatenate([[0.0], np.cumsum(1.0 / factors)])
+    if amounts[even] > WORTH * even:
+        cells = <int>min(<double>even, most)
+        cell_s = end_s / cells
+        ends, widths = cell_s * np.arange(cells + 1.0), np.ones(cells)
+    else:
+        cells = <int>min(max(ceil(amounts[even]), least), most)
+        places = np.interp(np.arange(cells + 1.0) * (amounts[even] / cells), amounts, np.arange(even + 1.0))
+        ends, widths = cell_s * places, np.diff(places)
+    cdef double* end = doubles(ends, cells + 1)
+    cdef double* width = doubles(widths, cells)
     cdef _Motion ahead = _motion(points, length, step, t, x, whole)
     cdef _Motion behind = _motion(points, length, step, t, x, whole)
     control = np.zeros(cells + 3)
     cdef double* c = doubles(control, cells + 3)
     for i in range(2, cells - 1):
-        ahead.at(i * cell_s, &area, &way, &v)
-        behind.at(i * cell_s - window, &area_before, &way_before, &v_before)
+        ahead.at(end[i], &area, &way, &v)
+        behind.at(end[i] - window, &area_before, &way_before, &v_before)
         # The control points of a cubic are its values less a sixth of its second derivative.
-        c[i + 1] = (area - area_before - (v - v_before) * cell_s * cell_s / 6.0) / window
-        c[i + 1] = min(max(c[i + 1], c[i]), length)
+        mean_s, longer_s = 0.5 * cell_s * (width[i - 1] + width[i]), cell_s * (width[i] - width[i - 1])
+        change = (v - v_before) * mean_s * mean_s + (way - way_before) * longer_s
+        c[i + 1] = min(max((area - area_before - change / 6.0) / window, c[i]), length)
     for i in range(cells, cells + 3):
         c[i] = length
-    return control, cell_s
+    return control, widths
 
 
 cdef _Motion _motion(int points, double length, double step, double* time, double* speed, double* area):

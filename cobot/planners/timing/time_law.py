@@ -1,9 +1,10 @@
 """Time parameterization: along a path as fast as velocity, acceleration, jerk and torque limits allow.
 
-A first timing, see `reference_motion`, divides the motion into cells of about equal duration. Its rate is
-then optimised under all limits at once, see `fastest_rate`, and the motion becomes one quintic per cell.
-Where its true extrema between the checked places exceed a limit, the limit is tightened there and the rate is
-optimised again. Stretching the whole motion removes the small remainder.
+A first timing, see `reference_motion`, divides the motion into cells, which are longer where it hardly uses
+its acceleration limits. Its rate is then optimised under all limits at once, see `fastest_rate`, and the
+motion becomes one quintic per cell. Where its true extrema between the checked places exceed a limit, the
+limit is tightened there and the rate is optimised again. Stretching the whole motion removes the small
+remainder.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def time_optimal(
     most = MAX_CELLS * (1 if zones is None else len(zones.ends))
     reference = _reference(coordinates)
     bounds = ((MIN_CELLS, most, cells) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
-    laws = (reference_motion(*reference, path.length, each)[0] for each in bounds)
+    laws = (reference_motion(*reference, path.length, each) for each in bounds)
     return _solve_laws(robot, coordinates, laws)
 
 
@@ -131,15 +132,17 @@ def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
     return first / max_acceleration, second / max_acceleration, first / max_jerk, speed
 
 
-def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
+def _solve_laws(
+    robot: RobotDescription, coordinates: Coordinates, laws: Iterator[tuple[Array, Array]]
+) -> Timed:
     """The fastest motion with the first of these timings. If its cells are too coarse, the next timing is
     used, which has more cells.
     """
     limits = coordinates.limits
     with np.errstate(all="ignore"):
         try:
-            for points in laws:
-                problem = _Problem(robot, coordinates, points)
+            for points, widths in laws:
+                problem = _Problem(robot, coordinates, points, widths)
                 first = problem.solve()
                 if first.stretched <= COARSE:
                     break
@@ -179,14 +182,18 @@ class _Problem:
     """One optimisation: the first timing and all limited quantities at its knots and in the middle of its
     cells."""
 
-    def __init__(self, robot: RobotDescription, coordinates: Coordinates, points: Array) -> None:
+    def __init__(
+        self, robot: RobotDescription, coordinates: Coordinates, points: Array, widths: Array
+    ) -> None:
         """
         Args:
             points: the control points of s(τ).
+            widths: the relative durations of the cells.
         """
         self._robot, self._coordinates = robot, coordinates
         self._path, self._limits = coordinates.path, coordinates.limits
         self._cells = len(points) - 3
+        self._begin = np.pad(widths, 1, mode="edge") ** -2.0  # at this rate the cells have these durations
         begins, middles, ends = cubics(points)
         law = np.concatenate([begins, middles, ends[:, -1:]], axis=1)
         joints, derivatives, slowness = coordinates.at(law[0])
@@ -229,7 +236,7 @@ class _Problem:
                 stations.bound(*bounds)
         else:
             self._bounded = self._stations()
-        rate, _, _ = fastest_rate(self._cells, _duration(self._cells), self._bounded, GAP, ITERATIONS)
+        rate, _, _ = fastest_rate(self._begin, _duration(self._cells), self._bounded, GAP, ITERATIONS)
         return self._make_motion(rate)
 
     def _stations(self) -> list[Stations]:

@@ -13,6 +13,7 @@ from cobot.planners.timing.cells import basis
 from cobot.types import Array
 
 CELLS, ROWS = 14, 3
+EVEN = np.ones(CELLS + 2)
 SEEDS = range(6)
 
 
@@ -52,7 +53,7 @@ def constant(bounded: list[Rows]) -> float:
 def test_a_block_of_stations_that_is_not_full_counts_each_station_once(count: int) -> None:
     times, (accelerations, *_) = problem(1)
     few = Rows(*(None if each is None else each[:count] for each in vars(accelerations).values()))
-    found, _, _ = fastest_rate(CELLS, stations(times), [stations(few), stations(accelerations)], 0.0, 3)
+    found, _, _ = fastest_rate(EVEN, stations(times), [stations(few), stations(accelerations)], 0.0, 3)
     both = [few, accelerations]
     assert found == pytest.approx(iterate(CELLS, times, both, constant(both), 3), rel=1e-9)
 
@@ -61,14 +62,14 @@ def test_changed_bounds_give_exactly_what_new_stations_with_them_give() -> None:
     times, bounded = problem(2)
     _, others = problem(3)
     changed = [stations(each) for each in bounded]
-    fastest_rate(CELLS, stations(times), changed, 1e-3, 10)
+    fastest_rate(EVEN, stations(times), changed, 1e-3, 10)
     fresh = []
     for each, rows, other in zip(changed, bounded, others, strict=True):
         each.bound(other.low, other.high)
         rows.low, rows.high = other.low, other.high
         fresh.append(stations(rows))
-    found = fastest_rate(CELLS, stations(times), changed, 1e-3, 10)[0]
-    assert (found == fastest_rate(CELLS, stations(times), fresh, 1e-3, 10)[0]).all()
+    found = fastest_rate(EVEN, stations(times), changed, 1e-3, 10)[0]
+    assert (found == fastest_rate(EVEN, stations(times), fresh, 1e-3, 10)[0]).all()
     with pytest.raises(ValueError, match="rows of shape"):
         changed[0].bound(bounded[0].low[1:], bounded[0].high)
 
@@ -78,7 +79,7 @@ def test_changed_bounds_give_exactly_what_new_stations_with_them_give() -> None:
 def test_the_iterates_are_those_of_the_law_in_numpy(seed: int, iterations: int) -> None:
     times, bounded = problem(seed)
     found, _, count = fastest_rate(
-        CELLS, stations(times), [stations(each) for each in bounded], 0.0, iterations
+        EVEN, stations(times), [stations(each) for each in bounded], 0.0, iterations
     )
     assert count == iterations
     expected = iterate(CELLS, times, bounded, constant(bounded), iterations)
@@ -90,7 +91,7 @@ def test_every_iterate_keeps_all_bounds(seed: int) -> None:
     times, bounded = problem(seed)
     durations = []
     for iterations in (1, 2, 3, 5, 8, 30):
-        c, _, _ = fastest_rate(CELLS, stations(times), [stations(each) for each in bounded], 1e-4, iterations)
+        c, _, _ = fastest_rate(EVEN, stations(times), [stations(each) for each in bounded], 1e-4, iterations)
         for rows in bounded:
             assert rows.slacks(c)[0].min() > 0.0
         durations.append(float((times.high[:, 0] * times.local(c)[:, 0] ** -0.5).sum()))
@@ -101,11 +102,12 @@ def test_bounds_that_no_rate_keeps_are_refused() -> None:
     times, bounded = problem(0)
     bounded[0].low[3, 1] = 0.1
     with pytest.raises(ValueError, match="no rate keeps the bounds"):
-        fastest_rate(CELLS, stations(times), [stations(each) for each in bounded], 1e-3, 10)
+        fastest_rate(EVEN, stations(times), [stations(each) for each in bounded], 1e-3, 10)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_reference_motion_is_that_of_the_law_in_numpy(seed: int) -> None:
+@pytest.mark.parametrize("slowness", [1.0, 10.0])
+def test_the_reference_motion_is_that_of_the_law_in_numpy(seed: int, slowness: float) -> None:
     random = np.random.default_rng(seed)
     places = np.linspace(0.0, 1.0, 41)
     waves = random.normal(size=(3, 4))
@@ -115,10 +117,11 @@ def test_the_reference_motion_is_that_of_the_law_in_numpy(seed: int) -> None:
         return np.stack([a * b**order * np.sin(b * places + c + phase) for a, b, c in waves.T], axis=1)
 
     first, second = wave(1), wave(2)
-    speed = 1.0 / np.abs(first).max(axis=1)
+    speed = 1.0 / slowness / np.abs(first).max(axis=1)
     bounds = (10, 400, 8.0)
-    found, cell_s = reference_motion(first, second, 0.1 * first, speed, 1.0, bounds)
-    expected, expected_s = plain_reference_motion(first, second, 0.1 * first, speed.copy(), 1.0, bounds)
-    assert cell_s == pytest.approx(expected_s, rel=1e-12)
-    assert found == pytest.approx(expected, abs=1e-12)
+    found, widths = reference_motion(first, second, 0.1 * first, speed, 1.0, bounds)
+    expected, expected_widths = plain_reference_motion(first, second, 0.1 * first, speed.copy(), 1.0, bounds)
+    assert widths == pytest.approx(expected_widths, rel=1e-9)
+    assert found == pytest.approx(expected, abs=1e-9)
     assert (np.diff(found) >= 0.0).all()
+    assert (widths.max() > 2.0) == (slowness > 1.0)

@@ -163,6 +163,16 @@ def test_a_short_line_takes_as_long_as_another_optimiser_finds_under_the_same_li
     assert 0.98 * best_s < timed.trajectory.duration_s < 1.01 * best_s
 
 
+def fastest_s(limits: JointLimits, way: Array) -> float:
+    """The shortest time for a straight way, shape (dof,), from rest to rest, by Ruckig."""
+    problem, solution = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    problem.target_position = [1.0]
+    for name in ("velocity", "acceleration", "jerk"):
+        setattr(problem, f"max_{name}", [float((getattr(limits, f"max_{name}") / np.abs(way)).min())])
+    ruckig.Ruckig(1).calculate(problem, solution)
+    return float(solution.duration)
+
+
 @pytest.mark.parametrize("distance_rad", [1e-5, 1e-3, 0.05, 0.3, 2.0])
 def test_a_straight_line_takes_as_long_as_ruckig_in_phase(
     robot: RobotDescription, distance_rad: float
@@ -170,14 +180,21 @@ def test_a_straight_line_takes_as_long_as_ruckig_in_phase(
     limits = planned_limits(robot)
     start = 0.3 * robot.limits.min_position
     way = distance_rad * np.array([1.0, -0.7, 0.5, 0.3, -0.9, 0.2, 0.1])
-    problem, solution = ruckig.InputParameter(1), ruckig.Trajectory(1)
-    problem.target_position = [1.0]
-    for name in ("velocity", "acceleration", "jerk"):
-        setattr(problem, f"max_{name}", [float((getattr(limits, f"max_{name}") / np.abs(way)).min())])
-    ruckig.Ruckig(1).calculate(problem, solution)
     timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
     require_limits(timed.trajectory, limits)
-    assert 0.9999 < timed.trajectory.duration_s / solution.duration < 1.01
+    assert 0.9999 < timed.trajectory.duration_s / fastest_s(limits, way) < 1.01
+
+
+@pytest.mark.parametrize("speed", [0.03, 0.1])
+def test_a_slow_motion_needs_few_segments_and_takes_no_longer_than_ruckigs(
+    robot: RobotDescription, speed: float
+) -> None:
+    start, way = 0.3 * robot.limits.min_position, np.array([1.0, -0.7, 0.5, 0.3, -0.9, 0.2, 0.1])
+    limits = robot.limits.scaled(speed, PLANNED_ACCELERATION, Scaling(1.0).jerk)
+    timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
+    require_limits(timed.trajectory, limits)
+    assert 0.9999 < timed.trajectory.duration_s / fastest_s(limits, way) < 1.002
+    assert timed.trajectory.segments < 250  # with cells of equal duration: 472 and 1000
 
 
 @pytest.mark.parametrize("share", [1e-6, 0.01])
