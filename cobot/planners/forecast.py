@@ -12,11 +12,13 @@ from cobot.polynomials import greatest_rates
 from cobot.reasons import Reason, ReasonCode
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
-from cobot.robot.nearest import NEAR_M, Nearest
+from cobot.robot.nearest import Nearest
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 DISTANCE_SAMPLES = 200
+TOUCH_M = 1e-3
+"""Distances of a simulated run are computed up to this value, because only contacts count."""
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
@@ -58,14 +60,18 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
         rest = np.zeros(robot.limits.dof)
         torque = np.abs(robot.model.gravity_torques(start))
         return {"velocity": rest, "acceleration": rest, "jerk": rest, "torque": torque}
-    rates = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
+    coefficients = trajectory.coefficients
+    begins = np.abs(coefficients[:, :, 1:4]).max(axis=0).T * [[1.0], [2.0], [6.0]]
+    # Pieces that are slower throughout than another one at its start do not matter.
+    durations = np.diff(trajectory.breakpoints_s)
+    rates = greatest_rates(coefficients, durations, begins[:, None]).max(axis=1)
     torque = np.abs(effort_samples(robot.model, trajectory)[1]).max(axis=0)
     return {"velocity": rates[0], "acceleration": rates[1], "jerk": rates[2], "torque": torque}
 
 
 def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
     """The shortest distances of a simulated run; a contact is a flaw."""
-    distances = robot.collision.nearest.distances(run.positions, NEAR_M)
+    distances = robot.collision.nearest.distances(run.positions, TOUCH_M)
     flaw = run.flaw
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
     if len(touching) and (flaw is None or run.times_s[touching[0]] < flaw.time_s):

@@ -30,8 +30,7 @@ from cobot.robot.mujoco cimport kinematic_data_of, mj_deleteData, mj_kinematics,
 from cobot.robot.shapes cimport BOX, CLOUD, CYLINDER, OTHER, PLANE, SEGMENT, far_bound, gap, solid_of
 
 from cobot.errors import ConfigError
-from cobot.robot.cloud import lane_nodes
-from cobot.robot.enclosing import tree_around
+from cobot.robot.enclosing import nodes_around, tree_around
 from cobot.robot.rotations import matrix_of, with_z_along
 
 cdef extern from "lanes_check.h":
@@ -315,7 +314,7 @@ cdef class Clearance:
         offset = np.array([part.offset[i] for i in range(3)])
         if cloud is not None:
             return cloud.nodes_at(turn, offset)
-        return lane_nodes(tree_around(self._mj, part.solid.geom), turn, offset)
+        return nodes_around(self._mj, part.solid.geom, turn, offset)
 
     cdef int _set_lane_part(self, int index, object tree) except -1:
         cdef LanePart* part = &self._lane_parts[index]
@@ -729,9 +728,11 @@ cdef class Clearance:
     def require(self, least_m):
         """Set the required distance of each pair, m: one number for all, or shape (count,)."""
         cdef int index
-        given = np.ascontiguousarray(np.broadcast_to(np.asarray(least_m, dtype=np.float64), (self.count,)))
+        given = np.empty(self.count)
+        given[...] = least_m
+        cdef const double* least = doubles(given, self.count) if self.count else NULL
         for index in range(self.count):
-            self._least[index] = self._lane_least[index] = given[index]
+            self._least[index] = self._lane_least[index] = least[index]
 
     def is_free(self, joints):
         """Whether each pair keeps its required distance at joints of shape (dof,)."""
@@ -1081,6 +1082,35 @@ cdef class Clearance:
                 for index in range(self.count):
                     found[row * self.count + index] = fmin(farthest_m, self._gap(index, farthest_m, NULL))
         return out
+
+    def nearest(self, rows, chosen, double farthest_m):
+        """The smallest distance of the chosen pairs at joints (n, dof).
+
+        Args:
+            chosen: indices of pairs.
+
+        Returns:
+            The row, the index of the pair and the distance, m; None if all are at least `farthest_m` apart.
+        """
+        given = _rows(rows, self.dof)
+        numbers = np.ascontiguousarray(chosen, dtype=np.intc)
+        cdef Py_ssize_t row, found_row = -1, count = len(given), pairs = len(numbers)
+        cdef Py_ssize_t index, found = -1
+        if not count or not pairs:
+            return None
+        if numbers.min() < 0 or numbers.max() >= self.count:
+            raise ValueError(f"pairs 0 to {self.count - 1} can be chosen")
+        cdef const double* joints = doubles(given, given.size)
+        cdef const int* pair = <const int*>bytes_of(numbers, numbers.nbytes)
+        cdef double distance
+        with nogil:
+            for row in range(count):
+                self._move_to(joints + row * self.dof)
+                for index in range(pairs):
+                    distance = self._gap(pair[index], farthest_m, NULL)
+                    if distance < farthest_m:
+                        found_row, found, farthest_m = row, pair[index], distance
+        return None if found < 0 else (found_row, found, farthest_m)
 
     cdef double _gap(self, int index, double enough_m, double* line) noexcept nogil:
         cdef Part* first = &self._part[self._pair[index].first]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
+from cobot.robot.cloud import lane_nodes
 from cobot.robot.covers import cover
 from cobot.types import Array
 
@@ -22,25 +26,42 @@ _BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 
 _Geom = mujoco.mjtGeom
 
 
+Shape = tuple[Callable[..., Array], *tuple[Any, ...]]
+"""A function that returns the spheres around a shape, and its arguments."""
+
+
 def tree_around(mj: mujoco.MjModel, geom: int) -> Array:
     """The spheres around a geom in its own frame, rows as those of `cover`. They must not be changed."""
-    kind, size = int(mj.geom_type[geom]), mj.geom_size[geom]
+    tree, *arguments = _shape(mj, geom)
+    return tree(*arguments)
+
+
+def nodes_around(mj: mujoco.MjModel, geom: int, turn: Array, offset: Array) -> npt.NDArray[np.float32]:
+    """The same spheres as `lane_nodes`, turned by a matrix and moved by an offset. They must not be
+    changed. An arm in another scene gets those that were computed before.
+    """
+    return _nodes(_shape(mj, geom), turn.tobytes(), offset.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _nodes(shape: Shape, turn: bytes, offset: bytes) -> npt.NDArray[np.float32]:
+    tree, *arguments = shape
+    return lane_nodes(tree(*arguments), np.frombuffer(turn).reshape(3, 3), np.frombuffer(offset))
+
+
+def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
+    kind, size = int(mj.geom_type[geom]), mj.geom_size[geom].tolist()
     if kind == _Geom.mjGEOM_MESH:
         hull = _hull(mj, int(mj.geom_dataid[geom]))
         if hull is not None:
-            return _mesh_tree(*hull)
+            return _mesh_tree, *hull
     if kind in (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE):
-        half_m = float(size[1]) if kind == _Geom.mjGEOM_CAPSULE else 0.0
-        return _capsule_tree(float(size[0]), half_m)
+        return _capsule_tree, size[0], size[1] if kind == _Geom.mjGEOM_CAPSULE else 0.0
     if kind == _Geom.mjGEOM_CYLINDER:
-        return _cylinder_tree(float(size[0]), float(size[1]))
+        return _cylinder_tree, size[0], size[1]
     if kind == _Geom.mjGEOM_BOX:
-        return _box_tree(*size.tolist())
-    middle, half = mj.geom_aabb[geom][:3], mj.geom_aabb[geom][3:]
-    tree = _box_tree(*half.tolist()).copy()
-    tree[:, :3] += middle
-    tree[:, 4] = NO_DEPTH
-    return tree
+        return _box_tree, *size
+    return _bounding_tree, *mj.geom_aabb[geom].tolist()
 
 
 def _hull(mj: mujoco.MjModel, mesh: int) -> tuple[bytes, bytes] | None:
@@ -67,6 +88,14 @@ def _mesh_tree(vertices: bytes, graph: bytes) -> Array:
 def _box_tree(x: float, y: float, z: float) -> Array:
     corners = np.array([[i, j, k] for i in (-x, x) for j in (-y, y) for k in (-z, z)])
     return cover(corners, _BOX_FACES, LOSS_M, FLOOR_M)
+
+
+def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
+    """The spheres around the box that bounds another shape: its middle, and half of its size."""
+    tree = _box_tree(*half).copy()
+    tree[:, :3] += (x, y, z)
+    tree[:, 4] = NO_DEPTH
+    return tree
 
 
 @lru_cache(maxsize=256)

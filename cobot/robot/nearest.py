@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 1.0
 """Largest distance that is computed; farther objects do not matter."""
-NEAR_M = 0.1
-"""Distance within which parts are looked for first, m. Bounds show that most pairs are farther apart."""
 TURNS = 17
 """Number of angles at which a pair that one joint moves is compared. It is a prime, so few symmetric shapes
 look the same at all of them.
@@ -71,28 +69,15 @@ class NearestParts:
         """The nearest parts of the robot itself, and those of the robot and its surroundings, at rows of
         joints, shape (n, dof); None in place of each pair that is farther apart than `FARTHEST_M`.
         """
-        own = around = None
-        for farthest_m in (NEAR_M, FARTHEST_M):
-            distances = self.distances(rows, farthest_m)
-            own = own or self._least(rows, distances, self._own, farthest_m)
-            around = around or self._least(rows, distances, self._around, farthest_m)
-            if (own or not len(self._own)) and (around or not len(self._around)):
-                break
-        return own, around
+        return self._least(rows, self._own), self._least(rows, self._around)
 
-    def _least(
-        self, rows: Array, distances: Array, chosen: npt.NDArray[np.intp], farthest_m: float
-    ) -> Nearest | None:
-        if not len(chosen):
+    def _least(self, rows: Array, chosen: npt.NDArray[np.intp]) -> Nearest | None:
+        found = self._checker.clearance.nearest(rows, chosen, FARTHEST_M)
+        if found is None:
             return None
-        row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(rows), len(chosen)))
-        pair = int(chosen[column])
-        distance_m = float(distances[row, pair])
-        if not distance_m < farthest_m:
-            return None
-        return Nearest(
-            *self._checker.names(pair), distance_m, self._points(rows[row], pair, distance_m), int(row)
-        )
+        row, pair, distance_m = found
+        points = self._points(rows[row], pair, distance_m)
+        return Nearest(*self._checker.names(pair), distance_m, points, row)
 
     def _points(self, joints: Array, pair: int, distance_m: float) -> tuple[Numbers3, Numbers3]:
         mj, data = self._checker.mj, self._data

@@ -18,7 +18,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners.forecast import forecast
 from cobot.robot.collision import geom_pairs
 from cobot.robot.description import RobotDescription
-from cobot.robot.nearest import FARTHEST_M, NEAR_M, NearestParts
+from cobot.robot.nearest import FARTHEST_M, NearestParts
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
@@ -101,7 +101,7 @@ def test_the_nearest_parts_are_found_near_and_far(robot: RobotDescription) -> No
         for found, chosen in zip(nearest.at(joints), (~world & changes, world & changes), strict=True):
             assert found is not None
             assert found.distance_m == pytest.approx(all_m[chosen].min(), abs=1e-5)
-            kinds.add(found.distance_m < NEAR_M)
+            kinds.add(found.distance_m < 0.1)
     assert kinds == {True, False}
 
 
