@@ -1,4 +1,4 @@
-"""Shortens a free polyline by cuts: each cut must save length and is proven free."""
+"""Shortens a free polyline by cuts and by moving its corners: each must save length and is proven free."""
 
 from libc.math cimport fmax, fmin, sqrt
 from libc.stdint cimport uint64_t
@@ -14,7 +14,7 @@ cdef enum:
     CHOICES = 12    # number of random cuts, of which the one that would save most is tried
     TRIALS = 200
     FAILURES = 50   # number of consecutive trials without a gain after which the search ends
-    HALVINGS = 5
+    HALVINGS = 3    # with more, a corner gets nearer to an obstacle, where each check takes long
 
 cdef double WORTH = 1e-3  # a cut that gains less than this share of the length is not tried
 
@@ -34,16 +34,29 @@ cdef struct Way:
 
 
 def shorten(Clearance clearance, corners, uint64_t seed):
-    """A polyline with the same ends that is no longer and just as free, shape (m, dof).
-
-    First, cuts between random points of the polyline are tried, the most promising ones only: the gain is
-    known before the motion is checked. Then every corner is moved towards the line between its neighbours as
-    far as the motion stays free.
-
-    Args:
-        corners: shape (n, dof), n at least 2.
-    """
+    """See shortcut.pyi."""
     cdef Way way
+    kept = _open(clearance, corners, &way)
+    with nogil:
+        _cut_short(clearance, &way, seed)
+        _leave_out(clearance, &way)
+    return kept[0][: way.count].copy()
+
+
+def draw_in(Clearance clearance, corners):
+    """See shortcut.pyi."""
+    cdef Way way
+    cdef int index
+    kept = _open(clearance, corners, &way)
+    with nogil:
+        for index in range(1, way.count - 1):
+            _draw_in(clearance, &way.corners[(index - 1) * way.dof], way.dof)
+        _leave_out(clearance, &way)
+    return kept[0][: way.count].copy()
+
+
+cdef _open(Clearance clearance, corners, Way* way):
+    """Fill in a way with these corners and room for more. Returns the arrays that it points to."""
     cdef int dof = clearance.dof
     given = np.array(corners, dtype=np.float64).reshape(-1, dof)
     room = np.zeros((len(given) + TRIALS + 2, dof))
@@ -54,10 +67,7 @@ def shorten(Clearance clearance, corners, uint64_t seed):
     if way.count < 2 or not np.isfinite(given).all():
         raise ValueError("a polyline of finite corners, at least two, is needed")
     clearance.enclose()
-    with nogil:
-        _cut_short(clearance, &way, seed)
-        _tighten(clearance, &way)
-    return room[: way.count].copy()
+    return room, reached
 
 
 cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogil:
@@ -136,7 +146,8 @@ cdef void _make(Way* way, const Cut* cut) noexcept nogil:
     _measure(way)
 
 
-cdef void _tighten(Clearance clearance, Way* way) noexcept nogil:
+cdef void _leave_out(Clearance clearance, Way* way) noexcept nogil:
+    """Remove each corner whose neighbours a free motion joins."""
     cdef int dof = way.dof
     cdef int index = 1
     cdef int count
@@ -147,9 +158,8 @@ cdef void _tighten(Clearance clearance, Way* way) noexcept nogil:
             way.count -= 1
             if index > 1:
                 index -= 1
-            continue
-        _draw_in(clearance, &way.corners[(index - 1) * dof], dof)
-        index += 1
+        else:
+            index += 1
 
 
 cdef void _draw_in(Clearance clearance, double* three, int dof) noexcept nogil:

@@ -28,7 +28,7 @@ from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length
 from cobot.planners.search.sampling import ATTEMPTS, RANGE_RAD, room
 from cobot.planners.search.spline import resampled, smooth_curve, smooth_motion
-from cobot.planners.shortcut import shorten
+from cobot.planners.shortcut import draw_in, shorten
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Notice, Trajectory
@@ -148,7 +148,7 @@ def _another_way(
         )
         if way is None:
             return None
-        way = shorten(clearance, way, seed)
+        way = draw_in(clearance, shorten(clearance, way, seed))
     return smooth_motion(robot, way, request.scaled_limits(robot))
 
 

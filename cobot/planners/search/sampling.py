@@ -19,7 +19,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length, without_detours
-from cobot.planners.shortcut import shorten
+from cobot.planners.shortcut import draw_in, shorten
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
@@ -91,7 +91,7 @@ def _search(
         if request.algorithm == RRT_CONNECT:
             return _connect(robot, clearance, start, goals, request)
         found = _Search(robot, clearance, start, goals, request.algorithm).run(request.timeout_s)
-        return None if found is None else shorten(clearance, found, request.seed)
+        return None if found is None else draw_in(clearance, shorten(clearance, found, request.seed))
 
 
 def _connect(
@@ -136,7 +136,7 @@ def _connect(
         if is_enough() or is_too_much() or not paths:
             break
         paths = []
-    return best
+    return draw_in(clearance, best)
 
 
 def _first(

@@ -20,7 +20,7 @@ from cobot.planners.rrt_connect import connect
 from cobot.planners.search import sampling
 from cobot.planners.search.detours import length, without_detours
 from cobot.planners.search.sampling import find_path, room
-from cobot.planners.shortcut import shorten
+from cobot.planners.shortcut import draw_in, shorten
 from cobot.robot.clearance import INSTRUCTIONS
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, PlannerName, Scaling
@@ -42,6 +42,21 @@ def test_shortening_keeps_the_ends_gets_no_longer_and_stays_free(robot: RobotDes
         assert after.sum() < 0.9 * before.sum()
         assert before.max() <= 0.5 + 1e-9, "no node is further away than that"
         assert all(clearance.is_edge_free(*pair) for pair in pairwise(short))
+
+
+def test_corners_are_drawn_in_as_far_as_the_way_stays_free(robot: RobotDescription) -> None:
+    saved = []
+    for number, problem in enumerate(scenes.problems(robot, "shelf", 4, SEED)):
+        clearance = problem.robot.collision.clearance
+        bounds = robot.limits.min_position, robot.limits.max_position
+        corners = connect(clearance, problem.start, problem.goal[None], *bounds, number, WAIT_S, 2.0)
+        assert corners is not None
+        drawn = draw_in(clearance, corners)
+        assert np.array_equal(drawn[[0, -1]], np.array([problem.start, problem.goal]))
+        assert all(clearance.is_edge_free(*pair) for pair in pairwise(drawn))
+        saved.append(1.0 - length(drawn) / length(corners))
+    assert min(saved) >= 0.0
+    assert max(saved) > 0.05
 
 
 def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription) -> None:
