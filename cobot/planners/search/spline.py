@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
+SAMPLES = 192
+"""Places at which a path is checked for collisions before it is timed. Only the timed motion is proven free,
+because two proofs take longer than the few times that are computed for nothing."""
 LOOKS = 4
 """Samples per piece at which constraints are checked before the path is timed."""
 
@@ -40,11 +43,11 @@ def smooth_motion(
     """
     points = FIRST_POINTS
     while True:
-        curve, pieces = smooth_curve(resampled(corners, points))
+        curve, _ = smooth_curve(resampled(corners, points))
         is_last = points >= LAST_POINTS
         points *= 2
         if not is_last and (
-            robot.collision.clearance.contact(pieces) is not None
+            not robot.collision.clearance.are_free(curve.at(np.linspace(0.0, 1.0, SAMPLES))).all()
             or (held is not None and held.excess(curve.at(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
         ):
             continue
