@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
+import subprocess
 from itertools import combinations, pairwise
 from math import comb
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -128,6 +133,27 @@ def test_each_set_of_instructions_gives_the_same_bits(robot: RobotDescription) -
         rows, rates = rows_of(clearance, 1000, random), random.uniform(-1.0, 1.0, clearance.dof)
         compared += require_same_bits(clearance, rows, rates)
     assert compared >= 5
+
+
+def lanes_bits(folder: Path, compiler: str, *options: str) -> Path:
+    """A program that prints the bits of random checks, compiled with the options of `setup.py`."""
+    (arithmetic,) = re.findall(r"^ARITHMETIC = (\[.+?\])$", (ROOT / "setup.py").read_text(), re.M)
+    source, program = Path(__file__).with_name("lanes_bits.c"), folder / compiler
+    command = [compiler, "-O2", *json.loads(arithmetic), "-Wno-psabi", "-I", str(ROOT / "cobot" / "robot")]
+    subprocess.run([*command, *options, str(source), "-o", str(program)], check=True)
+    return program
+
+
+def test_neon_gives_the_same_bits(tmp_path: Path) -> None:
+    """The oracle is the same program on this processor. An emulator runs the one for 64-bit Arm."""
+    compiler, emulator = "aarch64-linux-gnu-gcc", shutil.which("qemu-aarch64-static")
+    if shutil.which(compiler) is None or emulator is None or shutil.which("gcc") is None:
+        pytest.skip("needs gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user-static")
+    here = subprocess.run([lanes_bits(tmp_path, "gcc"), "plain"], capture_output=True, check=True).stdout
+    there = lanes_bits(tmp_path, compiler, "-static")
+    assert subprocess.run([emulator, there], capture_output=True, check=True).stdout == here
+    hits = [line.split()[0] != b"0" for line in here.splitlines()]
+    assert 100 < sum(hits) < len(hits)
 
 
 @pytest.mark.parametrize("name", ["", "plain", "avx2"])
