@@ -77,7 +77,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "around": lambda quick: around.around(10 if quick else 100),
     "budgets": lambda quick: budgets.budgets(100 if quick else 20),
     "problem_sets": lambda quick: problem_sets.problem_sets(50 if quick else 10),
-    "verdicts": lambda quick: verdicts.verdicts(100_000 if quick else 10_000_000),
+    "verdicts": lambda quick: verdicts.verdicts(100_000 if quick else 1_000_000),
     "clouds": lambda quick: clouds.clouds(100 if quick else 30),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
     "straightness": lambda quick: planning_time.straightness(2 if quick else 12),
@@ -110,6 +110,7 @@ FULL: dict[str, Callable[[], Iterator[Row]]] = {
     "fri": lambda: fri.fri(100_000, 100, 20),
     "ur": lambda: ur.ur(100_000, 100, 20),
     "steady": lambda: steady.steady(3600.0),
+    "verdicts": lambda: verdicts.verdicts(10_000_000),
 }
 """What --full does instead, where it does something else."""
 
