@@ -27,7 +27,7 @@ from app.services.streaming.freedrive import (
 )
 from app.services.streaming.jog_limits import TCP_M_S
 from cobot.errors import NotSupportedError
-from cobot.ipc.device_record import fill_capabilities
+from cobot.ipc.device_record import device_of, fill_capabilities
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.backends.mujoco import MujocoBackend
@@ -249,6 +249,19 @@ def test_freedrive_that_the_settings_switch_off_is_refused_with_the_setting(run:
     service = FreedriveService(run.rig.robot, link, streams, is_switched_off=True)
     with pytest.raises(NotSupportedError, match=r"robot\.backend\.freedrive is false: set it to true"):
         asyncio.run(service.begin("Ada", 1.0, 1.0))
+
+
+@pytest.mark.parametrize("guides", [False, True])
+def test_a_device_that_releases_its_arm_needs_no_springs(run: VirtualService, guides: bool) -> None:
+    """Also if it has springs. What rtloop reports arrives through the shared memory."""
+    block = run.rig.memory.device
+    try:
+        fill_capabilities(block.data, replace(MujocoBackend.capabilities, impedance=True, guides=guides))
+        link: Any = SimpleNamespace(device=lambda: ("ur", device_of(block.data)))
+        streams: Any = None
+        assert FreedriveService(run.rig.robot, link, streams)._require_able() is guides
+    finally:
+        fill_capabilities(block.data, MujocoBackend.capabilities)
 
 
 @pytest.mark.parametrize(
