@@ -22,7 +22,7 @@ SHOWN_ERRORS = 10
 
 
 class _Brief(reprlib.Repr):
-    """Formats values as in JSON. From a long list it formats only the items that are shown."""
+    """Formats values as JSON. Long lists are cut before formatting."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -64,7 +64,7 @@ def get_joint_names(robot: Services) -> list[str]:
     """The names of the joints.
 
     Returns:
-        The names, in the order of all joint positions.
+        The names, in the order that joint positions have in all requests.
     """
     return list(robot.robot.limits.names)
 

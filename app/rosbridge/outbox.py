@@ -38,8 +38,8 @@ def dumps(content: Message) -> str:
 
 
 class TopicFeed:
-    """A topic that one client has subscribed to, possibly several times. The most permissive subscription
-    decides.
+    """A topic that one client has subscribed to, possibly several times. The smallest interval between
+    messages, the longest queue and the smallest fragments of all its subscriptions apply.
     """
 
     def __init__(

@@ -21,12 +21,12 @@ MIN_EDGE_M = 0.002
 
 @dataclass(frozen=True, slots=True)
 class MeshShape:
-    """A mesh around the middle of its bounding box, m.
+    """A mesh with the middle of its bounding box as origin, m.
 
     Attributes:
         size: edges of the bounding box.
         boxes: middle and edges of each box.
-        hulls: corners of each other convex solid.
+        hulls: corners of each convex solid that is not a box.
         vertices, triangles: the mesh of the file as flat sequences of numbers.
     """
 

@@ -1,4 +1,4 @@
-"""Output of the commands for people: state, jobs, events, and the progress of the arm."""
+"""Output of the commands that people read: state, jobs, events, and the progress of the arm."""
 
 from __future__ import annotations
 

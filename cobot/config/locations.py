@@ -31,7 +31,7 @@ def resolve(location: str, folder: Path) -> Path:
         raise ConfigError(f"{location}: the Python package {package!r} is not installed")
     path = (root / inner).resolve()
     if not path.is_relative_to(root):
-        raise ConfigError(f"{location}: leaves the package {package!r}")
+        raise ConfigError(f"{location}: is outside the package {package!r}")
     return path
 
 

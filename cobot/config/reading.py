@@ -64,7 +64,7 @@ def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
 def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
     """The changes that each entry in `robots` makes to the settings."""
     if not isinstance(entries, list) or not entries:
-        raise ConfigError(f"{path}: robots: must be a list of one robot or more, got {shown(entries)}")
+        raise ConfigError(f"{path}: robots: must be a list of one or more robots, got {shown(entries)}")
     valid = [*RobotSection.model_fields, "joint_limits", *SECTIONS_OF_A_ROBOT]
     for index, entry in enumerate(entries):
         place = f"{path}: robots[{index}]"

@@ -461,7 +461,7 @@ class Hub:
                 if name == cell:  # a new process has to publish a state first: this one is of the last
                     known = tile.state.instance in instances
                     tile.gone_s = None if known else tile.gone_s or time.monotonic()
-        log.info("the cell %s %s", cell, "is connected" if here else "is not connected any more")
+        log.info("the cell %s %s", cell, "is connected" if here else "is no longer connected")
         if here:
             # Another thread: a callback that waits blocks the session.
             threading.Thread(target=self._ask_states, args=(cell,), daemon=True).start()

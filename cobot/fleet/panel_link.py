@@ -43,7 +43,7 @@ UNUSED_S = 900.0
 """Time without a request after which a panel is closed."""
 MAX_OPEN_S = 12 * 3600.0
 """Time after which a panel is closed, and must be opened again from the page of the fleet."""
-NOT_OPEN = "this panel is not open any more; open it again from the page of the fleet"
+NOT_OPEN = "this panel is no longer open; open it again from the page of the fleet"
 ANSWER_S = 10.0
 """Timeout for an answer of a cell. A cell answers after 1 s, also without content."""
 
@@ -61,7 +61,7 @@ class OpenPanel:
     a cell never see the token of the person.
 
     Attributes:
-        find: finds the person; None once the token is not valid any more.
+        find: finds the person; None once the token is no longer valid.
         used_s: time of the last request, also of one for a piece of a WebSocket.
         closed: whether it was closed to make room for another panel.
         requests, sockets: numbers of those in progress.
@@ -87,15 +87,15 @@ class OpenPanel:
         """Note a request of the panel, and find the person.
 
         Raises:
-            NotFoundError: the panel is not open any more.
-            AuthenticationError: the token with which the panel was opened is not valid any more.
+            NotFoundError: the panel is no longer open.
+            AuthenticationError: the token with which the panel was opened is no longer valid.
         """
         if self.is_over:
             raise NotFoundError(NOT_OPEN)
         self.used_s = time.monotonic()
         found = self.find()
         if found is None:
-            raise AuthenticationError("your token is not valid any more; log in on the page of the fleet")
+            raise AuthenticationError("your token is no longer valid; log in again on the page of the fleet")
         return found
 
 

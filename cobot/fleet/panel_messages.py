@@ -130,7 +130,7 @@ class SendMessage(StrictModel):
 
 
 class CloseStream(StrictModel):
-    """Close a stream that is not needed any more."""
+    """Close a stream that is no longer needed."""
 
     kind: Literal["close"]
     stream: Id

@@ -25,7 +25,7 @@ _NAME = re.compile(rf"({'|'.join(KINDS)}) ([0-9]{{1,5}})")
 
 
 class ModbusOptions(BaseModel):
-    """The Modbus device that has the points of a gripper."""
+    """The Modbus device whose coils, inputs and registers operate a gripper."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

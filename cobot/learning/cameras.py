@@ -28,7 +28,7 @@ class Camera:
         eye, target: position of the camera, and the point at which it looks, m, in the frame on which it is
             mounted.
         mounted: base, or tcp if it moves with the TCP.
-        up: upward direction in the pictures. It must not be along the view.
+        up: upward direction in the pictures. It must not be parallel to the viewing direction.
         width, height: size of the pictures in pixels.
         view_rad: vertical field of view, rad.
     """
@@ -59,7 +59,9 @@ class Camera:
             raise InputError(f"{what}: view_rad must be 0.01 to 3 rad, got {self.view_rad}")
         forward = np.subtract(self.target, self.eye)
         if np.linalg.norm(np.cross(forward, self.up)) < 1e-6:
-            raise InputError(f"{what}: up must not be along the view, and target must differ from eye")
+            raise InputError(
+                f"{what}: up must not be parallel to the viewing direction, and target must differ from eye"
+            )
 
 
 FRONT = Camera("front", (1.4, -1.2, 1.0), (0.3, 0.0, 0.4))

@@ -136,7 +136,8 @@ class PolicyRunner:
         self.sent: list[Sent] = []
 
     def run(self, seconds: float) -> None:
-        """Move the arm for this time on the robot's clock. Then the last chunk ends and the arm stops.
+        """Move the arm for `seconds`, measured on the robot's clock. Then the last chunk ends and the arm
+        stops.
 
         Raises:
             ExecutionError: the policy fails, is always too late, or its answer is not a valid chunk for this

@@ -222,7 +222,7 @@ def joints_at(robot: RobotDescription, where: str | list[float], place: str) -> 
     """Joint angles of a named position or a list, rad.
 
     Raises:
-        InputError: there is no such position, or the list has another number of joints.
+        InputError: there is no such position, or the list has the wrong number of joints.
     """
     if isinstance(where, str):
         if where not in robot.positions:

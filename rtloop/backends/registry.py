@@ -31,9 +31,9 @@ WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
 AROUND = "rtloop.backends.device_in_cell:DeviceInCell"
 """The class that simulates a cell around the arm of any other backend."""
 NOT_HERE = (
-    "but robot.backend.simulator is true: a simulator must be on this computer, because at other addresses a "
-    "real arm may be, whose hand would be simulated. Correct this setting; for a real arm, remove "
-    "robot.backend.simulator"
+    "but robot.backend.simulator is true: a simulator must be on this computer, because there may be a real "
+    "arm at another address, and its hand would only be simulated. Correct this setting; for a real "
+    "arm, remove robot.backend.simulator"
 )
 
 

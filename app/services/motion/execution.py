@@ -243,7 +243,7 @@ class MotionService:
         Raises:
             ExecutionError: the arm did not arrive; the error's class and text have the reason.
             ConditionNotMet: the arm arrived, although the condition `until` should have ended the motion.
-            UnavailableError: rtloop does not publish any more.
+            UnavailableError: rtloop no longer publishes.
         """
         state, waits_for = await self._await_end(claim, signals)
         stopped = state.motion_result is MotionResult.MET and claim.interruption is not None
@@ -295,7 +295,7 @@ class MotionService:
             except (
                 PlanningError,
                 InputError,
-            ):  # not on the path any more, or in contact with an object of the scene
+            ):  # no longer on the path, or in contact with an object of the scene
                 motion = await self.plan(claim, direct, timeout_s)
         except (PlanningError, InputError) as exc:
             raise ExecutionError(f"stopped by its condition, but cannot move back: {exc}") from exc

@@ -305,8 +305,8 @@ class SceneService:
         return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
 
     async def _store(self, scene: Scene, checker: CollisionChecker) -> CollisionChecker:
-        """Write the scene to disk and inform the real-time loop. Returns a twin of its checker, because the
-        other one is for threads.
+        """Write the scene to disk and inform the real-time loop. Returns a copy of its checker for the
+        service, because threads use the checker itself.
         """
         before = self.scene
         _, ours = await asyncio.gather(

@@ -257,8 +257,8 @@ class Ownership:
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Claim the arm while the context is open. If a stop was requested after the motion, the claim is
-        interrupted.
+        """Claim the arm while the context is open. If a stop was requested after this motion was requested,
+        the claim is interrupted.
 
         Raises:
             ConflictError: another client moves the arm.

@@ -1,4 +1,4 @@
-"""POST /stop: stops the arm first, whatever the state of all other parts."""
+"""POST /stop: stops the arm first, regardless of the state of the rest of the service."""
 
 from __future__ import annotations
 

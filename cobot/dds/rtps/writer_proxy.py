@@ -111,7 +111,7 @@ class WriterProxy(BufferHolder):
             self.begin_at(max(ends))
 
     def begin_at(self, sequence: int) -> None:
-        """Skip all numbers below this one, which will not arrive any more."""
+        """Skip all numbers below this one, which will never arrive."""
         if sequence <= self.next:
             return
         self.next = sequence

@@ -228,7 +228,7 @@ def grasp_nothing(subject: Subject) -> str:
 
 
 def lose(subject: Subject) -> str:
-    """If the object is pulled out, the driver reports that it is not held any more."""
+    """If the object is pulled out, the driver reports that it is no longer held."""
     subject.hold(_detectable(subject))
     subject.rig.place(None)
     subject.rig.step(END_S)

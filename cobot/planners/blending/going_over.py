@@ -139,8 +139,9 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """The result of `make_transition` for a transition with about the begin and duration of `window`; None if
-    it fails."""
+    """The result of `make_transition` for a transition that begins and lasts about as `window` says; None if
+    it fails.
+    """
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])
     middle_s = begin_s + 0.5 * window[1]

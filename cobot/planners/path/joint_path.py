@@ -52,13 +52,14 @@ path."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 JointsAt = Callable[[float, Array], Array | None]
-"""Joint angles at a share of the path near given ones, or None."""
+"""Returns the joint angles at a share of the path that are close to the given ones, or None."""
 
 
 def through(
     robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt
 ) -> JointCurve:
-    """A joint path through rows, shape (n, dof), at shares, shape (n,), with more places where it needs them.
+    """A joint path through the configurations `rows`, shape (n, dof), at the shares of the path `shares`,
+    shape (n,). Places are added where the accuracy needs them.
 
     It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
 

@@ -61,7 +61,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
 
 
 def _distinct(poses: list[Pose]) -> list[Pose]:
-    """The poses without those that equal the previous one."""
+    """The poses, except those that equal the previous one."""
     kept = poses[:1]
     for pose in poses[1:]:
         across = np.linalg.norm(pose.position - kept[-1].position)

@@ -66,7 +66,12 @@ def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaterni
 
 
 def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) -> Array:
-    """Angles, rad, shape (n,), between orientations, quaternions of shape (n, 4), without free rotations."""
+    """Angles between pairs of orientations, ignoring free rotations, shape (n,), rad.
+
+    Args:
+        rows, others: the orientations, quaternions of shape (n, 4).
+        free: the axes of free rotations.
+    """
     if len(free) == len(FREE_AXES):
         return np.zeros(len(rows))
     if free:

@@ -35,8 +35,9 @@ NEARBY, NEARBY_RAD = 0.5, 0.25
 be anywhere."""
 SEARCHES = 4
 MUCH_WORK = 100_000
-"""No search begins after this many collision checks. A count instead of a time: one seed must give one
-path."""
+"""No search begins after this many collision checks. This is a count and not a time, so that the same
+seed always gives the same path.
+"""
 SHORTCUTS, EVENINGS = 150, 25
 EVEN_STEP_RAD = 0.08
 

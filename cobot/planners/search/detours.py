@@ -1,9 +1,9 @@
 """Removal of detours: a shorter path from several that a search has found.
 
-A search returns a path through the first gap that it finds, and far around obstacles. Cuts shorten the path
-only within that gap. Here the corners of several paths form one roadmap, and its shortest path combines the
-best part of each. Then configurations are sampled around that path and added to the next roadmap, until the
-path no longer improves.
+A search returns a path through the first gap that it finds, which often passes obstacles at a large distance.
+Cuts shorten the path only within that gap. Here the corners of several paths form one roadmap, and its
+shortest path combines the best part of each. Then configurations are sampled around that path and added to
+the next roadmap, until the path no longer improves.
 """
 
 from __future__ import annotations

@@ -130,7 +130,9 @@ class ResultsFolder:
                 raise ConfigError(f"{path}: has format {found['format']}, this cobot reads {FORMAT}")
             return dict(found)
         except FileNotFoundError as exc:
-            raise ConfigError(f"{path}: no such file; `cobot study FILE.yaml` makes such a folder") from exc
+            raise ConfigError(
+                f"{path}: there is no such file; give a folder that `cobot study FILE.yaml` has written"
+            ) from exc
         except OSError as exc:
             raise ConfigError(f"{path}: cannot be read: {exc.strerror}") from exc
         except (ValueError, KeyError, TypeError) as exc:
@@ -138,7 +140,7 @@ class ResultsFolder:
 
     def study(self) -> Study:
         """The study whose results are in this folder, to compute its answer. The files that the study was
-        made from need not exist any more.
+        made from need not exist any longer.
         """
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 

@@ -370,7 +370,7 @@ class FanucBackend:
 
     def _end_motion(self) -> None:
         """Answer the newest packet with the last command of the motion: the current command, or the arm's
-        position if the arm does not follow commands any more.
+        position if the arm no longer follows commands.
         """
         sent = self._transition.sent
         follows = self._enabled and sent is not None

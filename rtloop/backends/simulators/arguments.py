@@ -1,4 +1,4 @@
-"""Arguments of the command line that the simulated controllers share."""
+"""Command-line arguments that all simulated controllers have."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class ControllerArm:
         return self._find_jacobian().T @ wrench
 
     def speed_at(self, velocity: Array) -> float:
-        """Speed of the TCP, m/s, at a velocity of the joints."""
+        """Speed of the TCP for the given joint velocities, m/s."""
         return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
 
     def pose(self) -> tuple[float, ...]:

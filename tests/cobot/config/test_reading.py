@@ -63,7 +63,7 @@ web:
             "robot: {model: pkg://no_such_package/x.xml}",
             "the Python package 'no_such_package' is not installed",
         ),
-        ("robot: {model: pkg://config/../../x.xml}", "leaves the package 'config'"),
+        ("robot: {model: pkg://config/../../x.xml}", "is outside the package 'config'"),
         ("web: {port: 1, port: 2}", "'port' occurs twice"),
         ("web: [", "not valid YAML"),
         ("robot: {name: 2001-99-99}", "not valid YAML: month must be in 1..12"),
@@ -153,9 +153,9 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("robots: []", "robots: must be a list of one robot or more, got []"),
-        ("robots:", "robots: must be a list of one robot or more, got null"),
-        ("robots: {name: a}", "robots: must be a list of one robot or more, got {"),
+        ("robots: []", "robots: must be a list of one or more robots, got []"),
+        ("robots:", "robots: must be a list of one or more robots, got null"),
+        ("robots: {name: a}", "robots: must be a list of one or more robots, got {"),
         ("robots: [a, b]", "robots[0]: must be a mapping with a name, got 'a'"),
         ("robots: [{name: a}, {model: x.xml}]", "robots[1]: must be a mapping with a name, got {"),
         (

@@ -221,7 +221,7 @@ def test_cameras_see_the_arm_where_it_is(robot: RobotDescription) -> None:
         ({"name": "a b"}, "letters, digits"),
         ({"width": 0}, "0 x 72 pixels"),
         ({"view_rad": 4.0}, "view_rad must be 0.01 to 3"),
-        ({"eye": (0.0, 0.0, 0.0)}, "up must not be along the view"),
+        ({"eye": (0.0, 0.0, 0.0)}, "up must not be parallel to the viewing direction"),
         ({"mounted": "hand"}, "mounted must be base or tcp"),
         ({"target": (0.0, float("nan"), 0.0)}, "target must be 3 finite numbers"),
     ],

@@ -92,7 +92,7 @@ def test_bad_input_is_one_line_on_standard_error(file: Path, capsys: pytest.Capt
     assert main(["none.yaml"]) == 1
     assert capsys.readouterr().err == "cobot: none.yaml: no such file\n"
     assert main(["show", "none"]) == 1
-    assert "none/manifest.json: no such file" in capsys.readouterr().err
+    assert "none/manifest.json: there is no such file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

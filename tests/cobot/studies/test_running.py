@@ -258,7 +258,7 @@ def _take(left: list[int]) -> int:
 
 
 def test_a_folder_without_results_is_an_error_with_advice(tmp_path: Path) -> None:
-    with pytest.raises(CobotError, match=r"manifest.json: no such file; `cobot study FILE.yaml` makes"):
+    with pytest.raises(CobotError, match=r"manifest.json: there is no such file; give a folder"):
         ResultsFolder(tmp_path).study()
     (tmp_path / "manifest.json").write_text(json.dumps({"format": 99}))
     with pytest.raises(CobotError, match="has format 99, this cobot reads 1"):

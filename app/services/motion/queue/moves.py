@@ -1,4 +1,4 @@
-"""Moves of the queue: the request, the planned move, and the rest after a stop."""
+"""Moves of the queue: the request, the planned move, and what is left of it after a stop."""
 
 from __future__ import annotations
 

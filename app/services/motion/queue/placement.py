@@ -88,7 +88,9 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Note the end of the motion; the TCP, shape (7,), is at rest. The moves end by themselves."""
+        """Record the pose of the TCP at which the motion has stopped, shape (7,). Each move ends its own
+        follower.
+        """
         self.look()
         for follower in self._followers:
             follower.note_rest(tcp)

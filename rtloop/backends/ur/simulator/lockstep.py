@@ -221,7 +221,7 @@ class _ProgramSide:
         return self._lock_step.call_back()
 
     def listen(self, port: int) -> ByteListener:
-        raise OSError("a program does not listen")
+        raise OSError("a program on the simulated controller cannot listen on a port")
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
         """Programs wait for their next period."""

@@ -154,7 +154,7 @@ class UrServer:
         return stream
 
     def listen(self, port: int) -> Any:
-        raise OSError("a program does not listen")
+        raise OSError("a program on the simulated controller cannot listen on a port")
 
     def wait(self, streams: Sequence[Any], timeout_s: float) -> None:
         """Programs wait for their next period."""
