@@ -153,6 +153,7 @@ class RsiBackend:
     def write(self, command: Array) -> None:
         state = self._beat.newest
         if state is None or self._beat.due or self._answered:
+            self._require_corrections()
             return
         result = check_readiness(state) if self._enabled else ACCEPTED
         if isinstance(result, Rejected):
@@ -169,8 +170,8 @@ class RsiBackend:
         self._answer(target if self._enabled else None)
         if self._enabled:
             self._report(first_rejection((followed, self._corrections.check_limit(command[1]))))
-        elif isinstance(self._ended, Rejected):
-            raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
+        else:
+            self._require_corrections()
 
     def enable(self) -> None:
         """Enable the corrections. Either side may start first. If the robot accepts no corrections at the
@@ -315,6 +316,13 @@ class RsiBackend:
             self._silenced = True
             self._end(result)
         return result
+
+    def _require_corrections(self) -> None:
+        """Raise the error after the end of corrections, also in a cycle without an answer: the arm does not
+        follow its command then.
+        """
+        if not self._enabled and isinstance(self._ended, Rejected):
+            raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def _report(self, result: Accepted | Rejected) -> None:
         """Raise the error once. The cycle then brings the arm to rest; its commands are followed until a

@@ -222,6 +222,23 @@ def test_a_session_that_ends_is_named_and_the_next_one_needs_a_reset(make: Make)
     assert driven.controller.counters.sessions == 2
 
 
+def test_each_cycle_after_an_ended_session_reports_that_the_arm_does_not_follow(make: Make) -> None:
+    """Also the cycles of lost packets, which have no answer. Otherwise rtloop waits for measured values that
+    change, and rejects each reset of an arm that rests.
+    """
+    driven = make(silence_s=5.0).enabled()
+    driven.swing(100)
+    driven.controller.switch_off("11 answers were late")
+    driven.until(lambda: driven.controller.is_on)
+    driven.until(lambda: driven.problems and "RSI again" in driven.problems[-1])
+    driven.problems.clear()
+    driven.network.drop = 10
+    driven.run(12)
+    assert driven.backend.status().packets_lost >= 10
+    assert len(driven.problems) == 12
+    assert all("has started RSI again" in each for each in driven.problems)
+
+
 def test_a_session_that_was_started_again_unseen_is_noticed(
     make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
