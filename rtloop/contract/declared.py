@@ -23,16 +23,18 @@ CLAIMS = {
 
 def options(cell: CheckedBackend) -> str:
     """An unknown option and a wrong period are rejected with errors that name them."""
-    backend = cell.settings.robot.backend
+    with cell.make_driver() as driver:
+        settings: Settings = getattr(driver.rig, "settings", cell.settings)
+    backend = settings.robot.backend
     key = "no_such_option"
     unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
-    robot = cell.settings.robot.model_copy(update={"backend": unknown})
-    _require_refusal(cell, cell.settings.model_copy(update={"robot": robot}), key)
+    robot = settings.robot.model_copy(update={"backend": unknown})
+    _require_refusal(cell, settings.model_copy(update={"robot": robot}), key)
     periods = capabilities_of(cell.kind).periods_s
     if not periods:
         return "an unknown option is rejected; any period is supported"
-    rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
-    _require_refusal(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
+    rt = settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
+    _require_refusal(cell, settings.model_copy(update={"rt": rt}), "rt.period_s")
     return "an unknown option and another period are rejected"
 
 

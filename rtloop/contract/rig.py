@@ -32,7 +32,8 @@ class ContractRig(Protocol):
     """The result of `contract_rig(settings, limits)`, a static or class method of a backend's class.
 
     It may also have `wire`, a list of the positions sent to the device, shape (dof,) each, rad. Then the
-    limits are checked there too.
+    limits are checked there too. It may have `settings`, those that it gives to the backend, if it adds
+    options that the backend requires, such as an address.
 
     Attributes:
         faults: those of `FAULTS` that this device can have; the others are reported as not tested.

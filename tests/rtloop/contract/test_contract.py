@@ -6,6 +6,7 @@ Oracle: `broken_backends`, which are the toy with one thing changed.
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from franka_settings import franka_settings
@@ -123,6 +124,15 @@ def test_ur_keeps_it_beside_a_simulated_controller(ur: CheckedBackend, check: st
     result = examine(ur, check)
     untold = check in {*ON_REQUEST, "operation_mode"}
     assert result.verdict is (CheckVerdict.NOT_TESTED if untold else CheckVerdict.PASSED), result.found
+
+
+def test_settings_without_the_options_of_ur_get_those_of_its_rig(tmp_path: Path) -> None:
+    """Such as the address, which the backend requires."""
+    own = ur_settings(tmp_path, 2)
+    other = own.robot.backend.model_copy(update={"type": "mujoco", "options": {}})
+    robot = own.robot.model_copy(update={"backend": other})
+    result = examine(cell_for(own.model_copy(update={"robot": robot}), "ur"), "options")
+    assert result.verdict is CheckVerdict.PASSED, result.found
 
 
 @pytest.mark.thorough

@@ -266,7 +266,7 @@ class UrRig(LockStepRig[UrLockStep]):
         options = {"address": HERE, **(backend.options or {})}
         backend = backend.model_copy(update={"options": options})
         robot = settings.robot.model_copy(update={"backend": backend})
-        self._settings, self._limits = settings.model_copy(update={"robot": robot}), limits
+        self.settings, self._limits = settings.model_copy(update={"robot": robot}), limits
         software = TORQUE_SOFTWARE if options.get("torque") else None
         made = UrControllerOptions(series=series, slider=SLIDER, software=software)
         self._channel = joined(settings, limits, made)
@@ -278,7 +278,7 @@ class UrRig(LockStepRig[UrLockStep]):
 
     def backend(self) -> UrBackend:
         self._channel.forget_clients()
-        return UrBackend(self._settings, self._limits, transport=self._channel)
+        return UrBackend(self.settings, self._limits, transport=self._channel)
 
     def _set_controller(self, fault: str, *, active: bool) -> None:
         controller = self._channel.controller
