@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import yaml
-from cobot_run import WAIT_S
 from ur_arm import POSITIONS, ur_folder
 from ur_run import ControllerProcess, RunOverUr
 
 from benchmarks.backends.derivatives import commands_row
-from benchmarks.backends.driven import PRIORITY, Driven, Faults, Times, answer_row, driven, times_of
+from benchmarks.backends.driven import (
+    PRIORITY,
+    WARM,
+    Driven,
+    Faults,
+    Times,
+    answer_row,
+    driven,
+    floor_of,
+    punctual_row,
+)
 from benchmarks.service import background
 from benchmarks.table import Row
 from cobot.config import SETTINGS_FILE, load_settings
 
 PERIODS_MS = (8, 2)
+COUNT = "answers"
+"""Name of the controller's count of packages after which a command arrived in time."""
 HOME = np.radians(POSITIONS["home"]).tolist()
 GOAL = np.radians([20.0, -80.0, 90.0, -100.0, -80.0, 20.0]).tolist()
 DELAY_S = 0.02
@@ -30,6 +40,7 @@ FAULTS: Faults = {
     "a safeguard stop": ({"safety": 5}, {"safety": 1}),
     "a program stopped at the pendant": ({"program": "stop"}, {}),
     "a silent network": ({"silent": True}, {"silent": False}),
+    "90 % of the packages left out": ({"loss": 0.9}, {"loss": 0.0}),
     "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
     "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
 }
@@ -53,16 +64,13 @@ def ur(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
         settings = load_settings(ur_folder(Path(folder)) / SETTINGS_FILE)
         yield commands_row("Universal Robots: commands that the controller is sent", settings, "ur")
     for period_ms in PERIODS_MS:
-        floor = _floor(period_ms, answers)
+        count = max(answers * PERIODS_MS[-1] // period_ms, WARM)
+        floor, missed = _floor(period_ms, count)
         with robot(period_ms) as made:
-            _, state = made.move_for(answers, "answers")
-        late_ms = 1e3 * state["lateness_s"]["p99.9"]
-        yield answer_row(
-            f"Universal Robots at {period_ms} ms: a package to its command, the whole cycle behind it; the "
-            f"controller itself is {late_ms:.1f} ms late at p99.9",
-            state,
-            floor,
-        )
+            states = made.move_for(count, COUNT)
+        name = f"Universal Robots at {period_ms} ms"
+        yield answer_row(f"{name}: a package to its command, the whole cycle behind it", states[1], floor)
+        yield punctual_row(name, "packages", "controller", states, COUNT, missed)
     with robot(8) as made:
         yield made.moves_row(moves, "with 5 % of the packages left out")
         late = f"with commands {1e3 * DELAY_S:.0f} ms late"
@@ -78,8 +86,7 @@ def ur(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
             )
 
 
-def _floor(period_ms: int, answers: int) -> Times:
-    """µs of the least client."""
+def _floor(period_ms: int, answers: int) -> tuple[Times, float]:
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         arm = ur_folder(Path(folder)) / SETTINGS_FILE
         with ControllerProcess(arm, "--on", "--priority", str(PRIORITY), patience_s=0.0) as controller:
@@ -88,7 +95,4 @@ def _floor(period_ms: int, answers: int) -> Times:
             settings.setdefault("rt", {})["period_s"] = period_ms * 1e-3
             arm.write_text(yaml.safe_dump(settings))
             with background("benchmarks.backends.bare_ur", str(arm)):
-                until_s = time.monotonic() + WAIT_S + 2e-3 * period_ms * answers
-                while controller.ask()["answers"] < answers and time.monotonic() < until_s:
-                    time.sleep(0.2)
-                return times_of(controller.ask())
+                return floor_of(controller, COUNT, answers, period_ms)

@@ -119,6 +119,7 @@ class UrServer:
         self._clients: list[_Client] = []
         self._times = ServerTimes()
         self._sent_s: float | None = None
+        self._missing = 0  # number of data packages after which no command arrived before the next one
         self._controller = make(self)
         controller = self._controller
         sessions: dict[int, Callable[[], UrSession]] = {
@@ -189,16 +190,22 @@ class UrServer:
             self._times.answers.add(now_s - self._sent_s)
             self._sent_s = None
 
-    def _waits_for_command(self) -> bool:
-        """Whether the newest data package still needs a command. Before its first command, the program waits
-        by itself.
+    def _needs_command(self) -> ProgramStream | None:
+        """The program for which the newest data package still needs a command. Before its first command, a
+        program waits by itself.
         """
         program = self._program
         if self.silent or self._sent_s is None or program is None or program.is_closed:
+            return None
+        return program if program.commands > 1 else None
+
+    def _waits_for_command(self) -> bool:
+        program = self._needs_command()
+        if program is None:
             return False
         poll = select.poll()
         poll.register(program.socket, select.POLLIN)
-        waits = program.commands > 1 and not poll.poll(0)
+        waits = not poll.poll(0)
         if waits:
             time.sleep(WAIT_S)
         return waits
@@ -217,6 +224,7 @@ class UrServer:
         for client in list(self._clients):
             client.session.tick()
             if client.port == rtde.PORT and client.session.out:
+                self._missing += self._needs_command() is not None
                 self._sent_s = time.monotonic()
             self._flush(client)
 
@@ -298,9 +306,11 @@ class UrServer:
         client.socket.close()
 
     def _more(self, request: UrControlRequest) -> dict[str, Any]:
-        """Times between a data package and the command after it, and delays of its own periods, s."""
+        """Times between a data package and the command after it, the number of packages without a command in
+        time, and delays of its own periods, s.
+        """
         if request.silent is not None:
             self.silent = request.silent
         if request.delay_s is not None:
             self.delay_s = request.delay_s
-        return {**self._times.shown(), "clients": len(self._clients)}
+        return {**self._times.shown(), "missing": self._missing, "clients": len(self._clients)}
