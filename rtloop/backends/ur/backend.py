@@ -33,6 +33,7 @@ from rtloop.backends.ur.program import MotionProgram
 from rtloop.backends.ur.torques import (
     MOTOR_TORQUE,
     REST_RAD_S,
+    SPEED_SHARE,
     TORQUE_PERIOD_S,
     ExertedTorques,
     check_version,
@@ -229,6 +230,7 @@ class UrBackend:
         measured.desired_effort = data["target_moment"]
         measured.wrench = self._in_base(data["actual_TCP_force"])
         if self._torques is not None:
+            require_accepted(self._check_torque())
             measured.effort = motor = np.array(data[MOTOR_TORQUE])
             measured.external_effort = self._torques.estimate(
                 self._beat.position, np.array(data["actual_qd"]), motor
@@ -251,7 +253,8 @@ class UrBackend:
             return
         torques = self._torques if self._torques is not None and self._torques.is_on else None
         if result is ACCEPTED and torques is not None:
-            result = torques.check(self._beat.position, np.array(data["actual_qd"]))
+            velocity, motor = np.array(data["actual_qd"]), np.array(data[MOTOR_TORQUE])
+            result = torques.check(self._beat.position, velocity, motor)
         follows = self._hand is _Hand.OFF and torques is None
         if result is ACCEPTED and follows and self._transition.sent is None:
             result = self._begin(data, command[0])
@@ -458,6 +461,7 @@ class UrBackend:
 
     def _checks_of_a_command(self, data: Mapping[str, Any]) -> Iterator[Accepted | Rejected]:
         yield self._last_motion
+        yield self._check_torque()
         if reason := hindrance(data.get("safety_status", data["safety_mode"])):
             yield Rejected(reason)
         mode = data["robot_mode"]
@@ -467,7 +471,7 @@ class UrBackend:
         if self._unconnected > ENDED_PACKAGES:
             yield Rejected(
                 "cobot's program on the controller has ended: it was stopped at the teach pendant or by "
-                f"another client, or commands were missing for {self._options.timeout_s:g} s"
+                f"another client, or {self._causes_of_its_own()}"
             )
         if self._unconnected:
             return
@@ -475,6 +479,15 @@ class UrBackend:
         if runtime != RuntimeState.PLAYING:
             name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)
             yield Rejected(f"the program on the controller is {name}, not playing: reset")
+
+    def _causes_of_its_own(self) -> str:
+        """Why cobot's program ends by itself."""
+        if self._torques is None or not self._torques.is_on:
+            return f"commands were missing for {self._options.timeout_s:g} s"
+        return (
+            f"commands were missing for {self._options.torque_timeout_s:g} s, or a joint was faster than "
+            f"{SPEED_SHARE:g} times its velocity limit"
+        )
 
     def _check_period(self) -> Accepted | Rejected:
         version = self._link.version

@@ -34,6 +34,10 @@ REST_RAD_S = 0.01
 """Joint speed up to which the arm is at rest, rad/s."""
 MAX_REPEATED = 5
 """Number of packages with the same values of a moving arm after which they count as frozen."""
+MAX_CONSTANT = 10
+"""Number of packages with the same values, motor currents too, after which those of an arm at rest count as
+frozen. The noise of measured currents never repeats.
+"""
 STIFFNESS_SHARE = 0.09
 """Share of the simulation's maximum stiffness, so that the stiffest springs have 30 rad/s, because several
 milliseconds pass between measuring and exerting.
@@ -81,7 +85,8 @@ class ExertedTorques:
         self._data = mujoco.MjData(model)
         self._observer = Observer(model, self._data, np.zeros((6, limits.dof)))
         self._gravity = np.zeros(limits.dof)
-        self._before, self._repeated = np.zeros(2 * limits.dof), 0
+        self._before = np.zeros(3 * limits.dof)
+        self._repeated = self._constant = 0
 
     def is_needed(self, impedance: Impedance | None) -> bool:
         """Whether an impedance needs torques. The controller's own position control is as stiff as the
@@ -99,19 +104,28 @@ class ExertedTorques:
             self._giving.begin(impedance)
         self.is_on = True
 
-    def check(self, position: Array, velocity: Array) -> Accepted | Rejected:
-        """Check whether the measured values can be used for torques. Called once per package."""
-        now = np.concatenate([position, velocity])
+    def check(self, position: Array, velocity: Array, motor: Array) -> Accepted | Rejected:
+        """Check whether the measured values can be used for torques. Called once per package.
+
+        Args:
+            motor: measured torques of the motors, N·m.
+        """
+        now = np.concatenate([position, velocity, motor])
         moves = float(np.abs(velocity).max()) > REST_RAD_S
-        self._repeated = self._repeated + 1 if moves and np.array_equal(now, self._before) else 0
+        same = now == self._before
+        self._repeated = self._repeated + 1 if moves and same[: -len(motor)].all() else 0
+        self._constant = self._constant + 1 if same.all() else 0
         self._before = now
         if not np.isfinite(now).all():
-            return Rejected("the controller reports a position or velocity that is not a number")
-        if self._repeated < MAX_REPEATED:
+            return Rejected("the controller reports a position, velocity or current that is not a number")
+        if self._repeated >= MAX_REPEATED:
+            what, times = "position of a moving arm", self._repeated
+        elif self._constant >= MAX_CONSTANT:
+            what, times = "position and the motor currents", self._constant
+        else:
             return ACCEPTED
         return Rejected(
-            f"the controller has repeated the position of a moving arm {self._repeated} times: no torque can "
-            "be computed from it"
+            f"the controller has repeated the {what} {times} times: no torque can be computed from them"
         )
 
     def find(self, command: Array, position: Array, velocity: Array) -> Array:

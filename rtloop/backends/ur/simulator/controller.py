@@ -27,6 +27,8 @@ START_S = 0.1
 """Time until the arm is idle after `power on`, and until its brakes are released."""
 BRAKE_RAD_S2 = 15.0
 """Deceleration of stops of the controller itself."""
+CURRENT_NOISE_NM = 1e-3
+"""Standard deviation of the measured motor currents, as torques, N·m."""
 MAX_EVENTS = 200
 STOPPING = {
     SafetyMode.PROTECTIVE_STOP,
@@ -72,6 +74,7 @@ class UrController:
         self.messages: list[tuple[int, int, str]] = []
         self.owners: dict[str, object] = {}
         self.wire: list[Array] | None = None
+        self._noise = np.random.default_rng(0)
         self._velocity = np.zeros(AXES)
         self._acceleration = np.zeros(AXES)
         self._script: Script | None = None
@@ -322,7 +325,9 @@ class UrController:
             target_qd=self._velocity.tolist(),
             target_qdd=self._acceleration.tolist(),
             target_moment=measured.desired_effort.tolist(),
-            actual_current_as_torque=measured.effort.tolist(),
+            actual_current_as_torque=(
+                measured.effort + self._noise.normal(0.0, CURRENT_NOISE_NM, AXES)
+            ).tolist(),
             actual_q=measured.position.tolist(),
             actual_qd=measured.velocity.tolist(),
             actual_TCP_pose=pose,

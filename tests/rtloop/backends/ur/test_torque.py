@@ -495,3 +495,87 @@ def test_without_the_option_nothing_is_different(ur: Settings, arm: RobotDescrip
             open_session(made, Stream.JOINT_TORQUE)
     finally:
         made.close()
+
+
+def test_values_that_repeat_at_rest_end_the_torques(own: Settings, arm: RobotDescription) -> None:
+    """The springs balance a push, and see neither its end nor the motion that follows.
+
+    Oracle: the speed of the arm behind the controller, whose reflex stops it otherwise.
+    """
+    way = joined(own, arm.limits, ON)
+    backend = opened(own, arm, way)
+    command = np.zeros((3, 6))
+    command[0] = way.controller.arm.setpoint
+    run(backend, command, 50)
+    backend.set_impedance(Impedance(False, 0.5 * backend.nominal_stiffness, np.ones(6)))
+    way.controller.arm.push[1] = 15.0
+    run(backend, command, 1500)
+    assert np.abs(way.controller.arm.measured.velocity).max() < 1e-3
+    way.network.spoil = "frozen"
+    run(backend, command, 3)
+    way.controller.arm.push[:] = 0.0
+    with pytest.raises(BackendError, match=r"repeated the position and the motor currents 10 times"):
+        run(backend, command, 100)
+    fastest = 0.0
+    for _ in range(200):
+        way.pass_period()
+        fastest = max(fastest, float(np.abs(way.controller.arm.measured.velocity).max()))
+    assert fastest < 1.5
+    assert way.controller.safety is SafetyMode.NORMAL, list(way.controller.events)
+    assert not way.controller._exerts
+    assert np.abs(way.controller.velocity).max() < 1e-3
+
+
+def test_the_program_ends_only_after_it_has_braked_a_fast_joint(
+    own: Settings, arm: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the arm behind the controller is at rest when the program ends."""
+    monkeypatch.setattr(program, "SPEED_SHARE", 0.2)
+    way = joined(own, arm.limits, ON)
+    backend = opened(own, arm, way)
+    controller = way.controller
+    while controller.runtime is RuntimeState.PLAYING:
+        backend._program.send_torque([40.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        way.pass_period()
+        assert controller.time_s < 5.0
+    assert "cobot: a joint is faster than its limit, the torques have ended" in controller.events
+    assert np.abs(controller.velocity).max() < 1e-3
+
+
+def test_a_controller_that_loses_direct_torque_is_named(own: Settings, arm: RobotDescription) -> None:
+    """As after a change of its software, or of the controller, while cobot runs."""
+    way = joined(own, arm.limits, ON)
+    backend = opened(own, arm, way)
+    command = np.zeros((3, 6))
+    command[0] = way.controller.arm.setpoint
+    measured = run(backend, command, 20)
+    way.controller.options = UrControllerOptions(is_on=True)
+    way.off = True
+    for _ in range(10):
+        way.pass_period()
+    for session, pipe in way._sessions:
+        session.close()
+        pipe.close()
+    way._sessions, way.off = [], False
+    for _ in range(1000):
+        backend.wait(0.1)
+        if backend._link.version is not None and backend._link.version < (5, 23):
+            break
+    backend.wait(0.1)
+    with pytest.raises(BackendError, match=r"software 5\.17\.0\.128000 has no direct_torque"):
+        backend.read(measured)
+
+
+def test_the_end_of_a_program_with_torques_is_explained(
+    own: Settings, arm: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(program, "SPEED_SHARE", 0.02)
+    way = joined(own, arm.limits, ON)
+    backend = opened(own, arm, way)
+    command = np.zeros((3, 6))
+    command[0] = way.controller.arm.setpoint
+    run(backend, command, 50)
+    backend.set_impedance(Impedance(False, 0.1 * backend.nominal_stiffness, np.ones(6)))
+    way.controller.arm.push[1] = 15.0
+    with pytest.raises(BackendError, match=r"commands were missing for 0\.02 s, or a joint was faster than"):
+        run(backend, command, 500)
