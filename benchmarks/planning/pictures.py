@@ -1,4 +1,5 @@
-"""`python -m benchmarks.planning.pictures FOLDER`: draws runs of the planners, for docs/planning.md."""
+"""`python -m benchmarks.planning.pictures FOLDER [NAME...]`: draws the pictures of docs/planning.md, or some
+of them."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from matplotlib.axes import Axes
 
 from benchmarks.planning import scenes
 from benchmarks.planning.clutter_picture import draw_clutter
+from benchmarks.planning.sphere_picture import draw_spheres
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.motions.constraints import Box, Cone, Constraints
@@ -45,9 +47,10 @@ CORNER_WAYS = ((0.0, 0.2, 0.0), (0.0, 0.2, -0.2))
 
 def main() -> None:
     folder, robot = Path(sys.argv[1]), load_robot(load_settings(None))
-    for name, draw in PICTURES.items():
-        figure = draw(robot)
-        figure.tight_layout()
+    for name in sys.argv[2:] or PICTURES:
+        figure = PICTURES[name](robot)
+        if figure.get_layout_engine() is None:
+            figure.tight_layout()
         figure.savefig(folder / f"planning-{name}.png", dpi=DPI)
         plt.close(figure)
 
@@ -271,6 +274,7 @@ PICTURES = {
     "paths": draw_paths,
     "corners": draw_corners,
     "clutter": draw_clutter,
+    "spheres": draw_spheres,
     "auto": draw_auto,
     "constraints": draw_constraints,
 }
