@@ -220,11 +220,11 @@ class FanucBackend:
     def write(self, command: Array) -> None:
         packet = self._beat.newest
         if packet is None or self._beat.due or self._answered:
+            self._require_motion()
             return
         self._answered = True
         if not self._enabled:
-            if self._lost:
-                raise BackendError(f"the robot does not accept commands: {self._lost}")
+            self._require_motion()
             return
         reason = why_not_ready(packet)
         if not reason and self._transition.sent is None:
@@ -239,6 +239,13 @@ class FanucBackend:
         self._send(self._transition.follow(command[0]))
         self._unended = True
         self._transition.pass_period()
+
+    def _require_motion(self) -> None:
+        """Raise the error after the controller has ended the motion, also in a cycle without a packet: the
+        arm does not follow its command then.
+        """
+        if not self._enabled and self._lost:
+            raise BackendError(f"the robot does not accept commands: {self._lost}")
 
     # Paced, Reporting, CarriesTool, HasIo
 

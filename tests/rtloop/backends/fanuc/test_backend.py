@@ -310,6 +310,25 @@ def test_a_program_that_ends_in_motion_is_a_fault(made: Made, arm: RobotDescript
         driven.cycles(50)  # it moves no more by itself
 
 
+def test_each_cycle_after_an_ended_motion_reports_that_the_arm_does_not_follow(
+    made: Made, arm: RobotDescription
+) -> None:
+    """Also the cycles of lost packets, which have no answer. Otherwise rtloop waits for measured values that
+    change, and rejects each reset of an arm that rests.
+    """
+    driven = Driven(made(), arm).open().enable()
+    driven.command[1, 0] = 0.1
+    driven.cycle()
+    driven.controller.abort()
+    with pytest.raises(BackendError, match="program does not run"):
+        driven.cycles(3)
+    driven.channel.network.drop = 5
+    for _ in range(6):
+        with pytest.raises(BackendError, match="program does not run"):
+            driven.cycle()
+    assert driven.backend.status().packets_lost == 5
+
+
 def test_a_controller_that_begins_with_an_emergency_stop(made: Made, arm: RobotDescription) -> None:
     driven = Driven(made(), arm)
     driven.controller.press(E_STOP)
