@@ -199,7 +199,7 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         looks = itertools.count()
 
         def is_refused() -> bool:
-            """A press before the stream is open has no answer, and each press clears the reason of the last one."""
+            """Without a stream a press has no answer, and each press clears the last reason."""
             if next(looks) % 100 == 0:
                 page.click('[data-jog="joint"]')
             return "role does not permit" in page.run("document.querySelector('#jog-why').innerText")
