@@ -19,5 +19,5 @@ def start() -> int:
 if __name__ == "__main__":
     atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
-    gc.disable()  # it would repeatedly scan permanent objects; `rtloop.realtime` collects once
+    gc.disable()  # the collector would repeatedly scan permanent objects; `rtloop.realtime` collects once
     sys.exit(in_words(start))

@@ -12,7 +12,7 @@ PERIOD_S = 0.02
 
 
 class CellWatch:
-    """Publishes the poses of the parts. Does nothing for a backend without a cell.
+    """Publishes the poses of the simulated parts. It does nothing if the backend simulates no cell.
 
     Args:
         poll_s: interval at which `report` is called.
@@ -35,7 +35,7 @@ class CellWatch:
             self._publish(self._cell)
 
     def reset(self) -> Accepted | Rejected:
-        """Reset the cell to its state at the start, and report it at once."""
+        """Reset the cell to its initial state and report that state at once."""
         if self._cell is None:
             return Rejected("there is no simulated cell")
         try:

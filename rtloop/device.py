@@ -31,7 +31,7 @@ from rtloop.cell_watch import CellWatch
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
-"""Interval at which a device is polled, s, unless it has a `report_period_s`."""
+"""Interval at which a device is polled, s, unless its backend defines `report_period_s`."""
 MIN_POLL_S = 0.001
 NO_SIMULATION = "only the simulation of cobot can do this, and the backend is another one"
 ENABLING = "a reset is enabling the robot"
@@ -42,16 +42,17 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DeviceWatch:
-    """Polls the device some times a second, between two cycles. Remembers whether a user has acknowledged the
-    first contact, and whether the drives are off; both survive a restart of rtloop.
+    """Polls the device several times a second, between two cycles. It also remembers whether a user has
+    acknowledged the first contact, and whether the drives are off. Both facts survive a restart of rtloop.
 
     Attributes:
-        asks: whether the device has anything to poll; if not, a cycle does nothing here.
+        asks: whether the device reports anything that can be polled. If not, a cycle does nothing here.
         capabilities: capabilities of the device.
         period_s: interval at which the device is polled.
         cell: reports the simulated cell.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
-        unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
+        unacknowledged: findings of the first contact that a user still has to acknowledge; "" if there are
+            none.
         is_enabling: whether a reset that takes several cycles is in progress.
     """
 
@@ -88,16 +89,17 @@ class DeviceWatch:
 
     @property
     def drives_off(self) -> bool:
-        """Whether a stop of category 1 has switched the drives off; False until the device has done so."""
+        """Whether the drives are off after a category 1 stop. False until they are switched off."""
         return self._off and not (self._switching is not None and self._switching.is_switching_off())
 
     def slow_down(self, share: float) -> None:
-        """Slow all planned motions down to this share, because of the device's own limits."""
+        """Slow all planned motions down to this share of their speed, because of the device's own limits."""
         self._slowed = share
         self._publish()
 
     def meet(self, found: str) -> None:
-        """Handle the first contact with real hardware. An acknowledgement survives a restart of rtloop.
+        """Handle the first contact with real hardware. It needs no second acknowledgement after a restart of
+        rtloop.
 
         Args:
             found: sentences about the arm's position and load.
@@ -113,12 +115,12 @@ class DeviceWatch:
         self._publish()
 
     def set_drives(self, *, off: bool) -> None:
-        """Register that the drives are off now, or on."""
+        """Register whether the drives are off now."""
         self._off = off
         self._publish()
 
     def ask(self) -> None:
-        """Publish the device's reports; parts that it cannot report stay unchanged.
+        """Publish what the device reports. Values that the device cannot report stay unchanged.
 
         Raises:
             ForeignError: a report is unusable, or the device's class has a bug.

@@ -12,13 +12,15 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
-    """A backend's attribute `limits`; None if it has none for the model's number of joints."""
+    """Return a backend's attribute `limits`. None if the backend has no limits, or limits for a different
+    number of joints than the model's.
+    """
     limits = getattr(backend, "limits", None)
     return limits if isinstance(limits, JointLimits) and limits.dof == model.dof else None
 
 
 def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
-    """For each value, the tighter of both limits."""
+    """Return, for each value, the tighter one of the model's limit and the device's limit."""
     least = {
         name: np.minimum(getattr(model, name), getattr(device, name))
         for name in ("max_position", "max_effort", *RATES)
@@ -27,8 +29,8 @@ def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
 
 
 def slowed(model: JointLimits, device: JointLimits) -> float:
-    """The share of the speed at which motions within the model's limits keep the device's limits. At a share
-    s, velocities are s times the planned ones, accelerations s² and jerks s³ times.
+    """Return the share of the planned speed at which a motion within the model's limits also keeps the
+    device's limits. At the share s, velocities are multiplied by s, accelerations by s² and jerks by s³.
     """
     both = narrowed(model, device)
     shares = [
@@ -39,7 +41,7 @@ def slowed(model: JointLimits, device: JointLimits) -> float:
 
 
 def differences(model: JointLimits, device: JointLimits) -> list[str]:
-    """The limits of the device that are tighter than the model's, in words."""
+    """Describe in words the limits of the device that are tighter than the model's."""
     found = []
     for name in ("min_position", "max_position", *RATES, "max_effort"):
         ours, theirs = getattr(model, name), getattr(device, name)

@@ -1,4 +1,6 @@
-"""Findings at the first contact with a device, in sentences that a user compares with the arm."""
+"""Describes the findings at the first contact with a device, in sentences that a user compares with the
+arm.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ def first_contact(model: RobotModel, position: Array) -> str:
 
 
 def place(position: Array) -> str:
-    """A position in the base frame, described for a person next to the arm, in metres."""
+    """Describe a position in the base frame, in metres, for a person next to the arm."""
     names = (("in front", "behind"), ("left", "right"), ("above", "below"))
     words = [
         f"{fixed(abs(value), 2)} m {pair[int(value < 0.0)]}"

@@ -11,12 +11,11 @@ from cobot.reasons import ReasonCode
 from cobot.types import LoopMode
 
 MAX_RAD = 1e3
-"""Maximum plausible position of a joint, rad. A larger one is damaged."""
+"""Maximum plausible position of a joint, rad. A larger value means that the state is damaged."""
 
 
 def last_state(memory: RobotMemory) -> np.ndarray | None:
-    """A copy of the last state that a crashed rtloop of the same supervisor published; None if there was
-    none.
+    """Copy the last state that a crashed rtloop of the same supervisor published; None if it published none.
 
     It may have crashed while publishing. Then the positions are a mixture of two cycles, which is accurate
     enough. If the values are invalid, the state is damaged. Then it is unknown whether an e-stop or a fault

@@ -1,4 +1,4 @@
-"""Command line and start of the control loop."""
+"""Command line and start of the real-time loop."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 def main() -> int:
-    """Run until SIGTERM or SIGINT. Returns the exit status: 0, or 2 if it could not start."""
+    """Run until SIGTERM or SIGINT. Return the exit status: 0, or 2 if the real-time loop could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; default: the one that ships with cobot")
     parser.add_argument("--robot", help="name of one of the `robots`; default: the default robot")
@@ -50,7 +50,7 @@ def main() -> int:
         help="only print the permissions that the system grants, as JSON",
     )
     arguments = parser.parse_args()
-    asked = arguments.check or arguments.permissions  # by a program or a person that reads the output
+    asked = arguments.check or arguments.permissions  # for a program or a person that reads the output
     if not asked:
         start_logging("rtloop")
     try:
@@ -98,7 +98,9 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     granted: list[Permissions] = []
 
     def prepare_timing() -> None:
-        """Do slow preparations before the device is connected, because the device may need timely answers."""
+        """Do slow preparations before the device is connected, because a connected device may need timely
+        answers.
+        """
         loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
@@ -115,13 +117,13 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
 
 def clock_of(backend: Backend, name: str, period_s: float) -> CycleClock:
-    """The clock with this name. Real hardware always gets the real-time clock."""
+    """Return the clock with this name. Real hardware always gets the real-time clock."""
     hurries = name == "fast" and not capabilities_of(backend).hardware
     return FastClock(period_s) if hurries else RealtimeClock(period_s)
 
 
 def _recording(robot: str) -> RecordingMemory | None:
-    """The memory for recording; None if there is none, which does not prevent motion."""
+    """Open the memory for recording. None if it does not exist, which does not prevent motion."""
     try:
         return RecordingMemory.attach(robot, history=False)
     except CobotError as exc:
@@ -130,10 +132,11 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
-    """The tool with the attached objects, except parts of a cell, because the cell starts again.
+    """Load the tool with the attached objects. Parts of a simulated cell are left out, because the cell
+    returns to its initial state.
 
-    If the scene cannot be read, returns only the tool. Nothing moves then, because neither the service nor a
-    session can start.
+    If the scene cannot be read, only the tool is returned. Nothing moves in that case, because neither the
+    service nor a session can start.
     """
     model = robot.model
     tool = tool_file(settings).read_checked(settings.robot.max_payload_kg, model.file_gravity)
@@ -149,7 +152,7 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
-        set_niceness(Niceness.PROMPT)  # readers of the state would take an old one for a dead process
+        set_niceness(Niceness.PROMPT)  # readers would take an old state for that of a dead process
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not requested: the fast clock does not wait"
         )

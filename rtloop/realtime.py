@@ -1,4 +1,4 @@
-"""Real-time permissions of the operating system."""
+"""Requests real-time permissions from the operating system."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 _MCL_ONFAULT = 4
 _NEEDED = ("libmujoco", "libpython", "libc.so", "libc-", "libm.so", "libm-", "/bin/python", "_umath")
-"""Parts of the names of libraries, other than cobot's own modules, whose code a cycle may need without
-warning.
+"""Parts of the names of the libraries, in addition to cobot's own modules, whose code a cycle may need at any
+time.
 """
 
 
@@ -70,9 +70,10 @@ def _keep_awake(latency_us: int) -> None:
 
 
 def _lock_memory() -> None:
-    """Lock each page once it has been touched, and the code that a cycle may need at once.
+    """Lock each memory page in RAM as soon as it has been touched. The code that a cycle may need is locked
+    at once.
 
-    MCL_FUTURE alone would populate all reserved memory, which needs five times as much.
+    MCL_FUTURE alone would also load all memory that is only reserved, which is five times as much.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     everything = _MCL_CURRENT | _MCL_FUTURE
@@ -84,7 +85,9 @@ def _lock_memory() -> None:
 
 
 def _code() -> list[tuple[int, int]]:
-    """Address and size of the mappings of cobot's compiled modules and of `_NEEDED`."""
+    """Return the address and the size of each mapping of cobot's compiled modules and of the libraries in
+    `_NEEDED`.
+    """
     ours = [str(Path(__file__).parents[1] / package) + os.sep for package in ("cobot", "rtloop")]
     found = []
     for line in Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines():

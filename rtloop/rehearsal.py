@@ -1,7 +1,8 @@
-"""Dry runs: a planned motion on a separate simulated robot, with the real cycle and safety layer, as fast as
-possible.
+"""Dry runs: execute a planned motion on a separate simulated robot, with the real cycle and safety layer, as
+fast as possible.
 
-Planning processes call this. It does not touch the running robot, and may be killed at any moment.
+Planning processes call this module. A dry run does not touch the running robot, and may be killed at any
+moment.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
 """Maximum number of cycles for loading a motion. It is enough for the longest one."""
 MAX_SETTLING_S = 30.0
-"""Timeout for settling, s. It is longer than the time after which the cycle ends any motion."""
+"""Timeout for the arm to settle at the end of a motion, s. It is longer than the time after which the cycle
+ends any motion.
+"""
 RESTING_S = 0.2
 """Time for which a disturbance acts on the arm at rest before the motion begins, s."""
 ROWS = 2000
@@ -42,7 +45,7 @@ UNSETTLED = Reason("the arm did not settle at its goal", ReasonCode.NOT_SETTLED)
 
 
 class Disturbance(Protocol):
-    """A disturbance of the simulated arm in a dry run, of which the cycle has no information."""
+    """A disturbance of the simulated arm in a dry run. The cycle is not informed of it."""
 
     def prepare(self, backend: MujocoBackend) -> None:
         """Change the arm before the motion begins."""
@@ -52,7 +55,7 @@ class Disturbance(Protocol):
         """Act on the arm before each cycle.
 
         Args:
-            time_s: time since the motion began; 0 before that.
+            time_s: time since the motion began, s; 0 before it begins.
         """
         ...
 
@@ -67,7 +70,7 @@ def rehearse(
     """Simulate a motion from its start, at rest, shape (dof,), rad, with the tool and the attached objects.
 
     Raises:
-        PlanningError: the cycle rejects the motion; the error has the reason.
+        PlanningError: the cycle rejects the motion; the error gives the reason.
     """
     with _loop(settings, robot, start, trajectory) as (loop, memory, backend):
         if disturbance is not None:
@@ -89,7 +92,7 @@ def _loop(
     )
     name = f"{names.name[:40]}.rehearsal.{os.getpid()}"
     memory = RobotMemory.create(name, limits.dof, rt.period_s, trajectory.segments)
-    memory.unlink()  # no other process can find it, and nothing remains, however this process ends
+    memory.unlink()  # no other process can find it, and nothing remains of it, however this process ends
     try:
         memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + FOREVER_NS
         memory.heartbeat.publish()
@@ -158,7 +161,7 @@ def _follow(
 
 
 def _flaw(time_s: float, limits: JointLimits, share: Array, apart: Array, new: Array) -> Flaw | None:
-    """The flaw of a cycle, or None.
+    """Return the flaw that a cycle shows, or None if it shows none.
 
     Args:
         share: share of its effort limit that each joint uses.

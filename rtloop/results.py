@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """The request is carried out or has begun, or the check has passed."""
+    """The request has been carried out or has begun, or the check has passed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +34,14 @@ ACCEPTED, LATER = Accepted(), Later()
 
 
 def first_rejection(results: Iterable[Accepted | Rejected]) -> Accepted | Rejected:
-    """The first rejection, if any. If `results` is a generator, later checks run only if the earlier ones
-    have passed.
+    """Return the first rejection, or `ACCEPTED` if there is none. If `results` is a generator, the checks
+    after the first rejection do not run.
     """
     return next((result for result in results if isinstance(result, Rejected)), ACCEPTED)
 
 
 def result_of(reason: str) -> Accepted | Rejected:
-    """The result of a check that returns a reason, or "" if it has passed."""
+    """Convert the text that a check returns to a result. The text is the reason of a rejection, or "" if the
+    check has passed.
+    """
     return Rejected(reason) if reason else ACCEPTED

@@ -1,13 +1,13 @@
-"""The contract of backends as checks: run them with `cobot backend test NAME`, or as pytest tests.
+"""The backend contract as executable checks. Run them with `cobot backend test NAME`, or as pytest tests.
 
-rig         a backend and its device in one process, and the faults that it can have
+rig         a backend and its device in one process, and the faults that the device can simulate
 driver      rtloop's own cycle around a backend, stepped without a clock
-cell        the subject of the checks
+cell        the backend and the arm that the checks examine
 stream      a client that streams
-declared    checks of what a class declares about itself
+declared    checks of the capabilities and options that a class declares
 checks      checks without faults
 faults      checks with faults
-suite       all checks of a backend, and their results
+suite       runs all checks of a backend and collects their results
 plugin      the checks for pytest: `-p rtloop.contract.plugin`
 toy         a complete backend with a toy device, from which `cobot backend new` makes a distribution
 """

@@ -23,7 +23,7 @@ EXIT_OK, EXIT_FAILED = 0, 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command. Returns the exit status: 0, or 1 if a check has failed or cannot be run."""
+    """Run the command and return the exit status: 0, or 1 if a check fails or cannot be run."""
     chosen = _parser().parse_args(arguments)
     commands = {"list": _list, "new": _new, "test": _test, "files": _files}
     try:

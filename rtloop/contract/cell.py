@@ -1,4 +1,4 @@
-"""The subject of the checks: a backend, its arm, and a new device for each check."""
+"""The backend that the checks examine, its arm, and a new device for each check."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ class CheckedBackend:
 
     @contextmanager
     def drive(self) -> Iterator[Driver]:
-        """Context of a device with its backend, open and at rest. Closes it afterwards."""
+        """Open the backend and its device for the duration of the context, with the arm at rest. Close them
+        afterwards.
+        """
         with self.make_driver() as driver:
             driver.start()
             driver.until(
@@ -48,7 +50,7 @@ class CheckedBackend:
 
     @contextmanager
     def make_driver(self) -> Iterator[Driver]:
-        """Make a device with its backend, not open yet."""
+        """Make a backend and its device. The backend is not open yet."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:
             yield driver

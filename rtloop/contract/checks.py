@@ -27,7 +27,7 @@ SLACK = 1.0 + 1e-6
 STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
 MODES = ("", "T1", "T2", "AUT")
 FADED_S = 1.5
-"""Maximum time until an initial offset between position and command has been removed, s."""
+"""Maximum time for removing an initial offset between the position and the command, s."""
 MAX_LAG = 4
 
 
@@ -45,7 +45,7 @@ def calls(cell: CheckedBackend) -> str:
 
 
 def values(cell: CheckedBackend) -> str:
-    """`read` fills in the rows that the capabilities claim, with finite values, in the given arrays."""
+    """`read` writes finite values into the given arrays, for each quantity that the capabilities declare."""
     rows = capabilities_of(cell.kind).measured
     with cell.drive() as driver:
         backend = driver.backend
@@ -105,7 +105,7 @@ def motion(cell: CheckedBackend) -> str:
 
 
 def guiding(cell: CheckedBackend) -> str:
-    """The device lets a person guide the arm and holds it again; then the arm can move."""
+    """The device releases the arm for hand guiding and then holds it again. After that the arm can move."""
     with cell.drive() as driver:
         if not isinstance(driver.backend, GuidedByHand):
             raise NotTested("the device does not release the arm by itself for hand guiding")
@@ -127,7 +127,7 @@ def guiding(cell: CheckedBackend) -> str:
 
 
 def stop(cell: CheckedBackend) -> str:
-    """A stop during a motion brings the arm to rest and holds it there; then it can move again."""
+    """A stop during a motion brings the arm to rest and holds it there. After that the arm can move again."""
     with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -144,7 +144,7 @@ def stop(cell: CheckedBackend) -> str:
 
 
 def limits(cell: CheckedBackend) -> str:
-    """Written commands, and those that reach the device, keep the velocity, acceleration and jerk limits."""
+    """Commands keep the velocity, acceleration and jerk limits, as written and as they reach the device."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("the device executes motions by itself: its own controller keeps its limits")
     with cell.drive() as driver:
@@ -161,7 +161,7 @@ def limits(cell: CheckedBackend) -> str:
 
 
 def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> list[float]:
-    """The largest used shares of the velocity, acceleration and jerk limits.
+    """Return the largest shares of the velocity, acceleration and jerk limits that the positions use.
 
     Raises:
         ContractError: a limit is exceeded.
@@ -200,7 +200,7 @@ def staleness(cell: CheckedBackend) -> str:
 
 
 def entry(cell: CheckedBackend) -> str:
-    """The first command equals the measured position, at the start and after close and open."""
+    """The first command equals the measured position, both at the start and after the backend is reopened."""
     with cell.drive() as driver:
         require_entry(cell, driver, 0)
         driver.move()
@@ -226,7 +226,7 @@ def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
 
 
 def restart(cell: CheckedBackend) -> str:
-    """A new backend takes over a device that was not closed, because rtloop may be killed."""
+    """A new backend can take over a device that was not closed, as after rtloop was killed."""
     with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -242,7 +242,7 @@ def restart(cell: CheckedBackend) -> str:
 
 
 def reject_open(cell: CheckedBackend) -> str:
-    """A missing device is reported as an error at open, not later."""
+    """`open` reports a missing device as an error; no later call does."""
     with cell.make_driver() as driver:
         if "disconnect" not in driver.rig.faults:
             raise NotTested("its rig has no fault disconnect")

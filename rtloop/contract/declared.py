@@ -1,4 +1,4 @@
-"""Checks of what a class declares about itself."""
+"""Checks of the capabilities and options that a backend's class declares."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLAIMS = {
     "payload": ("set_tool",),
     "io": ("set_output",),
 }
-"""Capabilities, each with the methods of which it needs at least one."""
+"""For each capability, the methods of which a class must implement at least one."""
 
 
 def options(cell: CheckedBackend) -> str:
@@ -49,7 +49,7 @@ def _require_refusal(cell: CheckedBackend, settings: Settings, word: str) -> Non
 
 
 def claims(cell: CheckedBackend) -> str:
-    """The class has methods for its `capabilities`."""
+    """The class implements the methods that its `capabilities` require."""
     with cell.make_driver() as driver:
         backend = driver.rig.backend()
     able = capabilities_of(backend)

@@ -1,4 +1,4 @@
-"""rtloop's own cycle around a backend, in this process and in robot time: nothing waits for a clock."""
+"""Runs rtloop's cycle around a backend in this process. It counts robot time and never waits for a clock."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ SEGMENTS = 64
 PATIENCE_S = 20.0
 """Robot time after which an expected event counts as missing, s."""
 ATTEMPTS = 20
-"""Number of attempts to reset a fault, 0.1 s apart. Several are needed because the arm must be at rest
-first.
+"""Maximum number of attempts to reset a fault, 0.1 s apart. The first ones may fail because the arm is still
+moving.
 """
 SHARE = 0.5
-"""Share of the joints' limits that a move uses."""
+"""Share of the joint limits that a test motion uses."""
 _numbers = itertools.count()
 
 
@@ -45,7 +45,7 @@ class CallRecord:
         calls: names of methods, without immediate repetitions.
         measured: the last position read, shape (dof,), rad.
         commands: the written commands, each with the last position read before it.
-        durations_s: duration of each read and write together.
+        durations_s: for each cycle, the time that `read` and `write` took together.
     """
 
     calls: list[str] = field(default_factory=list)
@@ -98,11 +98,11 @@ class Listening(Around):
 
 
 class Driver:
-    """Drives a backend, and takes the part of the service in rtloop's shared memory.
+    """Runs a backend with rtloop's cycle, and acts as the service in rtloop's shared memory.
 
     Attributes:
-        backend: the driven backend, since the last `start`.
-        heard: the record of calls since then.
+        backend: the backend that the last `start` opened.
+        heard: the record of the calls since the last `start`.
     """
 
     def __init__(self, settings: Settings, robot: RobotDescription, rig: ContractRig) -> None:
@@ -122,7 +122,7 @@ class Driver:
         self.memory.heartbeat.publish()
 
     def start(self) -> None:
-        """Open the device. May be called again, as after a crash of rtloop.
+        """Open the device. A second call acts like a new rtloop after a crash.
 
         Raises:
             BackendError: the device cannot be opened.
@@ -169,7 +169,7 @@ class Driver:
         return str(self.loop.controller.reason)
 
     def step(self, cycles: int = 1) -> None:
-        """Run cycles. An externally clocked device is awaited in each."""
+        """Run cycles. Each cycle waits for the device if the device is externally clocked."""
         for _ in range(cycles):
             if self._paced:
                 self.loop.beat()
@@ -221,14 +221,14 @@ class Driver:
         self.memory.requests.publish()
 
     def begin_move(self) -> None:
-        """Begin to move each joint a little towards the middle of its range, from rest to rest."""
+        """Begin a motion from rest to rest that moves each joint a little towards the middle of its range."""
         self.ask_move()
         result = self.await_answer()
         if isinstance(result, Rejected):
             raise ContractError(f"a motion is rejected: {result.reason}")
 
     def ask_move(self) -> None:
-        """Request that motion; rtloop begins to load it in its next cycle."""
+        """Request the motion of `begin_move`. rtloop begins to load it in its next cycle."""
         if not self.heard.commands:
             self.first_command(0)
         start = self.heard.commands[-1][0][0]
@@ -237,10 +237,10 @@ class Driver:
         self.ask(Command.START, slot=0, motion_id=self._motion)
 
     def move(self) -> None:
-        """Execute a whole motion.
+        """Execute the motion of `begin_move` to its end.
 
         Raises:
-            ContractError: the arm does not arrive.
+            ContractError: the arm does not reach its target.
         """
         self.begin_move()
         self.until("a motion ends", lambda: self.loop.controller.motion_result != MotionResult.RUNNING)
@@ -249,7 +249,7 @@ class Driver:
             raise ContractError(f"a motion ended as {result.name}: {self.reason}")
 
     def reset(self, attempts: int = ATTEMPTS) -> Accepted | Rejected:
-        """Reset a fault, at rest; returns the result of the last attempt."""
+        """Reset a fault while the arm is at rest, and return the result of the last attempt."""
         result: Accepted | Rejected = ACCEPTED
         for _ in range(attempts):
             result = self.send(Command.RESET)
@@ -259,7 +259,9 @@ class Driver:
         return result
 
     def first_command(self, before: int) -> tuple[Array, Array]:
-        """The first command after `before` commands, and the position measured then."""
+        """Return the first command after the first `before` commands, and the position measured in the same
+        cycle.
+        """
         self.until("a command is written", lambda: len(self.heard.commands) > before)
         command, measured = self.heard.commands[before]
         return command[0], measured

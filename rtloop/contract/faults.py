@@ -1,4 +1,6 @@
-"""Checks of a device with faults: rtloop must report a reason, and recover by a reset without a restart."""
+"""Checks with device faults. rtloop must report the reason of each fault, and a reset must recover from it
+without a restart.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +40,14 @@ def survives(fault: str, cell: CheckedBackend) -> str:
 
 
 def ends(fault: str, cell: CheckedBackend, *, moving: bool) -> str:
-    """A fault ends a motion, or the holding of the arm, with a reason. While it lasts no reset succeeds.
-    Afterwards the arm can move again.
+    """A fault ends a motion, or the holding of the arm, and rtloop reports the reason. No reset succeeds
+    while the fault lasts. Afterwards the arm can move again.
     """
     return _inject_while(fault, cell, _move if moving else _rest, stays=True)
 
 
 def while_stopping(fault: str, cell: CheckedBackend) -> str:
-    """Like `ends`, while the arm is stopping."""
+    """Like `ends`, but the fault occurs while the arm is stopping."""
 
     def stop(driver: Driver) -> None:
         _move(driver)
@@ -56,14 +58,16 @@ def while_stopping(fault: str, cell: CheckedBackend) -> str:
 
 
 def in_stream(fault: str, cell: CheckedBackend) -> str:
-    """Like `ends`, while a client streams positions."""
+    """Like `ends`, but the fault occurs while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that executes motions by itself")
     return _inject_while(fault, cell, begin_stream, stays=True)
 
 
 def while_loading(fault: str, cell: CheckedBackend) -> str:
-    """Like `ends`, immediately after a motion was requested. The motion is rejected or ends."""
+    """Like `ends`, but the fault occurs immediately after a motion was requested. The motion is rejected or
+    ends.
+    """
     with cell.drive() as driver:
         _require(driver, fault)
         driver.ask_move()
@@ -78,7 +82,9 @@ def while_loading(fault: str, cell: CheckedBackend) -> str:
 
 
 def while_enabling(fault: str, cell: CheckedBackend) -> str:
-    """Like `ends`, in the middle of a reset. The reset is rejected, or the fault is detected again."""
+    """Like `ends`, but the fault occurs in the middle of a reset. The reset is rejected, or the fault is
+    detected again.
+    """
     with cell.drive() as driver:
         _require(driver, fault)
         with driver.fault(fault):
@@ -112,7 +118,9 @@ def twice(fault: str, cell: CheckedBackend) -> str:
 
 
 def mode_change(cell: CheckedBackend) -> str:
-    """A change of mode is reported, and the motion ends in a fault or continues; the arm can move again."""
+    """The backend reports a change of the operation mode. The motion ends in a fault or continues, and the
+    arm can move again.
+    """
     with cell.drive() as driver:
         _require(driver, "operation_mode")
         backend = driver.backend
@@ -135,7 +143,7 @@ def mode_change(cell: CheckedBackend) -> str:
 
 
 def _rest(driver: Driver) -> None:
-    """Do nothing: the arm is held."""
+    """Do nothing, so that the arm is held at rest."""
 
 
 def _move(driver: Driver) -> None:
@@ -144,7 +152,7 @@ def _move(driver: Driver) -> None:
 
 
 def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
-    """The reported reason for a fault that occurs after `begin`. With `stays` the fault lasts during some
+    """Inject a fault after `begin` and return the reported reason. With `stays` the fault lasts during some
     resets.
     """
     with cell.drive() as driver:
@@ -164,7 +172,7 @@ def _require(driver: Driver, fault: str) -> None:
 
 
 def _await_fault(driver: Driver, fault: str) -> str:
-    """The reported reason for a fault."""
+    """Wait until rtloop reports the fault, and return the reported reason."""
     driver.until(f"{fault} is a fault", lambda: driver.mode in ENDED)
     if not driver.reason:
         raise ContractError(f"{fault}: the mode is {driver.mode.name}, without a reason")
@@ -172,7 +180,9 @@ def _await_fault(driver: Driver, fault: str) -> str:
 
 
 def _require_lasting(driver: Driver, fault: str) -> None:
-    """Check that while the cause lasts, a reset is rejected or the fault is detected again."""
+    """Check that a reset is rejected, or that the fault is detected again, while the cause of the fault
+    lasts.
+    """
     driver.run(MEANWHILE_S)
     written = len(driver.heard.commands)
     try:
@@ -188,7 +198,9 @@ def _require_lasting(driver: Driver, fault: str) -> None:
 
 
 def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
-    """Check the recovery: a reset, no jump, a motion. The backend is neither closed nor opened."""
+    """Check that a reset succeeds, that the command does not jump, and that the arm can move. The backend is
+    not reopened.
+    """
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)
     result = driver.reset()
@@ -209,7 +221,9 @@ def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
 
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
-"""Faults for an arm at rest: all except `frozen`, because constant values are normal there."""
+"""Faults that the checks inject while the arm is at rest: those of `STOPPING` except `frozen`, because the
+values of an arm at rest are constant anyway.
+"""
 CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},

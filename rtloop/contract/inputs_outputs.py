@@ -1,4 +1,4 @@
-"""Checks of inputs and outputs, if a backend has them."""
+"""Checks of a backend's inputs and outputs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ UNKNOWN = "no such output"
 
 
 def io(cell: CheckedBackend) -> str:
-    """Each output accepts another value, reports it, and accepts its old value again, while the arm is held.
-    An unknown output is rejected.
+    """While the arm is held, each output accepts a different value, reports it, and accepts its old value
+    again. An unknown output is rejected.
     """
     if not capabilities_of(cell.kind).io:
         raise NotTested("capabilities.io is not claimed")

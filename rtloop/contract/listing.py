@@ -17,11 +17,12 @@ class Listed:
 
     Attributes:
         origin: the distribution that declares it.
-        place: package.module:Class.
+        place: location of its class, as package.module:Class.
         periods_s: supported cycle periods; empty for any.
         capabilities: its capabilities in words; "" if its class cannot be loaded.
-        contract: the subject of `cobot backend test`: "simulated device", "itself" or "nothing".
-        problem: reason why it cannot be used here; "" if it can.
+        contract: what `cobot backend test` checks: the backend with a "simulated device", the backend
+            "itself", or "nothing".
+        problem: reason why the backend cannot be used on this computer; "" if it can be used.
     """
 
     name: str
@@ -37,7 +38,7 @@ class Listed:
 
 
 def listed() -> list[Listed]:
-    """All backends, by name."""
+    """List all backends, sorted by name."""
     origins = REGISTRY.origins()
     return [_one(name, origins[name], place) for name, place in sorted(backend_names().items())]
 
@@ -61,8 +62,8 @@ def _one(name: str, origin: str, place: str) -> Listed:
 
 
 def _missing(kind: Any) -> str:
-    """The missing SDK of a backend, which the backend imports only when it is made. A class names it in the
-    attribute `sdk`.
+    """The SDK that a backend needs and that is not installed; "" if none is missing. A class names its SDK in
+    the attribute `sdk`, because it imports the SDK only when an instance is made.
     """
     sdk = getattr(kind, "sdk", "")
     if not sdk or importlib.util.find_spec(sdk) is not None:

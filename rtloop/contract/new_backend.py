@@ -48,13 +48,13 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
 
     Args:
         name: name of the backend, as in `robot.backend`.
-        trajectory: whether the device takes whole motions.
+        trajectory: whether the device executes whole motions itself.
 
     Returns:
         The folder.
 
     Raises:
-        ConfigError: the name or the place cannot be used; nothing has been written.
+        ConfigError: the name or the parent folder cannot be used. Nothing has been written.
     """
     check_name(name, backend_names(), "backend", "arm")
     distribution = f"cobot-backend-{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""The contract as tests of pytest: `-p rtloop.contract.plugin`.
+"""The backend contract as pytest tests, loaded with `-p rtloop.contract.plugin`.
 
 A test that takes `contract_check` and names a backend is run once for each check:
 
@@ -6,7 +6,7 @@ A test that takes `contract_check` and names a backend is run once for each chec
     def test_contract(contract_check):
         contract_check()
 
-Untestable checks are skipped, with the reason.
+Checks that cannot be run for this backend are skipped, and the reason is shown.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
-    """One check of the backend that the test's marker names."""
+    """A function that runs one check of the backend named in the test's marker."""
     marker = request.node.get_closest_marker(MARKER)
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError(f'{request.node.name} needs @pytest.mark.{MARKER}("NAME")')

@@ -1,4 +1,4 @@
-"""Checks against the computer's clock, only with --realtime."""
+"""Checks against the computer's clock. They run only with --realtime."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test rigs: a backend and its device in one process, to be driven and disturbed by the contract."""
+"""Test rigs: a backend and its device in one process, which the contract drives and disturbs."""
 
 from __future__ import annotations
 
@@ -25,39 +25,40 @@ FAULTS = {
     "protective_stop": "the device stops by itself",
     "operation_mode": "the key switch selects another operation mode",
 }
-"""Faults of a device."""
+"""The faults that a rig can inject, with a description of each."""
 
 
 class ContractRig(Protocol):
-    """The result of `contract_rig(settings, limits)`, a static or class method of a backend's class.
+    """A test rig. A backend's class makes one with the static or class method `contract_rig(settings,
+    limits)`.
 
-    It may also have `wire`, a list of the positions sent to the device, shape (dof,) each, rad. Then the
-    limits are checked there too. It may have `settings`, those that it gives to the backend, if it adds
-    options that the backend requires, such as an address.
+    A rig may also have an attribute `wire`: a list of the positions sent to the device, each of shape (dof,),
+    rad. The contract then checks the limits of these positions too. A rig that adds options that the backend
+    requires, such as an address, provides the complete settings of the backend in an attribute `settings`.
 
     Attributes:
-        faults: those of `FAULTS` that this device can have; the others are reported as not tested.
+        faults: the entries of `FAULTS` that this rig can inject. All others are reported as not tested.
     """
 
     faults: frozenset[str]
 
     def backend(self) -> Backend | TrajectoryDevice:
-        """A new, closed backend for the same device. The previous one was closed, or its process was
-        killed.
+        """Make a new backend, not open yet, for the same device. The previous backend was closed, or its
+        process was killed.
         """
         ...
 
     def inject(self, fault: str) -> None:
-        """Begin a fault; it lasts until it is cleared."""
+        """Begin a fault, which lasts until `clear`."""
         ...
 
     def clear(self, fault: str) -> None:
-        """Remove the cause of a fault, as a person would do at the device."""
+        """Remove the cause of a fault, as a person at the device would."""
         ...
 
 
 class PlainRig:
-    """The rig for a simulation without its own rig. Faults occur between the backend and the cycle."""
+    """A rig for simulations without a rig. It injects faults between the backend and the cycle."""
 
     faults = frozenset({"disconnect", "frozen", "nan"})
 
@@ -78,12 +79,12 @@ class PlainRig:
 OPTIONAL = {"capabilities", "state_period_s", "point_period_s"} | {
     name for name in NAMES if not hasattr(Backend, name)
 }
-"""Optional methods and attributes, in addition to the six methods of `Backend`."""
+"""Names of the optional methods and attributes of a backend, in addition to the six methods of `Backend`."""
 
 
 class Around:
-    """A wrapper of a backend, or of a device that takes whole motions. It has the same methods and
-    attributes, and passes all calls on.
+    """A wrapper around a backend or a `TrajectoryDevice`. It has the same methods and attributes, and passes
+    all calls on.
     """
 
     def __init__(self, inner: Backend) -> None:
@@ -112,7 +113,7 @@ class Around:
 
 
 class Broken(Around):
-    """A backend with faults: values are lost or corrupted on their way."""
+    """A wrapper around a backend that loses or corrupts the values on their way to the cycle."""
 
     def __init__(self, inner: Backend, active: set[str]) -> None:
         super().__init__(inner)
@@ -147,7 +148,7 @@ class Broken(Around):
 
 
 def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
-    """The backend's own rig, or one that injects faults around it.
+    """Return the backend's own rig, or else a `PlainRig`.
 
     Raises:
         ConfigError: the backend would move a real arm, or its rig is invalid.

@@ -1,4 +1,4 @@
-"""A client that streams positions, in the process of the cycle."""
+"""A client that streams positions and runs in the same process as the cycle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rtloop.backends import ImpedanceControlled
 from rtloop.contract.driver import Driver
 
 STREAMED_RAD, STREAM_S = 0.02, 0.3
-"""Distance and duration by which the stream moves each joint, rad and s."""
+"""Distance that the stream moves each joint, rad, and the time for it, s."""
 
 
 def begin_stream(driver: Driver) -> None:

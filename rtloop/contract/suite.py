@@ -1,4 +1,4 @@
-"""All checks of a backend, with their results."""
+"""Runs all checks of a backend and collects their results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ CHECKS = {
 
 
 def settings_for(settings: Settings, name: str) -> Settings:
-    """Settings for a robot with this backend: its options, if given for it, and a supported period."""
+    """Settings for a robot with this backend. They keep the given options if these belong to this backend,
+    and use a supported period.
+    """
     robot, rt = settings.robot, settings.rt
     if robot.backend.type != name:
         backend = robot.backend.model_copy(update={"type": name, "options": {}})
@@ -50,8 +52,8 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Checke
 
 
 def examine(cell: CheckedBackend, check: str) -> CheckResult:
-    """Run one check. If the backend raises an unexpected exception, it has failed."""
-    with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
+    """Run one check. The check fails if the backend raises an unexpected exception."""
+    with np.errstate(all="ignore"):  # as in rtloop, where comparisons find values that are not finite
         return result_of(check, lambda: CHECKS[check](cell), BackendError)
 
 

@@ -1,6 +1,6 @@
-"""A backend of cobot: a class that drives an arm, here a toy. Replace `ToyDevice` by your device.
+"""A cobot backend: a class that drives an arm, here a toy. Replace `ToyDevice` with your device.
 
-`docs/your-backend.md` of cobot explains each part.
+cobot's document `docs/your-backend.md` explains each part.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ GRIPPER = "gripper closed"
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A packet of the device, one per period.
+    """A packet from the device, which sends one per period.
 
     Attributes:
-        number: increases by 1.
+        number: sequence number, which increases by 1 with each packet.
         position, velocity: joint positions and velocities, shape (dof,), rad and rad/s.
-        operation_mode: T1 or AUT.
-        stopped: reason why its drives are off; "" if they are on.
+        operation_mode: the selected operation mode, "T1" or "AUT".
+        stopped: reason why the device's drives are off; "" if they are on.
     """
 
     number: int
@@ -40,18 +40,20 @@ class Packet:
 
 
 class ToyDevice:
-    """A simulated robot controller: it sends a packet per period and moves to the target of the last answer.
+    """A simulated robot controller. It sends a packet in each period and moves to the target in the last
+    answer.
 
     Attributes:
-        faults: its current faults, for tests.
-        wire: all positions sent to it, for tests.
-        gripper_closed: its only output, which it reports.
+        faults: the faults that are active now, for tests.
+        wire: all positions that were sent to the device, for tests.
+        gripper_closed: state of the device's only output.
     """
 
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
         """
         Args:
-            realtime: whether its periods take real time; if not, each `receive` is one period.
+            realtime: whether the device's periods take real time. If not, each call of `receive` passes one
+                period.
         """
         self.faults: set[str] = set()
         self.wire: list[Array] = []
@@ -70,7 +72,7 @@ class ToyDevice:
         self._position = np.array(position)
 
     def receive(self, timeout_s: float) -> list[Packet]:
-        """The packets that arrive within this time."""
+        """Return the packets that arrive within this time."""
         if self._realtime:
             remaining_s = self._due_s - time.monotonic()
             time.sleep(max(0.0, min(remaining_s, timeout_s)))
@@ -96,7 +98,7 @@ class ToyDevice:
         """Switch the drives on at the current position.
 
         Raises:
-            BackendError: this is impossible now; the error has the reason.
+            BackendError: the drives cannot be switched on now; the error gives the reason.
         """
         if "disconnect" in self.faults:
             raise BackendError("the device does not answer")
@@ -139,8 +141,8 @@ class ToyOptions(BackendOptions):
 
 
 class ToyArm:
-    """The backend: the six methods of `Backend`, `wait` because the device is externally clocked, `status`
-    and `io`.
+    """The backend. It implements the six methods of `Backend`, `wait` because the device is externally
+    clocked, and `status` and `io`.
     """
 
     Options = ToyOptions
@@ -180,7 +182,7 @@ class ToyArm:
     def wait(self, timeout_s: float) -> bool:
         for packet in self._device.receive(timeout_s):
             if self._newest is not None and packet.number <= self._newest.number:
-                continue  # it arrived after its successor
+                continue  # this packet arrived after its successor
             self._newest, self._missed = packet, -1
         self._missed += 1
         self._lost += self._missed > 0
@@ -200,7 +202,7 @@ class ToyArm:
         self._device.switch_off()
 
     def close(self) -> None:
-        """Close the device's connection here. The toy has none."""
+        """Close the connection to the device here. The toy needs none."""
 
     def status(self) -> DeviceStatus:
         if self._newest is None:
@@ -230,7 +232,7 @@ class ToyArm:
 
 
 class ToyRig:
-    """The backend and its device in one process; periods are counted, not timed, so that tests are fast."""
+    """The backend and its device in one process. Periods are counted, not timed, so that tests are fast."""
 
     faults = frozenset(FAULTS)
 

@@ -1,6 +1,6 @@
-"""A backend of cobot for a device that takes whole motions, here a toy. Replace `ToyDevice` by your device.
+"""A cobot backend for a device that executes whole motions, here a toy. Replace `ToyDevice` with your device.
 
-`docs/your-backend.md` of cobot explains each part.
+cobot's document `docs/your-backend.md` explains each part.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ class ToyDevice:
     """A simulated robot controller that executes a motion by itself and reports its position on request.
 
     Attributes:
-        faults: its current faults, for tests.
+        faults: the faults that are active now, for tests.
     """
 
     def __init__(self, dof: int, *, realtime: bool = True) -> None:
         """
         Args:
-            realtime: whether it uses a clock; if not, each `look` takes `STATE_PERIOD_S`.
+            realtime: whether the device uses the computer's clock. If not, each call of `look` passes
+                `STATE_PERIOD_S`.
         """
         self.faults: set[str] = set()
         self._realtime = realtime
@@ -46,7 +47,7 @@ class ToyDevice:
         self._position = np.array(position)
 
     def look(self) -> tuple[Array, Array]:
-        """Position and velocity of the joints, shape (dof,), rad and rad/s."""
+        """Return the positions and the velocities of the joints, each of shape (dof,), rad and rad/s."""
         self._answer()
         self._advance(time.monotonic() - self._time_s if self._realtime else STATE_PERIOD_S)
         if self._stopped:
@@ -133,7 +134,7 @@ class ToyArm:
     def open(self, initial_position: Array) -> None:
         if self._is_new:
             self._device.place(initial_position)
-        self._device.look()  # wait here for a device with a connection, for `connect_s`
+        self._device.look()  # for a real device, wait here for its connection, at most `connect_s`
 
     def enable(self) -> None:
         self._device.switch_on()
@@ -154,10 +155,10 @@ class ToyArm:
         self._device.stop()
 
     def disable(self) -> None:
-        """Switch the device's drives off here. The toy has none."""
+        """Switch the device's drives off here. The toy has no drives."""
 
     def close(self) -> None:
-        """Close the device's connection here. The toy has none."""
+        """Close the connection to the device here. The toy needs none."""
 
     def status(self) -> DeviceStatus:
         return DeviceStatus(connection="connected", operation_mode=self._device.operation_mode)
@@ -169,7 +170,7 @@ class ToyArm:
 
 
 class ToyRig:
-    """The backend and its device in one process; time is counted, not measured, so that tests are fast."""
+    """The backend and its device in one process. Time is counted and not measured, so that tests are fast."""
 
     faults = frozenset({"disconnect", "frozen", "nan", "e_stop", "protective_stop", "operation_mode"})
 

@@ -1,4 +1,4 @@
-"""Loading of a trajectory from shared memory into a path: copied and verified in pieces, one per cycle."""
+"""Loads a trajectory from shared memory into a path. It is copied and verified in pieces, one per cycle."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
 PIECE_TIMES = 4096
-"""Number of breakpoints that are copied and checked in one cycle. They have fewer bytes than the segments of
-one cycle.
+"""Number of breakpoints that are copied and checked in one cycle. They take fewer bytes than the segments
+that are copied in one cycle.
 """
 PLACES = np.linspace(0.0, 1.0, 9)
-"""Shares of a segment at which its positions are evaluated for an error message, after the fast check
-`Path.stays_within` has failed.
+"""Points of a segment, as shares of its duration. After the fast check `Path.stays_within` has failed, the
+positions there are evaluated for the error message.
 """
 REST_TOLERANCE = 1e-3
-"""Maximum velocity (rad/s) and acceleration (rad/s²) of a motion at its ends."""
+"""Maximum velocity (rad/s) and acceleration (rad/s²) at the start and at the end of a motion."""
 
 
 class RefusedError(Exception):
-    """A trajectory in shared memory is invalid; the text says why."""
+    """Raised if a trajectory in shared memory is invalid. Its text gives the reason."""
 
 
 def load(
@@ -35,19 +35,20 @@ def load(
 ) -> Iterator[None]:
     """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
 
-    A replacement takes fewer steps than a start, because meanwhile the arm nears the place of the change: the
-    first piece of segments follows in the step of the last breakpoints, and the last checks in that of the
-    last segments.
+    A motion that replaces a running one is loaded in fewer steps, because the arm meanwhile approaches the
+    point of the change. The first segments are copied in the same step as the last breakpoints, and the last
+    checks are made in the same step as the last segments.
 
-    Positions must be checked in advance. Excessive velocities and accelerations can be caught during the
-    motion, but at a joint limit it may be too late to stop.
+    All positions are checked in advance. Excessive velocities and accelerations can be detected during the
+    motion, but it may be too late to stop when the arm is at a joint limit.
 
     Args:
-        start: where the motion must begin, at rest, shape (dof,), rad; None: the caller ensures it.
+        start: joint positions at which the motion must begin at rest, shape (dof,), rad. None if the caller
+            ensures this.
         limits: position limits that no motion may leave.
 
     Raises:
-        RefusedError: at any step.
+        RefusedError: the trajectory is invalid. Any step may raise it.
     """
     segments = _read_head(path, slot, motion_id)
     checksum = 0
@@ -80,7 +81,7 @@ def load(
 
 
 def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
-    """Check the slot's head and return the number of segments."""
+    """Check the header of the slot and return the number of segments."""
     if not slot.head.try_read():
         raise RefusedError("the trajectory slot is inconsistent")
     segments, found = int(slot.head.data["segments"]), int(slot.head.data["motion_id"])
@@ -92,7 +93,7 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
 
 
 def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None:
-    """Raise an error that names the joint farthest beyond its limits."""
+    """Raise a RefusedError that names the joint farthest beyond its limits."""
     powers = (np.diff(times_s)[:, None, None] * PLACES[:, None]) ** np.arange(ORDER)  # segment, place, power
     positions = np.matmul(powers, piece.transpose(0, 2, 1))  # segment, place, joint
     beyond = np.maximum(positions - limits.max_position, limits.min_position - positions)

@@ -1,4 +1,4 @@
-"""Forces or torques that a session adds to positions, for drives with their own compliance."""
+"""Forces or torques that a session adds to its position commands, for drives with their own compliance."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""Time in which a force rises from zero to its maximum, or falls back, s, so that it does not jump."""
+"""Time in which a force or torque rises from zero to its maximum, or falls back to zero, s. The ramp avoids
+jumps.
+"""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
-"""Maximum force and torque, N and N·m. With compliant drives, only the surroundings limit the motion that a
-force causes.
+"""Maximum force and torque, N and N·m. A maximum is needed because with compliant drives only the
+surroundings limit the motion that a force causes.
 """
 
 
@@ -22,7 +24,7 @@ class Overlay:
     """Ramps the force or torque that a session adds.
 
     Attributes:
-        exerted: current value, shape (dof,) or (6,).
+        exerted: the current torques, shape (dof,), or the current wrench, shape (6,).
     """
 
     def __init__(self, write: Callable[[Array], None], most: Array, period_s: float) -> None:
@@ -46,7 +48,9 @@ class Overlay:
 
 
 def overlay_of(request: np.ndarray, backend: Backend, limits: JointLimits, period_s: float) -> Overlay | None:
-    """The overlay of a session, `cobot.ipc.layout.session_dtype`; None if it needs none."""
+    """Return the overlay for a session request of the type `cobot.ipc.layout.session_dtype`; None if the
+    session needs none.
+    """
     if isinstance(backend, ImpedanceControlled):
         return None
     if request["stream"] == Stream.JOINT_TORQUE and isinstance(backend, TorqueControlled):

@@ -28,7 +28,7 @@ def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted 
 
 
 def _results(request: np.ndarray, backend: Backend, name: str) -> Iterator[Accepted | Rejected]:
-    """The result of each check. A check may rely on those before it."""
+    """Yield the result of each check. A check may rely on the checks before it."""
     yield _check_stream(request, capabilities_of(backend), name)
     yield _check_servo(request)
     yield _check_capabilities(request, capabilities_of(backend), name)
@@ -86,7 +86,7 @@ def _check_servo(request: np.ndarray) -> Accepted | Rejected:
 
 
 def _check_capabilities(request: np.ndarray, device: Capabilities, name: str) -> Accepted | Rejected:
-    """Check whether the device has the capabilities that the session needs."""
+    """Check whether the device has all capabilities that the session needs."""
     torques = request["stream"] == Stream.JOINT_TORQUE
     force = bool(request["force_axes"].any())
     wrench = bool(np.isfinite(request["max_contact_wrench"]).any())

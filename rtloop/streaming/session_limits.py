@@ -1,4 +1,4 @@
-"""The limits of a session: those of the settings, and lower ones in T1."""
+"""The limits of a session: the limits from the settings, and lower ones in T1."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rtloop.backends.agreement import REDUCED_M_S
 MIN_SHARE = 0.01
 """Minimum share of the joints' speed for a session."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
-"""Shares of the reduced speed for following poses, and for force control in addition. Together, and with the
-correction of deviations, they stay within the reduced speed.
+"""Shares of the reduced speed that are available for following poses and for additional force control. Even
+when both act together with the correction of deviations, the reduced speed is kept.
 """
 
 

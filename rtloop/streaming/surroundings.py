@@ -1,8 +1,8 @@
-"""Obstacles for streams that are not in the model: the scene's objects and the tool's shapes, read from their
-files.
+"""Obstacles that streams must avoid and that are not part of the model: the scene's objects and the tool's
+shapes, read from their files.
 
-A thread reads and compiles them while the arm is at rest and no session begins. The cycle only takes the
-finished monitor.
+A thread reads and compiles the obstacles while the arm is at rest and no session begins. The cycle only takes
+over the finished collision monitor.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
-"""Maximum time for which the thread may block the cycle while it runs Python, s."""
+"""Maximum time for which the thread may block the cycle while the thread runs Python code, s."""
 
 
 class Surroundings:
-    """Makes collision monitors from the files.
+    """Makes collision monitors from the files of the scene and the tool.
 
     Attributes:
         busy: whether a monitor is being made.
-        version: version of the last read scene.
+        version: version of the scene that was read last.
     """
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
@@ -68,7 +68,9 @@ class Surroundings:
         self._thread.start()
 
     def take(self) -> CollisionMonitor | Later | Rejected:
-        """The finished monitor of the thread, returned once; `Later` while there is none."""
+        """Return the monitor that the thread has finished. Each monitor is returned once; `Later` while there
+        is no new one.
+        """
         if self._thread is None or self._thread.is_alive():
             return LATER
         self._thread = None
