@@ -1,4 +1,4 @@
-"""Addresses of controllers in the options of backends."""
+"""Checks of the controller addresses in backend options."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Address = Annotated[str, AfterValidator(an_ipv4_address)]
 
 
 def is_of_this_computer(address: object) -> bool:
-    """Whether an address in the options of a backend can only mean this computer."""
+    """Whether an address in a backend's options can only mean this computer."""
     try:
         return address == "localhost" or ip_address(str(address)).is_loopback
     except ValueError:

@@ -1,4 +1,6 @@
-"""Use of the arm's model by backends: comparison with the device's own pose, and the reduced speed in T1."""
+"""What backends do with the arm's model: compare it with the pose that the device reports, and keep the
+reduced speed in T1.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from cobot.types import Array, Numbers7, Pose
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 OFF_M, OFF_RAD = 0.005, 0.02
-"""Allowed difference between the two poses, m and rad: more than the calibration error of an arm, less than
-the error of any wrong axis or link.
+"""Allowed difference between the model's pose and the device's pose, m and rad. It is more than the
+calibration error of an arm, and less than the error that any wrong axis or link causes.
 """
 REDUCED_M_S = 0.25
 """Maximum speed of the TCP in manual operation, m/s: the reduced speed of ISO 10218-1."""
@@ -30,7 +32,7 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
 
     Args:
         joints: joint positions measured by the device, shape (dof,), rad.
-        flange: pose of the flange that the device reports for them, in its base frame.
+        flange: flange pose that the device reports for these joint positions, in the device's base frame.
     """
     ours = model.forward(joints) @ model.flange_in_tcp()
     off_m = float(np.linalg.norm(flange.position - ours.position))
@@ -46,12 +48,12 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
 
 
 class ReducedSpeed:
-    """The reduced speed in the operation mode T1, for the fastest point: the model's TCP, or the tool's TCP,
-    which rotates about it.
+    """Keeps the reduced speed in the operation mode T1 at the fastest point: the model's TCP, or the tool's
+    TCP, which rotates about the model's TCP.
 
     Attributes:
-        share: the share of the joints' speed at which that point keeps the reduced speed; 1 until the model
-            is known.
+        share: the share of the joints' maximum speed at which that point keeps the reduced speed; 1 until the
+            model is known.
     """
 
     def __init__(self) -> None:
@@ -60,7 +62,7 @@ class ReducedSpeed:
         self._bare: tuple[tuple[float, float], Numbers7] | None = None  # speeds and pose of the model's TCP
 
     def set_model(self, model: RobotModel) -> None:
-        """Set the model of the arm, whose joints have their maximum speeds."""
+        """Set the arm's model, which also defines the maximum speeds of the joints."""
         self._bare = _fastest(model), model.file_tcp_in_flange
         self.set_tool(self._tool)
 
@@ -74,7 +76,9 @@ class ReducedSpeed:
 
 
 def _fastest(model: RobotModel) -> tuple[float, float]:
-    """Maximum speed of the TCP with the joints at full speed, in any posture, m/s and rad/s."""
+    """Return the maximum linear and angular speed of the TCP when the joints move at full speed, in any
+    posture, m/s and rad/s.
+    """
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
     low = np.maximum(limits.min_position, -np.pi)

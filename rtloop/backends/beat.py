@@ -1,4 +1,4 @@
-"""Assignment of packets to cycles. The newest packet counts, and a lost packet still takes its time."""
+"""Assigns packets to cycles. The newest packet is used, and a lost packet still takes one period."""
 
 from __future__ import annotations
 
@@ -10,35 +10,39 @@ import numpy as np
 from cobot.types import Array
 
 MAX_CATCH_UP_S = 0.1
-"""Maximum gap that is caught up with at once, s. After a longer one the path continues where it was."""
+"""Maximum gap between packets for which the missed cycles are run at once, s. After a longer gap the path
+continues where it was.
+"""
 OVERTAKEN = 20
-"""Maximum distance behind the newest packet at which a packet counts as out of order. Further back, the
-controller has restarted its count.
+"""Maximum number of packets behind the newest one at which a packet counts as out of order. At a greater
+distance, the controller has restarted its count.
 """
 VELOCITY_S = 0.005
-"""Time constant of the filter that calculates velocities from the measured positions, s. Such devices do not
-report velocities.
+"""Time constant of the filter that calculates velocities from the measured positions, s. It is needed for
+devices that do not report velocities.
 """
 _COUNTER = 1 << 32
 PacketT = TypeVar("PacketT")
 
 
 def ahead(counter: int, of: int) -> int:
-    """Difference of two 32-bit sequence counters, -2**31 to 2**31 - 1. Positive if the first is ahead."""
+    """Difference between two 32-bit sequence counters, -2**31 to 2**31 - 1. It is positive if the first one
+    is ahead.
+    """
     return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
 
 
 class Beat(Generic[PacketT]):
     """The controller's values, period by period.
 
-    If packets were lost, or have accumulated while this computer was busy, the cycles between them use
-    positions on a straight line between the known ones. So the path follows the device's time.
+    If packets are lost, or accumulate while this computer is busy, the missing cycles use positions
+    interpolated linearly between the known ones. In this way the path follows the device's time.
 
     Attributes:
-        newest: the newest packet, None before the first.
+        newest: the newest packet; None before the first one.
         position, velocity: values of this cycle, shape (dof,), rad and rad/s.
         lost: number of packets that were lost or arrived too late.
-        due: number of cycles to run, including the one of the newest packet.
+        due: number of cycles that are still to be run, including the cycle of the newest packet.
     """
 
     def __init__(self, dof: int, period_s: float) -> None:
@@ -51,7 +55,7 @@ class Beat(Generic[PacketT]):
         self._target = np.zeros(dof)
 
     def take(self, packet: PacketT, sequence: int, position: Sequence[float] | Array) -> bool:
-        """Add a packet. Returns False for one that is older than the newest."""
+        """Add a packet. Return False if it is older than the newest one."""
         periods = 1
         if self.newest is not None:
             periods = ahead(sequence, self._sequence)
@@ -77,16 +81,18 @@ class Beat(Generic[PacketT]):
 
 
 def smooth(share: float) -> float:
-    """A smooth step from 0 at 0 to 1 at 1, without velocity and acceleration at either end."""
+    """A smooth step that rises from 0 at share 0 to 1 at share 1. Velocity and acceleration are zero at both
+    ends.
+    """
     share = min(max(share, 0.0), 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
 class CommandTransition:
-    """Transition from the controller's interpolator to the commands, without a jump.
+    """A transition without a jump from the position of the controller's interpolator to the commands.
 
     Attributes:
-        sent: the last command, None before the first.
+        sent: the last command that was sent; None before the first one.
     """
 
     FADE_S = 1.0
@@ -102,14 +108,14 @@ class CommandTransition:
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """Start the transition: the next position to send is the last one sent, or else the interpolator's.
-        The offset from `command` then decreases to 0.
+        """Start the transition. The next position to send is the last one sent, or the interpolator's
+        position if none was sent. Its offset from `command` then decreases to 0.
         """
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0
 
     def follow(self, command: Array) -> Array:
-        """The position to send in this cycle, shape (dof,), rad."""
+        """Return the position to send in this cycle, shape (dof,), rad."""
         self.sent = command + self._offset * (1.0 - smooth(self._passed_s / self.FADE_S))
         return self.sent
 

@@ -9,8 +9,8 @@ from cobot.cell.cell import COUNT, CUP, HAND, SPEED, SUCTION, VACUUM, Cell, Dist
 from cobot.robot.io_points import MAX_DIGITAL, IoKind, IoPoint
 
 HAND_POINTS = 6
-"""Number of points of the hand, which come first: width, speed, force; measured width, measured force,
-moving.
+"""Number of inputs and outputs of the hand, which are listed first: width, speed and force, then measured
+width, measured force and moving.
 """
 
 
@@ -35,7 +35,9 @@ class CellPoint:
 
 
 def cell_points(cell: Cell, hand: AnyHand | None) -> tuple[CellPoint, ...]:
-    """All points of a cell: of its hand or cup, the speeds of its belts, its switches, and other outputs."""
+    """List all points of a cell: those of its hand or suction cup, the speeds of its belts, its switches, and
+    other outputs.
+    """
     return (*_of_hand(hand), *_of_cup(cell), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
 
 

@@ -1,4 +1,4 @@
-"""UDP between this computer and a robot controller."""
+"""UDP communication between this computer and a robot controller."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ RELEASE_S = 1.0
 
 
 class PacketChannel(Protocol):
-    """Source of packets and destination of answers.
+    """Interface that receives a controller's packets and sends the answers.
 
     Attributes:
-        strangers: number of ignored packets from other addresses than the controller's.
+        strangers: number of packets that were ignored because they came from other addresses than the
+            controller's.
     """
 
     strangers: int
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All waiting packets, oldest first. Waits for a packet. Returns [] after `timeout_s`, or if all
-        packets came from other addresses.
+        """Wait for a packet, and return all packets that have arrived, oldest first. Return [] after
+        `timeout_s`, or if all packets came from other addresses.
         """
         ...
 
@@ -39,10 +40,10 @@ class PacketChannel(Protocol):
 
 
 class UdpChannel:
-    """A `PacketChannel`: the socket that a controller sends to.
+    """A `PacketChannel` over the UDP socket to which a controller sends.
 
-    The first sender of a valid packet is taken for the controller; if `address` is given, only a sender with
-    that address. Packets from all other addresses are then ignored.
+    The first sender of a valid packet is taken for the controller. If `address` is given, that sender must
+    have this address. From then on, packets from all other addresses are ignored.
     """
 
     def __init__(
@@ -58,11 +59,12 @@ class UdpChannel:
         """Open the socket.
 
         Args:
-            is_valid: whether a packet may come from a controller.
-            max_packet: maximum size of a packet, in bytes; longer ones arrive one byte longer.
+            is_valid: function that returns whether a packet may come from a controller.
+            max_packet: maximum size of a packet, in bytes. Longer packets are cut off one byte above it, so
+                that they can be detected.
 
         Raises:
-            BackendError: the port is taken, or the address is not one of this computer.
+            BackendError: the port is taken, or the address does not belong to this computer.
         """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._address, self._clock = address, clock
@@ -79,7 +81,7 @@ class UdpChannel:
 
     def receive(self, timeout_s: float) -> list[bytes]:
         packets: list[bytes] = []
-        # Not poll: its whole milliseconds are longer than a period.
+        # Not poll: it counts whole milliseconds, which is longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
         for _ in range(MAX_AT_ONCE):
@@ -105,9 +107,7 @@ class UdpChannel:
         self._socket.close()
 
     def _counts(self, packet: bytes, sender: tuple[str, int]) -> bool:
-        """Whether a packet is from the controller. While the controller is unknown, any sender is
-        accepted.
-        """
+        """Whether a packet is from the controller. Any sender is accepted while the controller is unknown."""
         now_s = self._clock()
         if sender != self._controller:
             if self._address not in (None, sender[0]):

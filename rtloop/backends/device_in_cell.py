@@ -1,7 +1,8 @@
-"""A simulated cell around an arm whose controller is a simulator of its own, in another process.
+"""A simulated cell around an arm whose controller is simulated in a separate process.
 
-The simulator knows only the arm. Here the plant of the cell follows the joints that it reports, so the hand,
-parts, switches, outputs and contact forces are the same as with the backend `mujoco`.
+The simulator knows only the arm. This module simulates the cell, and the cell's arm follows the joints that
+the simulator reports. So the hand, parts, switches, outputs and contact forces are the same as with the
+`mujoco` backend.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from rtloop.backends.protocols import Backend, BackendError, Reporting, capabili
 MAX_STEP_S = 0.001
 """Maximum step of the simulated cell, s."""
 FOLLOW_RAD_S = 40.0
-"""Frequency of the critically damped filter between the reported joints and the cell's arm, rad/s. Devices
-that are polled report steps. Without the filter a held part would feel them as forces.
+"""Frequency of the critically damped filter between the reported joints and the cell's arm, rad/s. The
+positions of polled devices change in steps. Without the filter these steps would act on a held part as
+forces.
 """
 NOTE = "hand, parts, switches and contact forces are simulated next to it (robot.backend.simulator)"
 
@@ -36,8 +38,8 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DeviceInCell:
-    """The backend of a device, also `HasIo`, `ReadsInputs`, `HasCell`, `CarriesTool` and `Reporting`, with
-    all other protocols of the device.
+    """The backend of a device with a simulated cell around it. It implements `HasIo`, `ReadsInputs`,
+    `HasCell`, `CarriesTool` and `Reporting`, and all other protocols that the device implements.
 
     Attributes:
         device: the backend without the cell.
@@ -79,10 +81,10 @@ class DeviceInCell:
         self.device.open(initial_position)
 
     def read(self, measured: Measured) -> None:
-        measured.wrench[:] = 0.0  # the device may not fill it in
+        measured.wrench[:] = 0.0  # the device may not fill in this row
         self.device.read(measured)
         if not np.isfinite(measured.joints[:2]).all():
-            return  # the cycle finds it
+            return  # the cycle detects this
         self._place[:], self._speed[:] = measured.position, measured.velocity
         if not self._begun:
             self._begin()
@@ -100,13 +102,13 @@ class DeviceInCell:
         self._cell.set_tool(tool)
 
     def status(self) -> DeviceStatus:
-        """The device's own status, with a note that the hand is simulated."""
+        """Return the device's own status, with a note that the hand is simulated."""
         own = self.device.status() if isinstance(self.device, Reporting) else DeviceStatus()
         return replace(own, text=f"{own.text}; {NOTE}" if own.text else NOTE)
 
     def io(self) -> Sequence[IoPoint]:
-        """Inputs and outputs of the device and of the cell. If both have the same name, only that of the cell
-        exists, so a real input may have the name of its switch in the cell.
+        """Return the inputs and outputs of the device and of the cell. If a name exists in both, only the one
+        in the cell is used, so a real input may have the same name as its simulated switch.
         """
         own = self.device.io() if hasattr(self.device, "io") else ()
         return *(point for point in own if point.name not in self._names), *self._cell.io()
@@ -124,8 +126,8 @@ class DeviceInCell:
         raise BackendError(f"there is no input {name!r}")
 
     def _with(self, name: str) -> Any:
-        """The device or the cell, whichever has this input or output. An unknown name is the cell's, which
-        rejects it.
+        """Return the device or the cell, depending on where this input or output exists. An unknown name is
+        passed to the cell, which rejects it.
         """
         is_of_device = name not in self._names and hasattr(self.device, "io")
         return self.device if is_of_device else self._cell

@@ -1,5 +1,5 @@
-"""Inputs and outputs of a device that executes whole motions. The thread that polls the device passes them
-on.
+"""Inputs and outputs of a device that executes whole motions. The thread that polls the device exchanges
+their values.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DrivenIo:
-    """A `HasIo` that never delays a cycle."""
+    """Inputs and outputs as in `HasIo`, without ever delaying a cycle."""
 
     def __init__(self, device: HasIo) -> None:
         self._device = device
@@ -30,8 +30,8 @@ class DrivenIo:
         self._queue.add(name, value)
 
     def ask(self) -> None:
-        """One iteration of the thread. If the device rejects or does not report the inputs and outputs, the
-        reason is logged.
+        """Run one iteration in the thread. If the device rejects an output or reports no inputs and outputs,
+        the reason is logged.
         """
         try:
             for name, value in self._queue.take():

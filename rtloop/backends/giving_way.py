@@ -1,5 +1,6 @@
-"""Torques that make an arm compliant whose controller compensates gravity: the springs of the simulation,
-applied to the measured state."""
+"""Torques that make an arm compliant, for arms whose controller compensates gravity. They are those of the
+simulation's springs, calculated from the measured state.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ class GivingWay:
     ) -> None:
         """
         Args:
-            rate: maximum rate of the torques, N·m/s, for each joint or for all.
-            stiffness_share: share of the simulation's maximum stiffness that this arm permits.
+            rate: maximum rate of change of the torques, N·m/s, one value or one per joint.
+            stiffness_share: maximum stiffness that this arm permits, as a share of the simulation's maximum
+                stiffness.
         """
         names = settings.robot
         self.robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
@@ -48,17 +50,18 @@ class GivingWay:
         self._springs.use(impedance)
 
     def use(self, impedance: Impedance) -> None:
-        """Use these springs from the next cycle on."""
+        """Use the springs of this impedance from the next cycle on."""
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
-        """The torques to command now, shape (dof,), N·m, without gravity, which the robot compensates itself.
+        """Return the torques to command in this cycle, shape (dof,), N·m. They do not include gravity, which
+        the robot compensates itself.
 
-        They never change faster than the robot permits. If a value is not finite, the springs have no torque,
-        and the torques fade out.
+        The torques never change faster than the robot permits. If a measured value is not finite, the springs
+        exert no torque, and the commanded torques fade out.
 
         Args:
-            command: shape (3, dof).
+            command: commanded position, velocity and acceleration, shape (3, dof).
         """
         wanted = np.zeros(len(position))
         if all(np.isfinite(each).all() for each in (command, position, velocity)):
@@ -81,7 +84,7 @@ class GivingWay:
         return wanted
 
     def _find_jacobian(self) -> None:
-        """The Jacobian of the TCP, in the base frame."""
+        """Calculate the Jacobian of the TCP in the base frame."""
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
         turn = self._data.xmat[self._base].reshape(3, 3)
         self._jacobian[:3] = turn.T @ self._jacobian[:3]

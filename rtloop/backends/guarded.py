@@ -25,11 +25,13 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class ForeignError(BackendError):
-    """A method has raised an exception other than `BackendError`, or returned an unusable value."""
+    """Raised if a backend's method raises an exception other than `BackendError`, or returns an unusable
+    value.
+    """
 
 
 class Guarded:
-    """A wrapper with the methods and attributes of its backend. Compiled code bypasses it.
+    """A wrapper with the methods and attributes of its backend. The compiled backends are called without it.
 
     Raises:
         ForeignError: raised by each method instead of any other exception. The traceback of that exception is

@@ -8,25 +8,27 @@ from collections import deque
 from collections.abc import Iterator
 
 MAX_WAIT_S = 2.0
-"""Maximum time for which an output waits, s. Then the device hangs, and people no longer expect the output
-to change when it answers again.
+"""Maximum time for which an output waits, s. An output that waits longer is dropped: the device hangs, and
+people no longer expect the output to change once the device answers again.
 """
 
 log = logging.getLogger("cobot.rtloop")
 
 
 class QueuedOutputs:
-    """The cycle adds outputs, and a thread takes them."""
+    """A queue of outputs to set. The cycle adds outputs, and a thread takes them."""
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[float, str, float]] = deque()
 
     def add(self, name: str, value: float) -> None:
-        """Real-time safe."""
+        """Add an output and its value to the queue. Real-time safe."""
         self._waiting.append((time.monotonic(), name, value))
 
     def take(self) -> Iterator[tuple[str, float]]:
-        """Remove the outputs, the oldest first. Those that have waited too long are logged instead."""
+        """Remove all outputs and return them, oldest first. Outputs that have waited too long are logged
+        instead of returned.
+        """
         while self._waiting:
             since_s, name, value = self._waiting.popleft()
             waited_s = time.monotonic() - since_s

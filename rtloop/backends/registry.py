@@ -1,4 +1,4 @@
-"""The available backends: those of cobot, and those that installed packages declare."""
+"""The available backends: cobot's own, and those that installed packages declare."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REGISTRY = Registry(
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
-"""The backends that simulate a cell themselves, by the name that they have without one."""
+"""The backends that simulate a cell themselves, by the name of the corresponding backend without a cell."""
 AROUND = "rtloop.backends.device_in_cell:DeviceInCell"
 """The class that simulates a cell around the arm of any other backend."""
 NOT_HERE = (
@@ -38,12 +38,12 @@ NOT_HERE = (
 
 
 def backend_names() -> dict[str, str]:
-    """The valid names for `robot.backend`, each with the place of its class."""
+    """Return the valid names for `robot.backend`, each with the location of its class."""
     return REGISTRY.names()
 
 
 def backend_class(name: str) -> Callable[..., Backend]:
-    """The class for a name, or for "package.module:Class".
+    """Return the class for a backend's name, or for a location written as "package.module:Class".
 
     Raises:
         ConfigError: the class does not exist; the error lists the valid names.
@@ -85,7 +85,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
 
 
 def _no_cell(name: str, settings: Settings) -> str:
-    """The reason why a device has no simulated cell."""
+    """Return the reason why a cell cannot be simulated around this device."""
     what, instead = "robot.cell", "set robot.cell to null"
     if settings.robot.cell is None:
         what, instead = "robot.gripper", "name the real gripper, or set robot.gripper to null"

@@ -1,4 +1,4 @@
-"""Enabling a device on another thread, so that the cycle never waits for the device."""
+"""Enables a device in a separate thread, so that the cycle never waits for the device."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from rtloop.backends.protocols import BackendError, require_accepted
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENABLE_S = 20.0
-"""Timeout for the device to be enabled, s. That of `POST /robot/reset` is longer, which a test checks."""
+"""Timeout for enabling the device, s. The timeout of `POST /robot/reset` is longer, which a test checks."""
 MAX_LOOK_AGE_S = 0.5
-"""Maximum age of the cycle's last look at an attempt that begins, s. After a stop or a timeout the cycle does
-not look any more, so a device that answers again is not switched on unexpectedly.
+"""Maximum time since the cycle last asked for the result of a waiting attempt, s. After a stop or a timeout
+the cycle no longer asks, so a device that answers again is not switched on unexpectedly.
 """
 
 
 @dataclass(slots=True)
 class _Attempt:
     """Attributes:
-    begun_s, looked_s: times of its beginning and of the cycle's last look, on the monotonic clock.
-    result: None until the thread has ended it.
-    is_cancelled: whether the drives must be switched off after it.
-    is_off: whether that is done.
+    begun_s, looked_s: times at which the attempt began and at which the cycle last asked for its result, on
+    the monotonic clock. result: result of the attempt; None until the thread has ended it. is_cancelled:
+    whether the drives must be switched off after the attempt. is_off: whether the drives have been switched
+    off after the attempt.
     """
 
     begun_s: float = field(default_factory=time.monotonic)
@@ -44,10 +44,11 @@ class _Attempt:
 
 
 class ThreadedEnabling:
-    """The cycle begins an attempt and looks at it in each step; the thread that polls the device performs it.
+    """Enables a device in attempts. The cycle begins an attempt and asks for its result in each step. The
+    thread that polls the device performs the attempt.
 
-    An attempt that the thread has begun is performed to its end, also after a stop. The next one begins after
-    it.
+    The thread always completes an attempt that it has begun, even after a stop. Only then does it begin the
+    next one.
     """
 
     def __init__(self, enable: Callable[[], None], disable: Callable[[], bool]) -> None:
@@ -60,7 +61,7 @@ class ThreadedEnabling:
         self._attempt = _Attempt()
 
     def is_done(self) -> bool:
-        """Whether the device is enabled; False while the attempt goes on.
+        """Whether the device is enabled. False while the attempt is in progress.
 
         Raises:
             BackendError: the device cannot be enabled, or does not answer.
@@ -79,8 +80,8 @@ class ThreadedEnabling:
         return False
 
     def cancel(self) -> bool:
-        """Have the drives switched off by the thread, as soon as it has ended the current attempt and any
-        earlier one. Returns False if there is no current attempt.
+        """Make the thread switch the drives off as soon as it has ended the current attempt and any earlier
+        one. Return False if there is no current attempt.
         """
         attempt = self._attempt
         if attempt is None:
@@ -92,7 +93,7 @@ class ThreadedEnabling:
         return False
 
     def is_switching_off(self) -> bool:
-        """Whether the thread has not switched the drives off yet after a cancelled attempt."""
+        """Whether the thread still has to switch the drives off after a cancelled attempt."""
         attempt = self._attempt
         return attempt is not None and attempt.is_switching_off
 
@@ -104,7 +105,7 @@ class ThreadedEnabling:
         if attempt is None:
             return
         if attempt.waits:
-            # The result is set before the look at is_cancelled, which `cancel` sets before it looks at the
+            # The result is set before is_cancelled is read; `cancel` sets is_cancelled before it reads the
             # result.
             attempt.result = self._result()
         if attempt.is_switching_off:

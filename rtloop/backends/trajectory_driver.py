@@ -1,8 +1,8 @@
-"""A driver that makes a `Backend` of a device that takes whole motions. rtloop's cycle never waits for the
-device.
+"""A driver that turns a device that executes whole motions into a `Backend`. rtloop's cycle never waits for
+the device.
 
-A thread polls the device's position and progress some times a second, enables it, and passes motions and
-stops to it in between. The cycle reads the last answer.
+A thread polls the device's position and progress several times a second. Between two polls it enables the
+device and sends motions and stops to it. The cycle reads the last answer.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 log = logging.getLogger("cobot.rtloop")
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
-"""Default periods of a device, s."""
+"""Default values of a device's `state_period_s` and `point_period_s`, s."""
 SILENCE_S = 2.0
 """Time without an answer after which a device counts as lost, s."""
 LAST_CALL_S, LAST_CALL_LOG_S = 4.0, 1.0
-"""Timeout for the last call to the device at the end, s, and the time after which it is logged. The
-supervisor waits longer before it kills the process, which a test checks.
+"""Timeout for the last call to the device when rtloop ends, s, and the time after which a pending call is
+logged, s. The supervisor waits longer before it kills the process, which a test checks.
 """
 TURN_S = 0.5
-"""Timeout for the end of a poll before a request that cannot be left to the thread, s."""
+"""Maximum time to wait for the end of a poll before a request that the thread cannot make, s."""
 REST_S, REST_RAD = 3.0, 1e-4
-"""Timeout for an arm that moves at `open` to stop, s, and the maximum motion between two polls of an arm at
-rest, rad.
+"""Timeout for the arm to stop if it moves at `open`, s, and the maximum motion between two polls at which the
+arm counts as at rest, rad.
 """
 FROZEN_ASKED = 5
-"""Maximum number of polls with identical measured values while the device reports progress."""
+"""Maximum number of consecutive polls with identical measured values while the device reports progress."""
 FROZEN_RAD = 1e-3
 NEAREST = 0.1
 """Minimum time between two points of a motion, as a share of the point period."""
@@ -64,7 +64,7 @@ END_S = 1e-9
 
 
 def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True) -> Backend:
-    """The backend as made, or a driver if it is a device that takes whole motions."""
+    """Return a backend unchanged. For a device that executes whole motions, return a driver around it."""
     if isinstance(made, TrajectoryDevice):
         return TrajectoryDriver(made, dof, period_s, threaded=threaded)
     return cast(Backend, made)
@@ -72,12 +72,12 @@ def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True
 
 @dataclass(frozen=True, slots=True)
 class PollAnswer:
-    """The device's answer to a poll.
+    """The answer of the device to a poll.
 
     Attributes:
-        values: as `Measured.values`.
-        motion: number of the motion to which `done_s`, in path time, belongs.
-        halted: number of the last motion for which a stop was sent before; 0 if there is none.
+        values: the measured values, in the form of `Measured.values`.
+        motion: number of the motion whose progress is `done_s`, in path time.
+        halted: number of the last motion for which a stop was sent before this poll; 0 if there is none.
         result: ACCEPTED, or the reason why the answer cannot be used.
         time_s: time of the answer, on this computer's clock.
     """
@@ -91,7 +91,7 @@ class PollAnswer:
 
 
 class Motion:
-    """A path for the device, slowed down to `share`."""
+    """A path for the device, slowed down to `share` of its speed."""
 
     def __init__(self, number: int, breakpoints_s: Array, coefficients: Array, share: float) -> None:
         self.number = number
@@ -99,10 +99,11 @@ class Motion:
         self.duration_s = float(breakpoints_s[-1])
 
     def points(self, period_s: float) -> tuple[Array, Array]:
-        """Times, shape (n,), and position, velocity and acceleration at them, shape (3, n, dof).
+        """Return times, shape (n,), and the positions, velocities and accelerations at these times, shape (3,
+        n, dof).
 
-        The times are at most `period_s` apart. Some are where the polynomials of the path meet, so that a
-        device with quintics between the points keeps the path and its jerk.
+        The times are at most `period_s` apart. They include the times where the polynomials of the path meet,
+        so that a device that uses quintics between the points keeps the path and its jerk.
         """
         slowed = Trajectory(*self._parts).stretched(1.0 / self._share)
         times_s = _point_times(slowed.breakpoints_s, period_s)
@@ -117,7 +118,9 @@ class Motion:
 
 
 def _point_times(breakpoints_s: Array, period_s: float) -> Array:
-    """The breakpoints that are not too near to the one before or to the end, and even steps in between."""
+    """Return the breakpoints that are not too near to the previous one or to the end, with even steps between
+    them.
+    """
     nearest_s, end_s = NEAREST * period_s, float(breakpoints_s[-1])
     times_s = [0.0]
     for mark_s in [*breakpoints_s[1:-1], end_s]:
@@ -128,7 +131,8 @@ def _point_times(breakpoints_s: Array, period_s: float) -> Array:
 
 
 class TrajectoryDriver:
-    """A `Backend`, `Stepwise` and `MovesByItself`, with the optional protocols of its device.
+    """A driver that implements `Backend`, `Stepwise`, `MovesByItself` and the optional protocols that its
+    device implements.
 
     Attributes:
         device: the driven device.
@@ -137,8 +141,8 @@ class TrajectoryDriver:
     def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
         """
         Args:
-            threaded: whether a thread polls the device. If not, the cycle does so in robot time, for the
-                contract.
+            threaded: whether a thread polls the device. If not, the cycle polls it in robot time, for the
+                contract checks.
         """
         self.device, self._dof, self._period_s = device, dof, period_s
         self._state_period_s = float(getattr(device, "state_period_s", STATE_PERIOD_S))
@@ -154,7 +158,7 @@ class TrajectoryDriver:
             self._io = DrivenIo(device)
             self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
-        self._turn = threading.RLock()  # its holder may call the device
+        self._turn = threading.RLock()  # the thread that holds it may call the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
         self._is_disabled = True  # False after `disable` has failed.
         self._off_problem = ""  # Why the drives could not be switched off after a reset.
@@ -164,7 +168,7 @@ class TrajectoryDriver:
         self._said = self._read = PollAnswer(np.zeros(0))
         self._motion: Motion | None = None
         self._number = 0
-        self._loaded = 0  # the number of the motion that the device has
+        self._loaded = 0  # the number of the motion that was sent to the device
         self._halting, self._halted = False, 0
         self._loading: Accepted | Rejected = ACCEPTED  # Whether the device accepts the motion.
         self._same, self._same_at = 0, np.zeros(dof)
@@ -192,7 +196,7 @@ class TrajectoryDriver:
         self.require()
 
     def recover_step(self) -> bool:
-        """Let the thread enable the device, which may take seconds."""
+        """Make the thread enable the device, which may take seconds."""
         self._enabling.begin()
         self._wake.set()
         return True
@@ -213,7 +217,7 @@ class TrajectoryDriver:
         measured.values[:] = self._read.values
 
     def write(self, command: Array) -> None:
-        """Nothing to do: the device has the whole motion."""
+        """Do nothing, because the device already has the whole motion."""
 
     def disable(self) -> None:
         if not self._enabling.cancel():
@@ -281,8 +285,8 @@ class TrajectoryDriver:
                 return
 
     def _await_last_call(self, thread: threading.Thread) -> None:
-        """Wait for the thread, which switches the drives off after a reset. If `disable` has failed, because
-        a poll was hanging, they are switched off here.
+        """Wait for the thread, which switches the drives off after a cancelled reset. If `disable` has failed
+        because a poll was hanging, the drives are switched off here.
         """
         thread.join(LAST_CALL_LOG_S)
         if thread.is_alive():
@@ -300,7 +304,7 @@ class TrajectoryDriver:
     def _turn_soon(self) -> Iterator[None]:
         """
         Raises:
-            BackendError: the thread still waits for the device.
+            BackendError: the thread is still waiting for the device.
         """
         if not self._turn.acquire(timeout=TURN_S):
             raise BackendError(f"the device has not answered for {TURN_S:g} s")
@@ -310,13 +314,13 @@ class TrajectoryDriver:
             self._turn.release()
 
     def _switch_off(self) -> bool:
-        """Switch the drives off that `disable` could not. Returns whether this has succeeded."""
+        """Switch the drives off if `disable` could not. Return whether this has succeeded."""
         with self._turn:
             try:
                 self.device.disable()
             except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
                 problem = plain_text(exc)
-                if problem != self._off_problem:  # it is tried several times a second
+                if problem != self._off_problem:  # this is tried several times a second
                     log.error("the drives could not be switched off after a stop: %s", problem)
                 self._off_problem = problem
                 return False
@@ -342,7 +346,7 @@ class TrajectoryDriver:
         """Poll the device: pass on requests, then read its state."""
         found = Measured(self._dof)
         for name in self.capabilities.measured:
-            getattr(found, name)[:] = np.nan  # reveals values that are not filled in
+            getattr(found, name)[:] = np.nan  # so that values that the device does not fill in are detected
         done_s = self._said.done_s
         result: Accepted | Rejected = ACCEPTED
         try:
@@ -386,14 +390,14 @@ class TrajectoryDriver:
                 raise BackendError(self._loading.reason) from exc
 
     def _find_velocity(self, found: Measured) -> None:
-        """Compute the velocity for a device that does not measure it."""
+        """Calculate the velocity if the device does not measure it."""
         before = self._said
         if "velocity" not in self.capabilities.measured and before.values.size and before.result is ACCEPTED:
             was = before.values.reshape(-1)[: self._dof]
             found.velocity[:] = (found.position - was) / self._state_period_s
 
     def _check_movement(self, found: Measured, done_s: float) -> Accepted | Rejected:
-        """Check whether the reported values can be true. They must change while the device executes a
+        """Check whether the measured values are plausible. They must change while the device executes a
         motion.
         """
         motion, before = self._motion, self._said

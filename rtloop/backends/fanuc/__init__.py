@@ -1,4 +1,6 @@
-"""FANUC's Stream Motion and Remote Motion Interface: messages, backend, and a simulated controller."""
+"""FANUC's Stream Motion and Remote Motion Interface: the messages, the backend, and a simulated
+controller.
+"""
 
 from rtloop.backends.fanuc.backend import FanucBackend
 

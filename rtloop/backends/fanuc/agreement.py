@@ -1,5 +1,5 @@
-"""Checks that controller and model describe the same arm, and finds the reference of the controller's joint
-3.
+"""Checks that the controller and the model describe the same arm, and finds the reference from which the
+controller measures joint 3.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SAME_DEG = 0.1
-"""Maximum difference of an axis between the two interfaces at rest, degrees. It is more than their
-rounding.
+"""Maximum difference between the values of an axis in the two interfaces at rest, degrees. It is larger than
+their rounding errors.
 """
 
 
 def face_plate(packet: StatusPacket) -> Pose | None:
-    """The reported pose of the face plate in the world frame; None if the controller reports none.
+    """Return the reported pose of the face plate in the world frame; None if the controller reports none.
 
     W, P and R are rotations about the fixed axes x, y and z, one after the other.
     """
@@ -45,14 +45,14 @@ class ArmAgreement:
         self._options, self._limits, self._model = options, limits, model
 
     def units(self, packet: StatusPacket, rmi_axes: tuple[float, ...] | None) -> JointUnits:
-        """Find the conversion of this controller's joints.
+        """Find the conversion between this controller's axes and the model's joints.
 
         Args:
-            rmi_axes: the axes from the Remote Motion Interface, converted to those of Stream Motion; None if
-                it does not report them.
+            rmi_axes: the axes from the Remote Motion Interface, converted to the form of Stream Motion; None
+                if the interface does not report them.
 
         Raises:
-            BackendError: the controller's pose is not that of the model, or the reference of joint 3 cannot
+            BackendError: the controller's pose differs from the model's, or the reference of joint 3 cannot
                 be determined.
         """
         asked = self._options.j3
@@ -77,8 +77,8 @@ class ArmAgreement:
         return check_agreement(self._model, joints, self._in_base(plate, joints))
 
     def _in_base(self, plate: Pose, joints: Array) -> Pose:
-        """The face plate in the model's base frame. The origin of FANUC's world frame is at the height of
-        joint 2.
+        """Return the pose of the face plate in the model's base frame. The origin of FANUC's world frame is
+        at the height of joint 2.
         """
         height_m = self._options.world_z_m
         if height_m is None:
@@ -87,7 +87,9 @@ class ArmAgreement:
         return dataclasses.replace(plate, position=plate.position + np.array([0.0, 0.0, height_m]))
 
     def _hint(self, found: dict[str, JointUnits], packet: StatusPacket, plate: Pose) -> str:
-        """A hint to the other reference of joint 3, if only one was checked and the other one agrees."""
+        """Return a hint to set the other reference of joint 3, if only one reference was checked and the
+        other one would agree; otherwise "".
+        """
         if len(found) > 1 or self._limits.dof <= J3:
             return ""
         other = "relative" if "horizon" in found else "horizon"

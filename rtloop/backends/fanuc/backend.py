@@ -1,4 +1,4 @@
-"""FANUC arms over Stream Motion, with the Remote Motion Interface for power, program and alarms.
+"""FANUC arms over Stream Motion. The Remote Motion Interface handles the power, the program and the alarms.
 
 This module is long because it contains all methods that the cycle calls on this device.
 """
@@ -40,16 +40,18 @@ if TYPE_CHECKING:
     from rtloop.contract import ContractRig
 
 START_S = 0.5
-"""Interval at which a silent controller is asked again for its state, s."""
+"""Interval at which a controller that sends nothing is asked again for its state, s."""
 POLL_S = 1.0
 LAST_S = 0.5
 """Timeout for sending the last command of a motion, s."""
 
 
 class FanucBackend:
-    """An externally clocked `Backend`: `Paced`, `Reporting`, `Stepwise`, `CarriesTool` and `HasIo`.
+    """An externally clocked `Backend` that also implements `Paced`, `Reporting`, `Stepwise`, `CarriesTool`
+    and `HasIo`.
 
-    While the arm is enabled, each of the controller's packets is answered once. Otherwise none is answered.
+    While the arm is enabled, each of the controller's packets is answered once. Otherwise no packet is
+    answered.
 
     Attributes:
         report_period_s: see `HasIo`. The collaborative speed clamp is read at the same interval.
@@ -177,7 +179,7 @@ class FanucBackend:
         return True
 
     def recover_step(self) -> bool:
-        """End the rest of the last motion. `enable_step` then begins a new one at the arm's position."""
+        """End what is left of the last motion. `enable_step` then begins a new one at the arm's position."""
         if self._unended and not self._silence_s > self._options.silence_s:
             if self._answered:
                 return False
@@ -250,8 +252,8 @@ class FanucBackend:
     # Paced, Reporting, CarriesTool, HasIo
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
-        has accumulated.
+        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
+        lost or has accumulated.
         """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
@@ -281,7 +283,9 @@ class FanucBackend:
         )
 
     def set_tool(self, tool: Tool) -> None:
-        """Check the limits at this load. The payload of the drives is set at the controller."""
+        """Check the limits that the controller applies with this load. The payload itself is set at the
+        controller.
+        """
         if self._table is not None:
             self._check_limits(self._table, tool)
         self._tool = tool
@@ -298,7 +302,7 @@ class FanucBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """The backend and a simulated controller in one process."""
+        """Make a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.fanuc.simulator.lockstep import FanucRig
 
         return FanucRig(settings, limits)
@@ -306,12 +310,12 @@ class FanucBackend:
     # Its own
 
     def _start(self) -> None:
-        """Ask the controller to send its state. Its packet numbers begin at 1 again."""
+        """Ask the controller to send its state. The numbers of its packets then begin at 1 again."""
         self._started_s = self._asked_s = self._clock()
         self._open_channel.send(encode_start(self._version))
 
     def _restart(self, now_s: float) -> bool:
-        """Execute a step of enabling a silent controller."""
+        """Execute one step of enabling a controller that sends nothing."""
         if now_s - self._asked_s > self._options.connect_s:
             raise BackendError(self._silent())
         if now_s - self._started_s > START_S:
@@ -320,7 +324,7 @@ class FanucBackend:
         return False
 
     def _meet(self) -> None:
-        """Wait for the first packet, and find the conversion of its joints."""
+        """Wait for the first packet, and find the conversion between its axes and the model's joints."""
         while not self.wait(START_S):
             if self._clock() - self._asked_s > self._options.connect_s:
                 raise BackendError(self._silent())
@@ -352,7 +356,9 @@ class FanucBackend:
         self._enabling = self._worker.begin(self._bring_up.begin)
 
     def _begin(self, command: Array) -> str:
-        """Begin commands at the arm's position. Returns the reason if the arm is not close to the command."""
+        """Begin commands at the arm's position. Return the reason if the arm is not close to the command,
+        otherwise "".
+        """
         here = self._units.to_model(self._newest.joints)
         off = np.abs(here - command)
         joint = int(off.argmax())

@@ -1,5 +1,4 @@
-"""The tasks of the Remote Motion Interface: permitting motion, and reporting what Stream Motion does not
-report.
+"""Uses the Remote Motion Interface to permit motion, and to report what Stream Motion does not report.
 
 These methods run on the worker's thread.
 """
@@ -16,7 +15,7 @@ from rtloop.backends.fanuc.points import MAX_ANALOG, split
 from rtloop.backends.fanuc.rmi import RmiClient, RmiStatus, number_of
 
 SERVO_S, LOOK_S = 2.0, 0.1
-"""Timeout for the servos after a reset, and the interval of the checks, s."""
+"""Timeout for the servos to become ready after a reset, and the interval at which they are checked, s."""
 RELEASE_S = 0.5
 """Time for the controller to notice that a connection is closed, s. Measured on a CRX: 0.2 s."""
 PORT_TYPES = {"F": "FLAG"}
@@ -35,7 +34,7 @@ class RmiReport:
 
 
 class BringUp:
-    """Sends the requests in the order that the controller needs."""
+    """Sends requests in the order that the controller requires."""
 
     def __init__(
         self,
@@ -51,7 +50,7 @@ class BringUp:
         """Clear the alarms, and start the program of Stream Motion.
 
         Raises:
-            BackendError: the controller does not permit motion; the error has the reason.
+            BackendError: the controller does not permit motion; the error gives the reason.
         """
         rmi = self._rmi
         if self._status().pendant:
@@ -80,7 +79,7 @@ class BringUp:
             self._rmi.disconnect()
 
     def report(self) -> RmiReport:
-        """The current state. It also reports a lost connection."""
+        """Return the current state. A lost connection is part of the report."""
         try:
             if not self._rmi.is_connected:
                 why = f" ({self._lost})" if self._lost else ""
@@ -99,7 +98,7 @@ class BringUp:
         return RmiReport(drives, "; ".join(filter(None, (alarms, override))))
 
     def output(self, name: str) -> int:
-        """The current value of an output."""
+        """Read the current value of an output."""
         kind, number = split(name)
         reply = self._rmi.command(
             "ReadIOPort",
@@ -113,7 +112,7 @@ class BringUp:
         return int(value)
 
     def _status(self) -> RmiStatus:
-        """The status. Begins a new session if the last one is lost."""
+        """Read the status. Begin a new session if the last one was lost."""
         self._rmi.connect()
         try:
             return self._rmi.status()

@@ -1,4 +1,4 @@
-"""Encoding and decoding of the packets, in both directions."""
+"""Encoding and decoding of Stream Motion packets, in both directions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ _NO_FORCE = _FORCE.pack(*[0.0] * 6, 0xFFFF_FFFF)
 _COMMAND = struct.Struct(f">IIIBBH{AXES}d{IO_BYTES}s")
 _CAPABILITY = struct.Struct(">7I")
 _SHORT_CAPABILITY = 25
-"""Length of the reply of some R-50iA controllers, whose last field has one byte."""
+"""Length in bytes of the capability packet from some R-50iA controllers, whose last field is a single
+byte.
+"""
 _LIMITS_REQUEST = struct.Struct(">4I")
 _LIMITS = struct.Struct(f">6I{2 * THRESHOLDS}f")
 _BLOCK = struct.Struct(">4I")
@@ -133,7 +135,7 @@ def encode_io_result(packet: IoConfigResult) -> bytes:
 
 
 def decode_received(data: bytes) -> Received | str:
-    """A packet of a controller, or the reason why it is invalid."""
+    """Decode a packet from a controller, or return the reason why it is invalid."""
     if len(data) < _HEAD.size:
         return f"a packet of {len(data)} bytes, the shortest has {_HEAD.size}"
     kind, version = _HEAD.unpack_from(data)
@@ -144,7 +146,7 @@ def decode_received(data: bytes) -> Received | str:
 
 
 def decode_sent(data: bytes) -> Sent | str:
-    """A packet of a controller's client, or the reason why it is invalid."""
+    """Decode a packet from a client of a controller, or return the reason why it is invalid."""
     if len(data) < _HEAD.size:
         return f"a packet of {len(data)} bytes, the shortest has {_HEAD.size}"
     kind, version = _HEAD.unpack_from(data)

@@ -1,4 +1,4 @@
-"""Conversion between the model's joints and FANUC's.
+"""Conversion between the model's joints and FANUC's axes.
 
 In packets, axes are in degrees, linear ones in mm. FANUC's teach pendant and its Remote Motion Interface
 measure joint 3 from the horizon: its value stays the same while joint 2 turns. Models measure it from joint
@@ -23,8 +23,8 @@ MM_PER_M = 1000.0
 
 class JointUnits:
     """Attributes:
-    per_unit: degrees for each rad, mm for each m, shape (dof,).
-    horizon: whether joint 3 of the stream is measured from the horizon.
+    per_unit: degrees per rad, or mm per m for a linear axis, shape (dof,). horizon: whether joint 3 in Stream
+    Motion is measured from the horizon.
     """
 
     def __init__(self, limits: JointLimits, horizon: bool = False) -> None:
@@ -33,14 +33,14 @@ class JointUnits:
         self.horizon = horizon and limits.dof > J3
 
     def to_model(self, axes: Sequence[float]) -> Array:
-        """The joints of a packet, shape (dof,), rad and m."""
+        """Convert the axes of a packet to joint positions, shape (dof,), rad and m."""
         joints: Array = np.array(axes[: len(self.per_unit)], dtype=float)
         if self.horizon:
             joints[J3] += joints[J2]
         return joints / self.per_unit
 
     def to_device(self, joints: Array) -> tuple[float, ...]:
-        """The axes of a packet, shape (dof,), degrees and mm."""
+        """Convert joint positions to the axes of a packet, shape (dof,), degrees and mm."""
         axes = joints * self.per_unit
         if self.horizon:
             axes[J3] -= axes[J2]

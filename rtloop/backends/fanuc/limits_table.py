@@ -54,7 +54,8 @@ class LimitsTable:
     def least(self, load: float | None) -> Array:
         """The limits that are safe at any speed of the TCP, shape (3, dof).
 
-        load: share of the full payload, 0 to 1; None: the tighter one of both ends.
+        load: share of the full payload, 0 to 1. None: use the tighter one of the limits without load and at
+        full payload.
         """
         ends = self.unloaded.min(axis=2), self.loaded.min(axis=2)
         if load is None:
@@ -64,8 +65,8 @@ class LimitsTable:
         return mixed
 
     def check(self, limits: JointLimits, units: JointUnits, load: float | None) -> Accepted | Rejected:
-        """Check whether the model's limits are within the controller's. An axis 3 that is measured from the
-        horizon may be as fast as joints 2 and 3 together.
+        """Check whether the model's limits are within the controller's. If axis 3 is measured from the
+        horizon, its speed can be the sum of the speeds of joints 2 and 3.
 
         load: see `least`.
         """

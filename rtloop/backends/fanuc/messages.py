@@ -1,7 +1,7 @@
 """The packets of FANUC's Stream Motion, versions 3 and 4.
 
-Layouts are those of the Stream Motion manual (B-84184EN) and of `stream_motion/packets.hpp`, which FANUC
-publishes: big-endian, without padding. Bytes of inputs and outputs are lowest first.
+The layouts are defined in the Stream Motion manual (B-84184EN) and in `stream_motion/packets.hpp`, which
+FANUC publishes. Numbers are big-endian without padding. Bytes of inputs and outputs are sent lowest first.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 AXES = 9
-"""Number of axes in each packet: those of the arm, then extended axes. Unused ones are zero."""
+"""Number of axes in each packet: the arm's axes, then extended axes. Unused axes are zero."""
 IO_BYTES = 256
 MIN_VERSION, FORCE_VERSION = 3, 4
-"""The oldest supported version, and the first version whose status packets have a force."""
+"""The oldest supported version, and the first version whose status packets contain a force."""
 PORT = 60015
 THRESHOLDS = 20
 """Number of columns of the limits table: from 5 % to 100 % of the maximum speed of the TCP."""
@@ -92,13 +92,13 @@ class StatusPacket:
     """The controller's state in one period.
 
     Attributes:
-        sequence: number of the packet; a command that answers it has the same.
-        time_ms: time of the controller's clock.
+        sequence: number of the packet. The command that answers the packet repeats it.
+        time_ms: time on the controller's clock.
         pose: pose of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
         joints: joint positions, degrees, for linear axes mm, shape (AXES,).
         currents: motor currents, in units of the controller.
         safety_scale: share of the speed that the collaborative speed clamp permits.
-        io: bytes of the configured blocks.
+        io: bytes of the configured blocks of inputs and outputs.
     """
 
     version: int
@@ -140,7 +140,7 @@ class CommandPacket:
 
 @dataclass(frozen=True, slots=True)
 class CapabilityPacket:
-    """The capabilities of the controller; with zeros, the request for them.
+    """The capabilities of the controller. A packet filled with zeros requests them.
 
     Attributes:
         version: newest version that the sender supports.
@@ -170,7 +170,7 @@ class LimitsPacket:
         axis: number of the axis, from 1 on.
         max_speed: speed of the TCP for the last column, mm/s.
         interval_ms: interval between two checks of the controller.
-        unloaded, loaded: limits without payload and with the full one, each shape (THRESHOLDS,).
+        unloaded, loaded: limits without payload and at full payload, each of shape (THRESHOLDS,).
     """
 
     version: int
@@ -219,4 +219,4 @@ class IoConfigResult:
 Received = StatusPacket | CapabilityPacket | LimitsPacket | IoConfigResult
 """Packets that a controller sends."""
 Sent = CommandPacket | CapabilityPacket | LimitsRequest | StartPacket | StopPacket | IoConfigRequest
-"""Packets that its client sends."""
+"""Packets that a client of a controller sends."""

@@ -28,17 +28,17 @@ def is_output(kind: PointType) -> bool:
 
 
 def split(name: str) -> tuple[PointType, int]:
-    """Kind and number of a point such as DO[1]."""
+    """Split the name of a point such as DO[1] into its kind and number."""
     kind, _, number = name.rstrip("]").partition("[")
     return PointType[kind], int(number)
 
 
 @dataclass(slots=True)
 class PointLayout:
-    """Where each point is in the bytes of a packet.
+    """The position of each point in the bytes of a packet.
 
     Attributes:
-        places: for each name, the first byte, and the bit of a boolean point.
+        places: for each name, the index of the first byte, and the bit within it for a boolean point.
     """
 
     kind: IoBlockKind
@@ -71,7 +71,7 @@ class PointLayout:
 
 
 def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
-    """The layout of the blocks of one kind."""
+    """Return the layout of the blocks of one kind."""
     found = PointLayout(kind)
     for block in blocks:
         if block.kind == kind:
@@ -80,7 +80,7 @@ def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
 
 
 def blocks_of(names: Sequence[str]) -> tuple[IoBlock, ...]:
-    """The smallest number of blocks that contain these points.
+    """Return the smallest number of blocks that contain these points.
 
     Raises:
         BackendError: the blocks do not fit into a packet.
@@ -106,9 +106,10 @@ def _follows(before: tuple[PointType | None, int], after: tuple[PointType | None
 
 
 class Points:
-    """The configured points: the values that the controller reports, and the outputs that are set.
+    """The configured inputs and outputs: the values that the controller reports, and the outputs that are to
+    be set.
 
-    Real-time safe, and almost free of cost if there are none.
+    Real-time safe. It costs almost no time if no points are configured.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -151,5 +152,5 @@ class Points:
 
     @property
     def data(self) -> bytes:
-        """The bytes of a command."""
+        """Return the bytes of the outputs for a command."""
         return bytes(self._bytes)

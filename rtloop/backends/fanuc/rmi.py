@@ -1,8 +1,8 @@
 """FANUC's Remote Motion Interface: JSON objects, one per line, over TCP.
 
-A client connects to the well-known port, receives the number of another port, and has its session there. Only
-one request at a time waits for its reply. The controller may send other lines in between, which are skipped.
-Requests are those of the manual B-84184EN and of `rmi/packets.hpp`, which FANUC publishes.
+A client connects to the well-known port, receives the number of a second port, and holds its session there.
+Only one request at a time waits for its reply. The controller may send other lines before the reply, which
+are skipped. The requests are defined in the manual B-84184EN and in `rmi/packets.hpp`, which FANUC publishes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rtloop.backends.fanuc.words import alarms_in_words, error_in_words
 
 MAX_LINE = 65_536
 MAX_SKIPPED = 100
-"""Number of lines other than the reply after which a request counts as unanswered."""
+"""Maximum number of other lines that are skipped before a request counts as unanswered."""
 REPLY_S = 2.0
 KINDS = ("Command", "Instruction", "Communication")
 SHOWN = 80
@@ -34,7 +34,7 @@ ALARMS = 5
 
 
 def number_of(value: object) -> float:
-    """A number of a reply; NaN for anything else."""
+    """Convert a value in a reply to a number. Anything else becomes NaN."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
@@ -44,10 +44,10 @@ class RmiLines(Protocol):
     def send(self, line: bytes) -> None: ...
 
     def receive(self, timeout_s: float) -> bytes:
-        """The next line, without its end.
+        """Receive the next line, without its line end.
 
         Raises:
-            OSError: no line has arrived in time, or the connection is closed.
+            OSError: no line arrives in time, or the connection is closed.
         """
         ...
 
@@ -114,8 +114,8 @@ class RmiClient:
     """A session with the controller. Each method waits for its reply, at most `REPLY_S`.
 
     Raises:
-        BackendError: raised by each method: no connection, no reply, an unusable reply, or an error of the
-            controller, in words.
+        BackendError: raised by each method if there is no connection, no reply or no usable reply, or if the
+            controller reports an error. The text describes the error in words.
     """
 
     def __init__(self, where: str, port: int, connect_s: float, connect: Connect) -> None:
@@ -128,7 +128,7 @@ class RmiClient:
         return self._lines is not None
 
     def connect(self) -> None:
-        """Begin a session, unless there is one."""
+        """Begin a session, unless one is open."""
         if self._lines is not None:
             return
         with self._in_words(f"no Remote Motion Interface on TCP {self._where}:{self._port}"):
@@ -164,7 +164,9 @@ class RmiClient:
             self.drop()
 
     def command(self, name: str, what: str, **fields: object) -> dict[str, Any]:
-        """Send the command FRC_`name` and return the reply. `what` is the request in words."""
+        """Send the command FRC_`name` and return the reply. `what` describes the request in words, for error
+        messages.
+        """
         return self._request({"Command": f"FRC_{name}", **fields}, what)
 
     def status(self) -> RmiStatus:
@@ -183,13 +185,13 @@ class RmiClient:
         )
 
     def alarms(self) -> str:
-        """The active alarms, in words; "" for none."""
+        """Return the active alarms in words; "" if there are none."""
         reply = self.command("ReadError", "report its alarms", Count=ALARMS)
         texts = [reply.get(f"ErrorData{number}") for number in ("", *range(2, ALARMS + 1))]
         return alarms_in_words(text for text in texts if text and text != "No Error")
 
     def joints(self) -> tuple[float, ...]:
-        """The axes in the form of Stream Motion, degrees and mm, shape (AXES,)."""
+        """Return the axes in the form of Stream Motion, degrees and mm, shape (AXES,)."""
         angles = self.command("ReadJointAngles", "report its joints").get("JointAngle")
         named = angles if isinstance(angles, dict) else {}
         found = [number_of(named.get(f"J{axis}", 0.0)) for axis in range(1, AXES + 1)]
@@ -247,9 +249,7 @@ class RmiClient:
 
     @contextlib.contextmanager
     def _in_words(self, what: str) -> Iterator[None]:
-        """Context that closes the connection after an error, so that the next request begins with a new
-        one.
-        """
+        """Context that closes the connection after an error, so that the next request opens a new one."""
         try:
             yield
         except OSError as exc:

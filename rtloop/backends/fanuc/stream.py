@@ -1,4 +1,6 @@
-"""Stream Motion over UDP: the socket, and the requests before the controller sends its state."""
+"""Stream Motion over UDP: the socket, and the requests that are made before the controller sends its
+state.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,12 @@ ReplyT = TypeVar("ReplyT")
 
 
 class StreamChannel(Protocol):
-    """Packets to and from one controller."""
+    """Interface that sends packets to one controller and receives packets from it."""
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All waiting packets, oldest first. Waits for a packet. Returns [] after `timeout_s`."""
+        """Wait for a packet, and return all packets that have arrived, oldest first. Return [] after
+        `timeout_s`.
+        """
         ...
 
     def send(self, packet: bytes) -> None: ...
@@ -47,7 +51,7 @@ class StreamChannel(Protocol):
 
 
 class UdpClient:
-    """A `StreamChannel`. The kernel drops packets from other addresses than the controller's."""
+    """A `StreamChannel` over UDP. The kernel drops packets that are not from the controller's address."""
 
     def __init__(self, host: str, port: int) -> None:
         """
@@ -65,7 +69,7 @@ class UdpClient:
 
     def receive(self, timeout_s: float) -> list[bytes]:
         packets: list[bytes] = []
-        # Not poll: its whole milliseconds are longer than a period.
+        # Not poll: it counts whole milliseconds, which is longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
         for _ in range(MAX_AT_ONCE):
@@ -80,7 +84,7 @@ class UdpClient:
     def send(self, packet: bytes) -> None:
         try:
             self._socket.send(packet)
-        except ConnectionRefusedError:  # left behind by an earlier packet; silence is noticed
+        except ConnectionRefusedError:  # left by an earlier packet; silence is detected elsewhere
             pass
         except OSError as exc:
             raise BackendError(f"cannot send to {self._where}: {exc.strerror}") from exc
@@ -90,7 +94,7 @@ class UdpClient:
 
 
 class Handshake:
-    """Requests to a controller that does not send its state yet. Each waits for its reply."""
+    """Requests to a controller that does not send its state yet. Each request waits for its reply."""
 
     def __init__(
         self, channel: StreamChannel, clock: Callable[[], float], timeout_s: float, where: str
@@ -141,7 +145,7 @@ class Handshake:
         return table
 
     def configure(self, version: int, blocks: Sequence[IoBlock]) -> None:
-        """Choose the inputs and outputs in the packets.
+        """Choose the inputs and outputs that the packets contain.
 
         Raises:
             BackendError: the controller rejects them.
@@ -157,7 +161,7 @@ class Handshake:
             )
 
     def _ask(self, packet: bytes, kind: type[ReplyT], fits: Callable[[ReplyT], bool]) -> ReplyT | None:
-        """Send a request repeatedly until its reply arrives. Returns None if there is none in time."""
+        """Send a request repeatedly until its reply arrives. Return None if no reply arrives in time."""
         deadline_s = self._clock() + self._timeout_s
         while (now_s := self._clock()) < deadline_s:
             self._channel.send(packet)

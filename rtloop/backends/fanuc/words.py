@@ -29,7 +29,7 @@ ALARMS = {
     "MOTN-615": "Stream Motion needs brake control to be disabled for all axes, and a restart after that",
     "MOTN-625": "Stream Motion has received a position that it cannot use",
 }
-"""Texts by FANUC's alarm codes. Other alarms are shown with the controller's own text."""
+"""Texts for FANUC's alarm codes. Other alarms are shown with the controller's own text."""
 ERRORS = {
     2556934: "the TP program cannot run: is another program selected or running, or an alarm active?",
     2556935: "its servos are off: release the emergency stop, close the fence, clear the alarms",
@@ -50,7 +50,7 @@ ERRORS = {
     7004: "the TP program is in use by another client",
     7015: "RMI_MOVE is the selected program at the teach pendant: select another one",
 }
-"""Texts by the error numbers of the Remote Motion Interface (B-84184EN, appendix)."""
+"""Texts for the error numbers of the Remote Motion Interface (B-84184EN, appendix)."""
 _NUMBER = re.compile(r"[A-Z]{4}-[0-9]{3}")
 
 
@@ -60,7 +60,7 @@ def error_in_words(number: int) -> str:
 
 
 def alarm_in_words(alarm: object) -> str:
-    """An alarm text of the controller, which may contain anything, with its meaning."""
+    """Add the meaning to an alarm text from the controller. The alarm may be any value."""
     said = joined_text(alarm, MAX_ALARM)
     found = _NUMBER.search(said)
     meaning = ALARMS.get(found.group()) if found else None
@@ -72,7 +72,7 @@ def alarms_in_words(alarms: Iterable[object]) -> str:
 
 
 def safety_stop(packet: StatusPacket) -> str:
-    """Reason for a safety stop of the robot; "" if there is none."""
+    """Return the reason for a safety stop of the robot; "" if there is none."""
     if packet.robot_status & RobotFlag.EMERGENCY_STOP:
         return "an emergency stop is pressed, or the fence is open"
     if packet.contact_stop == ContactStop.STOP:
@@ -83,7 +83,7 @@ def safety_stop(packet: StatusPacket) -> str:
 
 
 def why_not_ready(packet: StatusPacket) -> str:
-    """Reason why the controller accepts no commands; "" if it accepts them."""
+    """Return the reason why the controller accepts no commands; "" if it accepts them."""
     stop = safety_stop(packet)
     if stop:
         return stop

@@ -32,6 +32,6 @@ class RmiWorker:
         return done
 
     def close(self) -> None:
-        """Wait for the running job. The others are dropped."""
+        """Wait for the running job to end. Drop all waiting jobs."""
         if self._executor is not None:
             self._executor.shutdown(wait=True, cancel_futures=True)

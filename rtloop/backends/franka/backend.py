@@ -1,10 +1,10 @@
-"""A Franka arm. Without an impedance, its own controller controls the joint positions; with an impedance,
-this backend sends torques.
+"""Backend for a Franka arm. Without an impedance, the robot's own controller controls the joint positions.
+With an impedance, this backend sends torques.
 
 The robot is externally clocked: it sends its state a thousand times per second and expects a command after
-each. It replaces a late command by motion at constant acceleration, and `Bridge` continues from there. A
+each. If a command is late, the robot continues at constant acceleration, and `Bridge` continues from there. A
 reflex, the user stop and a lost connection end the control and cause a fault. A reset recovers from the
-fault, with a new connection if the old one is lost.
+fault, with a new connection if the old one was lost.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class FrankaBackend:
         return False
 
     def recover_step(self) -> bool:
-        """Request a recovery; `enable_step` executes it."""
+        """Request a recovery. `enable_step` executes it."""
         self._preparing = None  # of an unfinished reset
         return True
 
@@ -150,7 +150,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
-        """End the control. The robot's own controller holds the arm; the brakes are closed in Desk."""
+        """End the control. The robot's own controller holds the arm. A person closes the brakes in Desk."""
         if self._link.control is not None:
             with contextlib.suppress(BackendError), self._link.in_words():
                 self._end()
@@ -206,17 +206,16 @@ class FrankaBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """The backend and a stand-in for the robot."""
+        """Make a rig with the backend and a stand-in for the robot."""
         from rtloop.backends.franka.rig import FrankaRig
 
         return FrankaRig(settings, limits)
 
     def _prepare(self) -> Iterator[bool]:
-        """Execute one step of making the robot controllable and sending its settings. Returns False if there
-        are more steps.
+        """Prepare the robot for control and send its settings. Yields False after each step.
 
-        pylibfranka blocks the whole interpreter until the robot has replied, for some tens of milliseconds.
-        So each step is one command, with cycles in between.
+        pylibfranka blocks the whole interpreter until the robot has replied, which takes tens of
+        milliseconds. So each step sends one command, and cycles run between the steps.
         """
         mode = self._state.robot_mode.name
         if mode in REFUSALS:
@@ -254,7 +253,7 @@ class FrankaBackend:
         self._periods = 1
 
     def _end(self) -> None:
-        """End the control. The arm is at rest, and the robot holds it."""
+        """End the control. The arm must be at rest; the robot then holds it."""
         control, self._link.control = self._link.control, None
         if self._impedance is None:
             last = self._franka.JointPositions(self._bridge.sent[0].tolist())
@@ -265,7 +264,8 @@ class FrankaBackend:
 
     @contextlib.contextmanager
     def _pause(self) -> Iterator[None]:
-        """Context for settings that the robot accepts only while it is not controlled.
+        """Context that interrupts the control for settings that the robot accepts only while it is not
+        controlled.
 
         Raises:
             BackendError: the arm moves, or the robot rejects the settings.
@@ -281,10 +281,10 @@ class FrankaBackend:
                 self._start()
 
     def _receive(self) -> None:
-        """The newest state, once it has arrived.
+        """Receive the newest state.
 
         Raises:
-            BackendError: the robot is not connected, or has ended the control; the error has the reason.
+            BackendError: the robot is not connected, or has ended the control; the error gives the reason.
         """
         if self._link.robot is None:
             raise BackendError(self._link.lost or "the robot is not connected")

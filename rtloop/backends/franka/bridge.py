@@ -16,18 +16,20 @@ from cobot.types import Array
 MIN_DURATION_S, MAX_DURATION_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
-"""Maximum acceleration and jerk of the fading difference, rad/s², rad/s³. They are exceeded slightly if the
-difference begins with higher values.
+"""Maximum acceleration and jerk with which the difference fades out, rad/s² and rad/s³. They are exceeded
+slightly if the difference begins with higher values.
 """
 JUMP_RAD = 1e-6
-"""Maximum difference between a command and the extrapolation of the previous one, rad. Above it counts as a
-jump. It corresponds to a change of acceleration of 1 rad/s², or a jerk of 2000 rad/s³.
+"""Maximum difference between a command and the extrapolation of the previous one, rad. A larger difference
+counts as a jump. The value corresponds to a change in acceleration of 1 rad/s², or a jerk of 2000 rad/s³.
 """
 PLACES = np.linspace(0.0, 1.0, 41)
 
 
 class Bridge:
-    """The offset added to commands, rows position, velocity, acceleration, shape (3, dof)."""
+    """Adds an offset to the commands. The offset is an array of shape (3, dof) with the rows position,
+    velocity and acceleration.
+    """
 
     def __init__(self, dof: int, period_s: float) -> None:
         self._period_s = period_s
@@ -41,13 +43,14 @@ class Bridge:
         """Begin commands at rest at the robot's own reference, shape (dof,)."""
         self.sent[:] = 0.0
         self.sent[0] = position
-        self._duration_s, self._offset[:] = -1.0, 0.0  # not known before there is a command
+        self._duration_s, self._offset[:] = -1.0, 0.0  # unknown until there is a command
 
     def bridge(self, command: Array, periods: int) -> Array:
-        """The command to send next. The returned array is reused, so keep no reference to it.
+        """Return the command to send next. The returned array is reused, so keep no reference to it.
 
         Args:
-            periods: number of the robot's periods since the last command: 1, more if packets were lost.
+            periods: number of the robot's periods since the last command. It is 1, or more if packets were
+                lost.
         """
         if periods > 1 or self._duration_s < 0.0 or self._jumps(command):
             self._take_up(command, periods)
@@ -60,8 +63,9 @@ class Bridge:
         return self.sent
 
     def _jumps(self, command: Array) -> bool:
-        """Whether the command is not one period away from the last one, at the new velocity or at the mean of
-        both. After a fault, rtloop continues from the current position of the arm, which is such a jump.
+        """Whether the command jumps: its distance from the last command matches neither the new velocity nor
+        the mean of the new and the last velocity. This happens after a fault, when rtloop continues from the
+        current position of the arm.
         """
         step = command[0] - self._last[0]
         by_last = np.abs(step - self._period_s * command[1])
@@ -99,7 +103,7 @@ class Bridge:
             self._duration_s *= 1.5
 
     def _solve(self, start: Array, duration_s: float) -> None:
-        """The quintic from `start` to zero."""
+        """Calculate the quintic from `start` to zero."""
         p, v, a = start[0], start[1] * duration_s, start[2] * duration_s**2
         self._coefficients[:] = [
             p,
@@ -111,7 +115,7 @@ class Bridge:
         ]
 
     def _rows(self, times_s: Array) -> Array:
-        """Position, velocity, acceleration, shape (3, n, dof)."""
+        """Evaluate the quintic. Returns position, velocity and acceleration, shape (3, n, dof)."""
         duration_s = self._duration_s
         s = (times_s / duration_s)[:, None]
         _, c1, c2, c3, c4, c5 = self._coefficients[:, None, :]

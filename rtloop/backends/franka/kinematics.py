@@ -1,4 +1,4 @@
-"""The pose of a Franka's flange: from the published kinematics, and from the robot's state."""
+"""The flange pose of a Franka, calculated from the published kinematics, or taken from the robot's state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLANGE_M = 0.107
 
 
 def flange(joints: Sequence[float]) -> Array:
-    """The flange in the base frame, shape (4, 4), from the published kinematics."""
+    """Return the flange pose in the base frame, shape (4, 4), calculated from the published kinematics."""
     found = np.eye(4)
     for (a, d, alpha), angle in zip(LINKS, joints, strict=True):
         ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
@@ -35,8 +35,8 @@ def flange(joints: Sequence[float]) -> Array:
 
 
 def told_flange(state: Any) -> Pose:
-    """The flange in the base frame, shape (4, 4), from a state of libfranka. The end effector that is set in
-    Desk is removed.
+    """Return the flange pose in the base frame, shape (4, 4), from a libfranka state. The end effector that
+    is set in Desk is subtracted.
     """
     effector, in_flange = (np.array(each).reshape(4, 4, order="F") for each in (state.O_T_EE, state.F_T_EE))
     found = effector @ np.linalg.inv(in_flange)

@@ -1,7 +1,7 @@
-"""The connection to the robot: its establishment, and the reasons for its end.
+"""The connection to the robot. It is established in small steps, and reports why it ends.
 
-If the robot does not answer, libfranka blocks the whole interpreter for a minute, so that no cycle runs.
-Therefore small steps first check whether the robot's address answers.
+If the robot does not answer, libfranka blocks the whole interpreter for a minute, and no cycle runs. So small
+steps first check whether the robot's address answers.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ CONNECT_S = 3.0
 
 class Knocking(Protocol):
     def await_answer(self, wait_s: float = 0.0) -> bool:
-        """Whether the robot answers; False if it has not answered yet.
+        """Whether the robot has answered; False if it has not answered yet.
 
         Raises:
-            BackendError: the robot does not answer; the error has the reason.
+            BackendError: the robot does not answer; the error gives the reason.
         """
         ...
 
 
 class Knock:
-    """A connection that is closed as soon as it is established."""
+    """A test connection to the robot's address, which is closed as soon as it is established."""
 
     def __init__(self, address: str) -> None:
         """Begin to connect.
@@ -79,8 +79,8 @@ class Link:
 
     Attributes:
         library: pylibfranka.
-        robot: its `Robot`, None while it is not connected.
-        control: the active control, None without one.
+        robot: pylibfranka's `Robot`; None while it is not connected.
+        control: the active control; None if there is none.
         lost: reason for the loss of the connection; "" while it is open.
     """
 
@@ -97,7 +97,7 @@ class Link:
         self.lost = ""
 
     def is_open(self, wait_s: float = 0.0) -> bool:
-        """Whether the connection is open. If not, try to open it for at most this time.
+        """Whether the connection is open. If it is not, try to open it for at most this time.
 
         Raises:
             BackendError: the address does not answer, or is not a robot.
@@ -118,7 +118,7 @@ class Link:
 
     @contextlib.contextmanager
     def in_words(self) -> Iterator[None]:
-        """Translate libfranka's exceptions to those of cobot; the control has then ended."""
+        """Translate libfranka's exceptions to cobot's. After an exception the control has ended."""
         library = self.library
         try:
             yield

@@ -1,7 +1,7 @@
 """A stand-in for pylibfranka: a robot that executes commands, and loses packets and stops on request.
 
-It has the part of the package that the backend uses. Like a Franka, it rejects settings while it is under
-control, and control while it is not ready. Each exchange is one period; it has no clock.
+It provides the part of the package that the backend uses. Like a Franka, it rejects settings while it is
+under control, and control while it is not ready. Each exchange is one period; there is no clock.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
 """Distance of the robot's own reference from the measured position, rad."""
 LOST = 20
-"""With losses, one in this number of packets is lost."""
+"""Number of packets of which one is lost, while packets are lost."""
 
 
 class FrankaStandIn:
-    """The state that survives a lost connection.
+    """A stand-in for the robot, with the state that survives a lost connection.
 
     Attributes (set by the test that drives it): lose: number of packets that are lost before the next state
         arrives. fail: exception that the next exchange raises. faults: lasting faults, as names of
@@ -68,7 +68,7 @@ class FrankaStandIn:
 
     @property
     def library(self) -> SimpleNamespace:
-        """The module that `import pylibfranka` gives."""
+        """Return the object that replaces the imported module `pylibfranka`."""
         kinds = (
             FrankaException,
             ControlException,
@@ -85,7 +85,7 @@ class FrankaStandIn:
         return SimpleNamespace(Robot=self.connect, **{kind.__name__: kind for kind in kinds})
 
     def connect(self, address: str, realtime: RealtimeConfig = RealtimeConfig.kEnforce) -> StandInConnection:
-        """Make a new connection. It ends the last one and its control."""
+        """Make a new connection. It ends the previous connection and its control."""
         if realtime is RealtimeConfig.kEnforce and not self.real_time:
             raise RealtimeException("libfranka: Running kernel does not have realtime capabilities.")
         if "disconnect" in self.faults:
@@ -95,7 +95,7 @@ class FrankaStandIn:
         return self.connection
 
     def knock(self, address: str) -> FrankaStandIn:
-        """Replacement of `rtloop.backends.franka.link.Knock`."""
+        """Replacement for `rtloop.backends.franka.link.Knock`."""
         return self
 
     def await_answer(self, wait_s: float = 0.0) -> bool:
@@ -104,7 +104,7 @@ class FrankaStandIn:
         return True
 
     def stop_by(self, *errors: str) -> None:
-        """Stop by a reflex."""
+        """Stop the robot by a reflex."""
         self.let_go()
         self.errors, self.mode = set(errors), RobotMode.Reflex
         listed = ", ".join(f'"{each}"' for each in errors)
@@ -125,7 +125,7 @@ class FrankaStandIn:
         """Begin control of positions or torques."""
 
     def turn(self, torque: Array) -> None:
-        """One period under torque control. The arm does not move, as if a person held it."""
+        """Run one period under torque control. The arm does not move, as if a person held it."""
 
     def move(self, position: Array) -> None:
         self.positions.append(position)
@@ -133,7 +133,7 @@ class FrankaStandIn:
         self.q_d, self.q = position, position - REFERENCE_OFF_RAD
 
     def extrapolate(self) -> None:
-        """Continue at constant acceleration, as after a lost command."""
+        """Continue at constant acceleration, as a robot does after a lost command."""
         if self.controlled == "positions" and len(self.positions) >= 3:
             a, b, c = self.positions[-3:]
             self.move(c + (c - b) + ((c - b) - (b - a)))
@@ -231,7 +231,7 @@ class StandInConnection:
         arm = self._arm
         lost, arm.lose = arm.lose, 0
         if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
-            lost = 1  # overtaken packets count as lost too: libfranka accepts no older state
+            lost = 1  # overtaken packets are lost too, because libfranka accepts no older state
         for _ in range(lost):
             arm.extrapolate()
         arm.cycles += lost

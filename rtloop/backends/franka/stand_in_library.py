@@ -1,4 +1,4 @@
-"""The part of `import pylibfranka`, other than `Robot`, that the backend uses, for the stand-in."""
+"""The parts of pylibfranka that the backend uses, except `Robot`, for the stand-in."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import Any
 from cobot.foreign import MAX_NAME, joined_text, plain_text
 
 MAX_ERRORS = 64
-"""Maximum number of errors of one state that are reported; libfranka has 41."""
+"""Maximum number of errors that are reported for one state; libfranka defines 41."""
 MOVE_BACK = "move the arm back by hand, or in Desk"
 REFLEXES = {
     "base_acceleration_initialization_timeout": "the acceleration sensor of its base did not start",
@@ -37,7 +37,9 @@ REFLEXES = {
     "self_collision_avoidance_violation": "two parts of the arm came too close to each other",
     "tau_j_range_violation": "a torque sensor is beyond its range",
 }
-"""Texts for the names of libfranka's errors. Errors that are not listed have clear names."""
+"""Texts for the names of libfranka's errors. Errors that are not listed have names that are clear without a
+text.
+"""
 MODES = {
     "Idle": "ready",
     "Move": "moving",
@@ -52,17 +54,17 @@ REFUSALS = {
     "UserStopped": "the user stop is pressed, or the enabling device let go: release it, then reset",
     "Other": "the robot is not ready: open its brakes and activate FCI in Desk, then reset",
 }
-"""Modes that cobot cannot enable."""
+"""Texts for the robot modes in which cobot cannot enable the arm."""
 
 
 def in_words(names: Iterable[str]) -> str:
-    """The errors as one sentence; "" without errors."""
+    """Return the errors as one sentence; "" if there are none."""
     known = islice(names, MAX_ERRORS)
     return "; ".join(REFLEXES.get(name) or plain_text(name, MAX_NAME).replace("_", " ") for name in known)
 
 
 def explained(text: str) -> str:
-    """A message of libfranka in which sentences replace the names of errors in brackets."""
+    """Return a message from libfranka in which the names of errors in brackets are replaced by sentences."""
     inside = text[text.find("[") + 1 : text.rfind("]")] if "[" in text and "]" in text else ""
     names = [name.strip(' "') for name in inside.split(",")]
     known = [name for name in names if name in REFLEXES]
@@ -70,12 +72,12 @@ def explained(text: str) -> str:
 
 
 def active_errors(state: Any) -> list[str]:
-    """The names of the errors in a state of libfranka."""
+    """Return the names of the errors in a libfranka state."""
     errors = state.current_errors if state is not None else None
     found = (name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True)
     return list(islice(found, MAX_ERRORS))
 
 
 def said(exc: Exception) -> str:
-    """A message of libfranka in one line."""
+    """Return a message from libfranka in one line."""
     return joined_text(exc).removeprefix("libfranka: ")

@@ -1,4 +1,4 @@
-"""KUKA's Fast Robot Interface: messages, backend, and a simulated controller."""
+"""KUKA's Fast Robot Interface (FRI): the messages, the backend, and a simulated controller."""
 
 from rtloop.backends.fri.backend import FriBackend
 

@@ -1,4 +1,4 @@
-"""The answers to the controller's packets."""
+"""Makes the answers to the controller's packets."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Answers:
 
     Attributes:
         torque, wrench: torques and wrench that are sent with the position, shapes (dof,) and (6,), N·m and N.
-        outputs: outputs to set at the cabinet.
+        outputs: outputs that are to be set at the cabinet.
     """
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
@@ -47,8 +47,8 @@ class Answers:
         self._entry.forget()
 
     def held(self, message: MonitoringMessage) -> tuple[float, ...]:
-        """The position that the arm holds: the last command in a running motion, otherwise that of the
-        controller's interpolator.
+        """Return the position that the arm holds: the last command in a running motion, otherwise the
+        position of the controller's interpolator.
         """
         sent = self._entry.sent
         if sent is None or message.state != SessionState.COMMANDING_ACTIVE:
@@ -56,7 +56,7 @@ class Answers:
         return tuple(sent.tolist())
 
     def begin(self, message: MonitoringMessage, command: Array) -> Accepted | Rejected:
-        """Begin commands at the controller's position of the arm, if the command is close to it."""
+        """Begin commands at the position that the controller holds, if the first command is close to it."""
         here = np.array(self.held(message))
         off = np.abs(here - command)
         joint = int(off.argmax())
@@ -69,7 +69,7 @@ class Answers:
         return ACCEPTED
 
     def encode(self, message: MonitoringMessage, command: Array | None) -> bytes:
-        """The answer to a packet; b"" if it needs none.
+        """Encode the answer to a packet; b"" if the packet needs none.
 
         Args:
             command: joint positions, shape (dof,), rad; None: the arm stays at the controller's position.

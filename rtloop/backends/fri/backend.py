@@ -1,4 +1,4 @@
-"""KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
+"""Backend for KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
 
 This module is long because it contains all methods that the cycle calls on this device.
 """
@@ -44,11 +44,12 @@ if TYPE_CHECKING:
 
 
 class FriBackend:
-    """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
+    """An externally clocked `Backend` for the robot controller. It also implements `Paced`, `Reporting` and
+    `Stepwise`.
 
-    The session's state determines the answer to each packet: no command while the session is only monitored,
-    the interpolator's position while a motion waits, commands while the motion runs and the connection is
-    good.
+    The session's state determines the answer to each packet. It contains no command while the session is only
+    monitored, the interpolator's position while a motion waits, and a command while the motion runs and the
+    connection is good.
     """
 
     Options = FriOptions
@@ -85,7 +86,7 @@ class FriBackend:
         self._heard_s = self._asked_s = self._refused_s = 0.0
         self._join_until_s = 0.0  # time after enabling in which the session may restart without a fault
         self._enabled = self._asking = self._joins = False
-        self._answered = True  # the newest packet, which has one answer
+        self._answered = True  # the newest packet, which is answered once
         self._starts = True
         self._refused = ""
         self._malformed = 0
@@ -111,14 +112,14 @@ class FriBackend:
             require_accepted(check_agreement(model, np.array(self._newest.measured_position), flange))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
-        cabinet.
+        """Set the tool. It is used only for the reduced speed in T1, because the load of the drives is set at
+        the cabinet.
         """
         self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
-        has accumulated.
+        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
+        lost or has accumulated.
         """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
@@ -179,7 +180,7 @@ class FriBackend:
         nothing = np.zeros((3, self._limits.dof))
         try:
             while True:
-                self.write(nothing)  # the packet in hand: no cycle does it
+                self.write(nothing)  # answers the current packet, because no cycle runs now
                 if self.enable_step():
                     return
                 self.wait(self._options.silence_s)
@@ -206,8 +207,8 @@ class FriBackend:
         return True
 
     def recover_step(self) -> bool:
-        """Wait for the recovery, which the controller's own program executes. Until then its position is only
-        echoed.
+        """Wait for the recovery, which the controller's own program executes. Until it is done, the answers
+        only repeat the controller's position.
         """
         self._enabled, self._last_motion = False, ACCEPTED
         return True
@@ -257,12 +258,14 @@ class FriBackend:
         self._answers.torque[:] = torque
 
     def write_wrench(self, wrench: Array) -> None:
-        """Set the wrench at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
+        """Set the wrench that acts at the TCP from the next `write` on, shape (6,), N and N·m. Real-time
+        safe.
+        """
         self._answers.wrench[:] = wrench
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """The backend and a simulated cabinet in one process."""
+        """Make a rig with the backend and a simulated cabinet in one process."""
         from rtloop.backends.fri.simulator.lockstep import FriRig
 
         return FriRig(settings, limits)
@@ -275,7 +278,9 @@ class FriBackend:
     def _checks_of_enabling(
         self, message: MonitoringMessage, waited_s: float
     ) -> Iterator[Accepted | Rejected]:
-        """The checks that end enabling. A controller that is not ready gets `enable_s` to become ready."""
+        """Run the checks at the end of enabling. A controller that is not ready has `enable_s` to become
+        ready.
+        """
         yield check_settings(message, self._options, self._period_s)
         yield check_command_mode(message, self._options)
         ready = check_readiness(message)
@@ -288,7 +293,7 @@ class FriBackend:
 
     @staticmethod
     def _explain_waiting(message: MonitoringMessage) -> str:
-        """The reason why the controller accepts no commands; "" if it accepts them."""
+        """Return the reason why the controller accepts no commands; "" if it accepts them."""
         ready = check_readiness(message)
         return ready.reason if isinstance(ready, Rejected) else ""
 
@@ -300,7 +305,9 @@ class FriBackend:
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
     def _is_other_version(self, message: MonitoringMessage) -> bool:
-        """Whether the controller's messages have another frame than before, for example after a restart."""
+        """Whether the controller now sends messages with a different frame than before, for example after a
+        restart.
+        """
         before = self._beat.newest
         return before is not None and before.framed != message.framed and self._silence_s < RELEASE_S
 

@@ -1,4 +1,4 @@
-"""The socket that a controller of FRI sends to."""
+"""The socket to which an FRI controller sends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def fri_channel(
     """Open the UDP channel to an FRI controller. A packet is valid if it is a monitoring message.
 
     Raises:
-        BackendError: the port is taken, or the address is not one of this computer.
+        BackendError: the port is taken, or the address does not belong to this computer.
     """
     return UdpChannel(
         listen,

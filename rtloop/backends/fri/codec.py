@@ -1,9 +1,9 @@
-"""Decoding of FRI messages, for both sides of the connection. The encoding is in `encoding`.
+"""Decoding of FRI messages, for both sides of the connection. The module `encoding` encodes them.
 
-Field numbers are those in the generated sources of the vendor's client. FRI 1.11 to 1.17 and 2.x share the
-identifiers and all fields that are read here. Only 1.x has a commanded joint position (field 3 of the monitor
-data), only 2.x a measured pose (field 9), only 2.7 an external force (field 6) and a frame around each
-message (`framing`). Unknown fields are skipped.
+The field numbers are defined in the generated sources of the vendor's client. FRI 1.11 to 1.17 and 2.x share
+the identifiers and all fields that are read here. Only 1.x has a commanded joint position (field 3 of the
+monitor data), only 2.x a measured pose (field 9), only 2.7 an external force (field 6) and a frame around
+each message (`framing`). Unknown fields are skipped.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rtloop.backends.fri.messages import (
 from rtloop.backends.fri.wire import WireError, fields, need_length, read_doubles, varint_of
 
 MAX_BYTES = 4096
-"""Maximum size of a message, bytes. The vendor's client has 1500 for both directions."""
+"""Maximum size of a message, bytes. The vendor's client allows 1500 in both directions."""
 MAX_PACKET = MAX_BYTES + FRAME_BYTES
 
 _Enum = TypeVar("_Enum", bound=IntEnum)
@@ -47,8 +47,8 @@ _POSE, _WRENCH = 7, 6
 
 
 def decode_monitoring(packet: bytes) -> MonitoringMessage | str:
-    """The decoded message, or the reason in words why the packet is invalid. Never raises, whatever the bytes
-    are.
+    """Decode a monitoring message, or return the reason in words why the packet is invalid. Never raises,
+    regardless of the bytes.
     """
     return _decode(packet, MONITORING_ID, "monitoring", _monitoring)
 
@@ -111,7 +111,7 @@ def _monitoring(packet: bytes, header: FriHeader) -> MonitoringMessage:
 
 
 def _check_joints(message: MonitoringMessage) -> None:
-    """Require that all values belong to the same number of joints."""
+    """Check that all joint values are for the same number of joints."""
     count = message.joints or len(message.measured_position)
     if not 0 <= count <= MAX_JOINTS:
         raise WireError(f"{count} joints, at most {MAX_JOINTS} are possible")
@@ -178,7 +178,7 @@ def _read_monitor(message: MonitoringMessage, data: bytes, begin: int, stop: int
 
 
 def _pose(data: bytes, at: int, end: int) -> tuple[float, ...]:
-    """The pose in a named transformation: seven values in field 2."""
+    """Decode the pose in a named transformation: seven values in field 2."""
     return read_doubles(data, at, end, 2, _POSE)
 
 

@@ -1,4 +1,4 @@
-"""Encoding of FRI messages, the counterpart of `codec`."""
+"""Encoding of FRI messages, the counterpart of the module `codec`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NANOSECONDS = 1_000_000_000
 
 
 def encode_command(message: CommandMessage) -> bytes:
-    """The whole packet of a command."""
+    """Encode a command as a complete packet."""
     content = b""
     if message.position:
         content = _joints(1, message.position)
@@ -36,7 +36,7 @@ def encode_command(message: CommandMessage) -> bytes:
 
 
 def encode_monitoring(message: MonitoringMessage) -> bytes:
-    """The whole packet of a monitoring message. Fields that are empty or None are omitted."""
+    """Encode a monitoring message as a complete packet. Fields that are empty or None are omitted."""
     robot = number_field(1, message.joints) + number_field(2, message.safety)
     for drive in message.drives:
         robot += number_field(5, drive)

@@ -1,8 +1,8 @@
-"""The frame of FRI 2.7: the length of the message, the message, and a CRC-32 of it.
+"""The frame around messages in FRI 2.7: the length of the message, the message, and its CRC-32 checksum.
 
-Length and checksum are fixed32 of protobuf: four bytes, the lowest first. Older releases send the bare
-message, which begins with its header: the key of field 1, the header's length, and the key of the header's
-identifier.
+The length and the checksum are Protobuf fixed32 values: four bytes, lowest first. Older releases send the
+bare message. It begins with its header: the key of field 1, the length of the header, and the key of the
+identifier in the header.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ _HEADER_KEY, _IDENTIFIER_KEY = 0x0A, 0x08
 
 
 def frame(message: bytes) -> bytes:
-    """The packet of FRI 2.7 that carries a message."""
+    """Put a message into the frame of FRI 2.7, and return the packet."""
     return _NUMBER.pack(len(message)) + message + _NUMBER.pack(crc32(message))
 
 
 def unframe(packet: bytes) -> tuple[bytes, bool]:
-    """The message of a packet, and whether it was framed.
+    """Return the message in a packet, and whether it was framed.
 
     Raises:
         WireError: the length or the checksum of the frame is wrong.
@@ -46,5 +46,5 @@ def unframe(packet: bytes) -> tuple[bytes, bool]:
 
 
 def _begins_message(packet: bytes, at: int) -> bool:
-    """Whether a bare message may begin here."""
+    """Whether a message without a frame may begin at this position."""
     return packet[at] == _HEADER_KEY and len(packet) > at + 2 and packet[at + 2] == _IDENTIFIER_KEY

@@ -8,13 +8,15 @@ from enum import IntEnum
 MONITORING_ID = 0x245142
 COMMAND_ID = 0x34001
 MAX_JOINTS = 16
-"""Maximum number of joints: more than any KUKA arm has, and the size of the arrays in the compiled core."""
+"""Maximum number of joints. It is more than any KUKA arm has, and equals the size of the arrays in the
+compiled core.
+"""
 MAX_IO = 10
 MAX_NAME = 63
 """Maximum length of the name of an input or output, bytes."""
 
 FRAMED_VERSION = "2.7"
-"""The release of FRI that frames its messages."""
+"""The FRI release that puts a frame around its messages."""
 
 
 class SessionState(IntEnum):
@@ -63,7 +65,7 @@ class ControlMode(IntEnum):
 
 
 class CommandMode(IntEnum):
-    """Kind of command that the overlay of the running motion takes from the client."""
+    """Kind of command that the overlay of the running motion accepts from the client."""
 
     NONE = 0
     POSITION = 1
@@ -106,7 +108,7 @@ class FriHeader:
 
 @dataclass(slots=True)
 class IoValue:
-    """An input or output, under the name that the cabinet's program has registered."""
+    """An input or output with the name that the cabinet's program has registered."""
 
     name: str
     type: IoType
@@ -116,7 +118,8 @@ class IoValue:
 
 @dataclass(slots=True)
 class MonitoringMessage:
-    """FRIMonitoringMessage. Joint values have one value for each joint, or are () if not reported.
+    """The message FRIMonitoringMessage. Joint values are tuples with one value per joint, or () if not
+    reported.
 
     Attributes:
         send_period_ms: interval between two monitoring messages.
@@ -125,7 +128,7 @@ class MonitoringMessage:
         measured_torque, commanded_torque, external_torque: N·m.
         ipo_position: position of the controller's own interpolator, to which the overlay is added.
         tracking_performance: quality with which the arm follows, 0 to 1; None if not reported.
-        time_s: time of the controller's clock, None if not reported.
+        time_s: time on the controller's clock; None if not reported.
         measured_pose: x, y, z in mm and a quaternion, only in FRI 2.x.
         external_force: up to six values, N and N·m, only in FRI 2.7.
         framed: whether the packet has the frame of FRI 2.7.
@@ -168,12 +171,12 @@ class MonitoringMessage:
 
 @dataclass(slots=True)
 class CommandMessage:
-    """FRICommandMessage. Empty fields are not sent.
+    """The message FRICommandMessage. Empty fields are not sent.
 
     Attributes:
         position: joint positions, rad.
-        torque: torques that are added to the joints' own, N·m.
-        wrench: wrench that is added to the controller's own, shape (6,), N and N·m.
+        torque: joint torques that the controller adds to its own, N·m.
+        wrench: wrench that the controller adds to its own, shape (6,), N and N·m.
         io: outputs to set.
         framed: whether the packet has the frame of FRI 2.7.
     """

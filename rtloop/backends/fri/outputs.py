@@ -1,4 +1,6 @@
-"""Outputs to set at the cabinet. They are sent with the answers until the controller reports them."""
+"""Outputs to set at the cabinet. They are sent with the answers until the controller reports the new
+values.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage
 
 SENT_S = 1.0
-"""Maximum time for which the value of an output is repeated until the controller reports it, s. Packets may
-be lost.
+"""Maximum time for which the value of an output is sent repeatedly until the controller reports it, s. It is
+repeated because packets may be lost.
 """
 UNFIT = "/\ufffd"
 """Character that also replaces bytes that are not UTF-8."""
@@ -19,24 +21,25 @@ KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.
 
 
 def point_of(value: IoValue, name: str = "") -> IoPoint:
-    """An input or output of the controller as a point of cobot.
+    """Convert an input or output of the controller to a cobot point.
 
     Args:
-        name: public name; default: the name in the value.
+        name: public name. By default, the name in `value` is used.
     """
     is_output = value.direction == IoDirection.OUTPUT
     return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 
 
 def points(message: MonitoringMessage) -> list[IoPoint]:
-    """The inputs and outputs that the cabinet's program has registered."""
+    """List the inputs and outputs that the cabinet's program has registered."""
     return [point_of(each, name) for name, each in _by_name(message).items()]
 
 
 def _by_name(message: MonitoringMessage) -> dict[str, IoValue]:
-    """Inputs and outputs by public names, which can be printed and used in URLs.
+    """Map public names, which can be printed and used in URLs, to inputs and outputs.
 
-    A slash and unprintable characters become underscores; a name that is taken gets a number.
+    Slashes and unprintable characters become underscores. A number is appended to a name that is already
+    taken.
     """
     found: dict[str, IoValue] = {}
     for each in message.io:
@@ -55,8 +58,8 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        first: number of the first answer that contains the output, None before that.
-        left: number of further answers that contain it.
+        first: number of the first answer that contained the output; None before that.
+        left: number of further answers that will contain the output.
     """
 
     value: IoValue
@@ -65,7 +68,7 @@ class _Wanted:
 
 
 class Outputs:
-    """Outputs to set. Real-time safe, and almost free of cost while no output is to be set."""
+    """The outputs that are to be set. Real-time safe. It costs almost no time while there are none."""
 
     def __init__(self, period_s: float) -> None:
         self._answers = round(SENT_S / period_s)
@@ -75,7 +78,7 @@ class Outputs:
         """Set an output from the next answer on.
 
         Raises:
-            BackendError: it is not one of the outputs in the message.
+            BackendError: the name is not one of the outputs in the message.
         """
         output = _by_name(message).get(name)
         if output is None or output.direction != IoDirection.OUTPUT:
@@ -84,7 +87,7 @@ class Outputs:
         self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
     def values_in_answer(self, message: MonitoringMessage, number: int) -> list[IoValue]:
-        """The outputs to send in the answer with this number."""
+        """Return the outputs to send in the answer with this number."""
         if not self._wanted:
             return []
         reported = {each.name: each.value for each in message.io}

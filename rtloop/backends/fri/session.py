@@ -1,4 +1,6 @@
-"""Evaluation of the controller's packets: why it accepts no commands, and which settings do not match."""
+"""Evaluates the controller's packets: why the controller accepts no commands, and which settings do not match
+it.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,7 @@ def check_readiness(message: MonitoringMessage) -> Accepted | Rejected:
 
 
 def is_version(found: str, wanted: str) -> bool:
-    """Whether a version, "1.x", "2.x" or "2.7", is one of those that an option allows."""
+    """Whether the option `wanted` allows the version `found`, which is "1.x", "2.x" or "2.7"."""
     return found == wanted or found.split(".")[0] == wanted
 
 
@@ -76,8 +78,8 @@ def check_settings(message: MonitoringMessage, options: FriOptions, period_s: fl
 
 
 def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accepted | Rejected:
-    """Check whether the controller's motion has the overlay of the settings. An unknown overlay is
-    accepted.
+    """Check whether the controller's motion uses the overlay that is set in the options. An unknown overlay
+    is accepted.
     """
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
@@ -89,7 +91,7 @@ def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accep
 def check_entry(
     message: MonitoringMessage, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> Accepted | Rejected:
-    """Check whether the arm is at its held position, so that commands may begin.
+    """Check whether the arm is at the position that it is commanded to hold, so that commands may begin.
 
     Args:
         held: position of the controller's interpolator, or the last command if a motion is running.
@@ -111,15 +113,15 @@ def check_entry(
 
 
 def interpolator(message: MonitoringMessage) -> tuple[float, ...]:
-    """The position of the controller's own interpolator; the measured position if the controller does not
-    report it.
+    """Return the position of the controller's own interpolator, or the measured position if the controller
+    does not report it.
     """
     return message.ipo_position or message.commanded_position or message.measured_position
 
 
 def drives_in_words(drives: tuple[DriveState, ...]) -> tuple[str, str]:
-    """Drives and brakes in words. FRI does not report the brakes: those of an LBR are applied when its drives
-    are off.
+    """Describe the drives and brakes in words. FRI does not report the brakes, but an LBR applies them when
+    its drives are off.
     """
     if not drives:
         return "", ""

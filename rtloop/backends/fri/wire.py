@@ -1,7 +1,8 @@
 """The part of Protobuf's wire format that FRI needs.
 
-A message is a sequence of fields: a key (number and kind) and a value. Kinds: 0 varint, 1 eight bytes, 2 a
-length and that many bytes, 5 four bytes. Source: "Encoding", Protocol Buffers documentation.
+A message is a sequence of fields. Each field consists of a key, which contains a number and a kind, and a
+value. The kinds are: 0 for a varint, 1 for eight bytes, 2 for a length and that many bytes, 5 for four bytes.
+Source: "Encoding", Protocol Buffers documentation.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ _DOUBLE_FIELD = 1 + _DOUBLE.size
 
 
 class WireError(Exception):
-    """These bytes are not a message; the text says why."""
+    """Raised if bytes are not a message. Its text gives the reason."""
 
 
 def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
-    """The number, below 2**64, and the position of its end."""
+    """Read a varint. Returns the number, below 2**64, and the position after it."""
     value = shift = 0
     for index in range(at, min(end, at + _VARINT_BYTES)):
         byte = data[index]
@@ -33,7 +34,9 @@ def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
 
 
 def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """Number, kind and value of each field. The value is a varint and 0, or the start and end of the data."""
+    """Yield the number, the kind and two values for each field: a varint and 0, or the start and the end of
+    its data.
+    """
     while at < end:
         key = data[at]
         if key < 0x80:
@@ -62,14 +65,14 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
 
 
 def varint_of(number: int, kind: int, value: int) -> int:
-    """The value of a field that must be a varint."""
+    """Return the value of a field that must be a varint."""
     if kind != VARINT:
         raise WireError(f"field {number} is of kind {kind} instead of a number")
     return value
 
 
 def double_of(data: bytes, number: int, kind: int, at: int) -> float:
-    """The value of a field that must be a double."""
+    """Return the value of a field that must be a double."""
     if kind != EIGHT_BYTES:
         raise WireError(f"field {number} is of kind {kind} instead of a double")
     value: float = _DOUBLE.unpack_from(data, at)[0]
@@ -77,7 +80,7 @@ def double_of(data: bytes, number: int, kind: int, at: int) -> float:
 
 
 def need_length(number: int, kind: int) -> None:
-    """Require that a field is a message or a string."""
+    """Check that a field contains a message or a string."""
     if kind != LENGTH:
         raise WireError(f"field {number} is of kind {kind} instead of a message")
 
@@ -93,11 +96,11 @@ def _packed(count: int) -> struct.Struct:
 
 
 def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tuple[float, ...]:
-    """The doubles of the repeated field `wanted` in a message. Each may have its own key, or they may be
-    packed.
+    """Read the doubles in the repeated field `wanted` of a message. Each one may have its own key, or they
+    may be packed.
 
     Raises:
-        WireError: there are more than `limit`, or the field has another kind.
+        WireError: there are more than `limit` doubles, or the field is of a different kind.
     """
     count, rest = divmod(end - at, _DOUBLE_FIELD)
     if rest == 0 and 0 < count <= limit:
@@ -122,7 +125,7 @@ def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tup
 
 
 def varint(value: int) -> bytes:
-    """Encode a number below 2**64; a negative one as its two's complement."""
+    """Encode a number below 2**64. A negative number is encoded as its two's complement."""
     value &= 0xFFFF_FFFF_FFFF_FFFF
     if value < 0x80:
         return bytes((value,))
@@ -143,12 +146,12 @@ def double_field(number: int, value: float) -> bytes:
 
 
 def bytes_field(number: int, content: bytes) -> bytes:
-    """Encode a message or a string."""
+    """Encode a field with a message or a string."""
     return bytes((number << 3 | LENGTH,)) + varint(len(content)) + content
 
 
 def doubles_field(number: int, values: Sequence[float]) -> bytes:
-    """Encode each value with its key: FRI's clients and controllers do not pack."""
+    """Encode each value with its own key, because FRI clients and controllers do not pack doubles."""
     row: list[float] = [number << 3 | EIGHT_BYTES] * (2 * len(values))
     row[1::2] = values
     return _row(len(values)).pack(*row)

@@ -1,4 +1,4 @@
-"""KUKA's RobotSensorInterface: the telegrams, the backend, and a simulated controller."""
+"""KUKA's RobotSensorInterface (RSI): the telegrams, the backend, and a simulated controller."""
 
 from rtloop.backends.rsi.backend import RsiBackend
 

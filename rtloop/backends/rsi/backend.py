@@ -1,4 +1,4 @@
-"""KUKA's KR robots over the RobotSensorInterface.
+"""Backend for KUKA's KR robots over the RobotSensorInterface.
 
 This module is long because it contains all methods that the cycle calls on this device.
 """
@@ -43,14 +43,15 @@ if TYPE_CHECKING:
 SESSION_GAP_S = 0.04
 """Time without a packet after which the controller may have started RSI again."""
 UNCOUNTED = 2
-"""Number of late answers that a controller may count later than cobot."""
+"""Maximum number of late answers that a controller counts later than cobot does."""
 
 
 class RsiBackend:
-    """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
+    """An externally clocked `Backend` for the robot controller. It also implements `Paced`, `Reporting` and
+    `Stepwise`.
 
-    A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero, at the arm's position at that time.
-    After the start of a new session a reset is always needed.
+    A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero and refer to the arm's position at
+    RSI_ON. Each new session requires a reset.
     """
 
     Options = RsiOptions
@@ -91,16 +92,16 @@ class RsiBackend:
         self._entry = CommandTransition(limits.dof, self._period_s)
         self._heard_s = self._asked_s = self._refused_s = 0.0
         self._enabled = self._asking = self._joins = self._starts = False
-        self._answered = True  # the newest packet, which has one answer
+        self._answered = True  # whether the newest packet was answered, which is done once
         self._answered_state: RobState | None = None  # the newest packet that was answered
         self._seen_ms = self._malformed = 0
-        # Of this session: late answers at its beginning, packets without an answer, and answers not used.
+        # In this session: late answers at its beginning, packets without an answer, and unused answers.
         self._delay_before = self._unanswered = self._missed = 0
         self._refused = ""
-        self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended: none follow until a reset.
-        self._silenced = False  # Nothing but zeros is sent until the next session.
-        self._is_unknown = False  # whether corrections may be in effect that nothing reports
-        self._reported = False  # whether this motion's error was raised
+        self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended. A reset begins them again.
+        self._silenced = False  # Whether only zeros are sent until the next session.
+        self._is_unknown = False  # whether unreported corrections may be in effect
+        self._reported = False  # whether the error of this motion was raised
         self._outputs: dict[str, bool] = {}
         self._model: RobotModel | None = None
 
@@ -125,14 +126,14 @@ class RsiBackend:
         require_accepted(first_rejection(self._checks_of_settings(self._newest)))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. Only the reduced speed of T1 uses it; the load of the drives is set at the
-        cabinet.
+        """Set the tool. It is used only for the reduced speed in T1, because the load of the drives is set at
+        the cabinet.
         """
         self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or return at once for the cycle of a packet that was lost or
-        has accumulated.
+        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
+        lost or has accumulated.
         """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
@@ -181,7 +182,7 @@ class RsiBackend:
         self.recover_step()
         try:
             while True:
-                self._answer(None)  # the packet in hand: no cycle does it
+                self._answer(None)  # answers the current packet, because no cycle runs now
                 if self.enable_step():
                     return
                 self.wait(self._options.silence_s)
@@ -208,8 +209,8 @@ class RsiBackend:
         return True
 
     def recover_step(self) -> bool:
-        """Wait for the recovery, which the controller's own program executes. Until then its position is only
-        held.
+        """Wait for the recovery, which the controller's own program executes. Until it is done, the arm's
+        position is only held.
         """
         self._enabled, self._ended, self._reported = False, ACCEPTED, False
         return True
@@ -274,12 +275,12 @@ class RsiBackend:
 
     @staticmethod
     def controller_files(settings: Settings, limits: JointLimits) -> dict[str, str]:
-        """Texts of the files for the controller, by their paths; see `files`."""
+        """Return the texts of the files for the controller by their paths; see the module `files`."""
         return files_for(settings, limits)
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """The backend and a simulated controller in one process."""
+        """Make a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.rsi.simulator.lockstep import RsiRig
 
         return RsiRig(settings, limits)
@@ -306,8 +307,8 @@ class RsiBackend:
         yield check_entry(state, self._options, self._layout, self._corrections.position)
 
     def _follow(self, state: RobState) -> Accepted | Rejected:
-        """Check whether the arm follows. A controller that adds up absolute corrections gets zeros from now
-        on.
+        """Check whether the arm follows the corrections. If the controller wrongly adds up absolute
+        corrections, only zeros are sent from now on.
         """
         reference = self._corrections.reference
         assert reference is not None
@@ -325,15 +326,15 @@ class RsiBackend:
             raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def _report(self, result: Accepted | Rejected) -> None:
-        """Raise the error once. The cycle then brings the arm to rest; its commands are followed until a
-        reset.
+        """Raise the error once. The cycle then brings the arm to rest, and its commands are still followed
+        until a reset.
         """
         if isinstance(result, Rejected) and not self._reported:
             self._reported = True
             raise BackendError(result.reason)
 
     def _answer(self, target: Array | None) -> None:
-        """Answer the newest packet, once."""
+        """Answer the newest packet, unless it was answered."""
         state = self._beat.newest
         if state is None or self._answered or self._is_unknown:
             return
@@ -384,7 +385,7 @@ class RsiBackend:
         return state.delay - before.delay < passed_ms // self._step_ms - 1 - UNCOUNTED
 
     def _begin_session(self, state: RobState, *, is_first: bool) -> None:
-        """Begin at the controller's position. Corrections follow after a reset."""
+        """Begin a session at the controller's position. Corrections begin after a reset."""
         set_position = np.array(position_at_rest(state))
         correction = np.array(state.correction) if state.correction else np.zeros(self._limits.dof)
         self._corrections.begin(set_position - correction, correction)
@@ -403,7 +404,7 @@ class RsiBackend:
         more than the number of packets without an answer.
 
         Args:
-            unanswered: number of its packets since the last one, with that one, that got no answer.
+            unanswered: number of packets that got no answer, from the previously received one up to now.
         """
         if state.delay is None:
             return False

@@ -1,7 +1,7 @@
 """The RSI context: the objects that connect the Ethernet telegrams with axes, inputs and outputs.
 
-The types of objects, their numbers, ports and parameters are those in files of KUKA's RSIVisual. RSI 3.x to
-4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
+The object types and their numbers, ports and parameters are the same as in files that KUKA's RSIVisual
+writes. RSI 3.x to 4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ from dataclasses import dataclass, field
 from rtloop.backends.rsi.options import EXTERNAL_AXES, KUKA_LIMIT, ROBOT_AXES, is_external
 
 MONITOR_MARGIN = 1.0
-"""Distance of the limit of AXISCORRMON, which ends RSI, beyond the limit of AXISCORR. It is also KUKA's
+"""Amount by which the limit of AXISCORRMON, which ends RSI, exceeds the limit of AXISCORR. It is also KUKA's
 default.
 """
 PRECISION = 6
 NO_FLAG = -1
 ALL_AXES = (*ROBOT_AXES, *EXTERNAL_AXES)
 STATE_OUTPUTS = {"T1": 993, "T2": 994, "AUT": 995, "EXT": 996, "Ready": 1012, "NoStop": 1013}
-"""Numbers in $OUT of $T1, $T2, $AUT, $EXT, $PERI_RDY and $ALARM_STOP: KUKA's defaults."""
+"""Numbers of the outputs in $OUT that are assigned to $T1, $T2, $AUT, $EXT, $PERI_RDY and $ALARM_STOP by
+default.
+"""
 MODE_INDEX = 1
-"""Index in $SEN_PINT with which the program reports the mode of its corrections."""
+"""Index in $SEN_PINT at which the program reports whether its corrections are absolute or relative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +31,8 @@ class ObjectParameter:
     """A parameter of an object.
 
     Attributes:
-        old, new: its number in RSI 3.x to 4.0, and in later releases.
-        fixed: whether it cannot change while RSI is on.
+        old, new: number of the parameter in RSI 3.x to 4.0, and in later releases.
+        fixed: whether the parameter cannot change while RSI is on.
     """
 
     name: str
@@ -45,9 +47,9 @@ class RsiObject:
     """An object of the context.
 
     Attributes:
-        kind, old_id, new_id: name of its type, and the numbers of the type in RSI 3.x to 4.0 and in later
+        kind, old_id, new_id: name of the object's type, and its number in RSI 3.x to 4.0 and in later
             releases.
-        inputs: for each connected port, its number from 0, and the source's name and port.
+        inputs: for each connected port, its number from 0, and the name and the port of its source.
     """
 
     kind: str
@@ -60,10 +62,11 @@ class RsiObject:
 
 @dataclass(slots=True)
 class Context:
-    """The objects, and their entries in the Ethernet configuration.
+    """The objects of a context, and their entries in the Ethernet configuration.
 
     Attributes:
-        send, receive: tag and type, and HOLDON, of each channel, in the order of the channels' numbers.
+        send, receive: tag and type of each channel, and HOLDON for received ones, in the order of the channel
+            numbers.
         sources: object and port of each channel that is sent.
     """
 
@@ -77,7 +80,9 @@ ETHERNET = "ETHERNET1"
 
 
 def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterator[ObjectParameter]:
-    """LowerLim and UpperLim of six axes. `first` is the parameter number of the first one in old releases."""
+    """Yield LowerLim and UpperLim for six axes. `first` is the number of the first parameter in old
+    releases.
+    """
     for sign, word, offset, new in ((-1, "Lower", 0, 0), (1, "Upper", 12, 6)):
         for index, axis in enumerate(axes):
             value = sign * most.get(axis, KUKA_LIMIT)
@@ -85,7 +90,7 @@ def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterat
 
 
 def _digital(kind: str, name: str, number: int, type_id: int, source: int | None = None) -> RsiObject:
-    """An object for one bit. `source` is the channel of ETHERNET from which it gets its value."""
+    """Make an object for one bit. `source` is the ETHERNET channel that provides its value."""
     inputs = () if source is None else ((0, ETHERNET, source),)
     return RsiObject(
         kind,
@@ -108,14 +113,14 @@ def context_for(
     timeout: int,
     hold_on: bool,
 ) -> Context:
-    """The context of a robot.
+    """Make the context for a robot.
 
     Args:
         axes: axes that move joints of the model.
         most: maximum correction of each axis, degrees or mm.
-        tags: elements with the corrections of the robot's and of external axes.
+        tags: elements that contain the corrections of the robot's axes and of the external axes.
         inputs, outputs: numbers in $IN and $OUT.
-        timeout: number of late answers that end RSI.
+        timeout: number of late answers after which RSI ends.
         hold_on: whether the last correction stays if an answer is missing.
     """
     found = Context()

@@ -1,4 +1,6 @@
-"""The corrections of one session of RSI: exact sums, limits, and answers that the controller has missed."""
+"""The corrections of one RSI session: their exact sums, their limits, and the compensation of answers that
+the controller has missed.
+"""
 
 from __future__ import annotations
 
@@ -17,29 +19,34 @@ Counts = NDArray[np.int64]
 FOLLOW_S = 0.2
 """Maximum time in which an arm reaches the position of a correction, s."""
 MADE_UP_S, RESOLUTION = 0.015, 1000
-"""Time constant with which answers add a missing correction, s, and the remainder that is added at once."""
+"""Time constant with which a missing correction is added to the answers, s, and the remainder in millionths
+that is added at once.
+"""
 RESTED_S = 0.3
-"""Time at rest after which the sum of relative corrections is compared with the controller's, s."""
+"""Time at rest after which the sum of relative corrections is compared with the controller's sum, s."""
 SLACK_RAD = 2e-4
 """Resolution of positions that a controller reports with two decimals, rad."""
 SAME_RAD = 1e-3
-"""Maximum difference of two positions, rad or m, that counts as no motion."""
+"""Maximum difference between two positions that counts as no motion, rad or m."""
 MARGIN, REACTION_PERIODS = 1.3, 4
 """Factor of the stopping distance before the maximum correction, and number of periods until the stop
 begins.
 """
 CONFIRMED = 2.0
-"""Motion, in multiples of `follow_rad`, after which the controller's mode of correction is certain."""
+"""Motion, in multiples of `follow_rad`, after which it is certain whether the controller's corrections are
+absolute or relative.
+"""
 EARLY = 1.0 / 3.0
-"""Fraction of `follow_rad` that is allowed before the mode of correction is certain."""
+"""Fraction of `follow_rad` that is allowed before this is certain."""
 
 
 class Corrections:
-    """Corrections from a reference position, in whole millionths of a degree or mm.
+    """The corrections relative to a reference position, in whole millionths of a degree or mm.
 
     Attributes:
-        reference: position of the joints with the correction 0, shape (dof,), rad or m; None before one.
-        sent: sum of the corrections that the controller has or will have, shape (dof,), integers.
+        reference: position of the joints without corrections, shape (dof,), rad or m; None before the first
+            session.
+        sent: sum of the corrections that were sent and are not known to be lost, shape (dof,), integers.
     """
 
     def __init__(
@@ -67,7 +74,7 @@ class Corrections:
         self._resting = 0
 
     def begin(self, reference: Array, correction: Array) -> None:
-        """Begin a session of the controller. `correction`, rad or m, is the current correction."""
+        """Begin a session. `correction` is the correction that is already in effect, rad or m."""
         self.reference = np.array(reference, dtype=float)
         self._goal = self.sent = np.rint(np.asarray(correction) * self._scale).astype(np.int64)
         self._step = np.zeros_like(self.sent)
@@ -75,7 +82,7 @@ class Corrections:
 
     @property
     def position(self) -> Array:
-        """The position that the corrections command, shape (dof,), rad or m."""
+        """Return the position that the corrections command, shape (dof,), rad or m."""
         assert self.reference is not None
         found: Array = self.reference + self.sent / self._scale
         return found
@@ -89,12 +96,12 @@ class Corrections:
         return bool(max(np.abs(off).max(), np.abs(moved).max()) < SAME_RAD)
 
     def take_back(self) -> None:
-        """Handle an answer that the controller has not used, so that the next answer contains it too."""
+        """Handle an answer that the controller has not used. The next answer also contains its correction."""
         self.sent = self.sent - self._step
         self._step = np.zeros_like(self.sent)
 
     def answer(self, target: Array | None, periods: int = 1) -> Counts:
-        """The values of the next answer, in millionths of a degree or mm.
+        """Return the values for the next answer, in millionths of a degree or mm.
 
         Without losses the sum equals the target. After a loss the missing part is added gradually, because a
         controller does not smooth its corrections.
@@ -142,7 +149,9 @@ class Corrections:
         )
 
     def settle(self, state: RobState) -> None:
-        """Adopt the controller's own sum of relative corrections, if it differs while the arm is at rest."""
+        """Take over the controller's own sum of relative corrections if it differs from ours while the arm is
+        at rest.
+        """
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return
         if not state.setpoint:
@@ -154,10 +163,11 @@ class Corrections:
 
 
 class FollowWatch:
-    """Checks whether the arm follows the corrections: it must be on the path of the last `FOLLOW_S`.
+    """Checks whether the arm follows the corrections: it must be on the part of the path that was commanded
+    during the last `FOLLOW_S`.
 
     Attributes:
-        is_summed: whether a controller adds up corrections that are absolute.
+        is_summed: whether the controller wrongly adds up absolute corrections.
     """
 
     def __init__(self, layout: TelegramLayout, period_s: float, tolerance: float) -> None:

@@ -1,4 +1,4 @@
-"""The files for the controller, written for one configuration: `cobot backend files rsi FOLDER`.
+"""Generates the files for the controller from the settings of one robot: `cobot backend files rsi FOLDER`.
 
 SensorInterface/cobot_rsi_ethernet.xml       the telegrams
 SensorInterface/cobot_rsi.rsix               the context for RSI 4.1 and 5
@@ -81,7 +81,7 @@ END
 
 
 def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
-    """Texts of the files by their paths.
+    """Return the texts of the files by their paths.
 
     Raises:
         ConfigError: the options do not fit the model, or the address of this computer is unknown.
@@ -127,7 +127,9 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
 
 
 def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[str, ...]) -> str:
-    """The elements of the telegrams, and the address to which the controller sends them."""
+    """Make the Ethernet configuration: the elements of the telegrams, and the address to which the controller
+    sends them.
+    """
     root = ET.Element("ROOT")
     config = ET.SubElement(root, "CONFIG")
     for tag, value in (
@@ -154,8 +156,8 @@ def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[st
 
 
 def _old_context(context: Context) -> str:
-    """The context for RSI 3.x to 4.0, with numbers from 1. External axes follow those of the robot, as ports
-    7 to 12.
+    """Make the context for RSI 3.x to 4.0, where numbers start at 1. The external axes follow the robot's
+    axes as ports 7 to 12.
     """
     place = {f"{{{SCHEMA}}}noNamespaceSchemaLocation": "/Roboter/Config/System/Common/Schemes/RSIContext.xsd"}
     root = ET.Element("RSIObjects", place)
@@ -181,7 +183,7 @@ def _old_port(each: RsiObject, port: int) -> int:
 
 
 def _new_context(context: Context) -> str:
-    """The context for RSI 4.1 and later, with numbers from 0."""
+    """Make the context for RSI 4.1 and later, where numbers start at 0."""
     root = ET.Element("RsiContext", {"SchemaVersion": "2.0.0", "xmlns": "RsiContext"})
     objects = ET.SubElement(root, "RsiObjects", xmlns="RsiDriver")
     for each in context.objects:
@@ -202,7 +204,7 @@ def _new_context(context: Context) -> str:
 
 
 def _old_diagram(context: Context) -> str:
-    """The diagram that RSIVisual of RSI 3.x to 4.0 opens."""
+    """Make the diagram that the RSIVisual version for RSI 3.x to 4.0 opens."""
     root = ET.Element(
         "rSIModel",
         {"dslVersion": "1.0.0.0", "name": "", "xmlns": "http://schemas.microsoft.com/dsltools/RSIVisual"},

@@ -1,5 +1,5 @@
-"""Evaluation of the controller's telegrams: why it accepts no corrections, and which settings do not
-match.
+"""Evaluates the controller's telegrams: why the controller accepts no corrections, and which settings do not
+match it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 HAND_GUARDED = ("T1", "T2")
 """Modes in which the operator must hold the enabling switch."""
 OUTSIDE_RAD = 0.1
-"""Distance beyond the model's limits above which the arm or the unit must be wrong."""
+"""Distance beyond the model's limits, rad or m, above which the configured arm or the unit must be wrong."""
 
 
 def check_readiness(state: RobState) -> Accepted | Rejected:
-    """Check whether the controller moves its drives. A state that it does not report counts as good."""
+    """Check whether the controller can move its drives. States that it does not report are assumed to be
+    good.
+    """
     if state.is_stopped:
         return Rejected(
             "an emergency stop or a safety stop is active ($ALARM_STOP): remove its cause, acknowledge it at "
@@ -45,7 +47,7 @@ def check_settings(
     """Check whether this controller can be driven with these settings.
 
     Args:
-        step_ms: increase of IPOC from packet to packet; 0 if unknown.
+        step_ms: increase of IPOC from one packet to the next, ms; 0 if unknown.
     """
     wanted_ms = round(period_s * 1e3)
     if step_ms and step_ms != wanted_ms:
@@ -73,7 +75,7 @@ def check_settings(
 
 
 def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits) -> Accepted | Rejected:
-    """Check whether the arm can be at its reported position."""
+    """Check whether the reported position is possible for this arm."""
     position = np.array(state.position)
     outside = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(np.argmax(outside))
@@ -93,7 +95,9 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
 def check_entry(
     state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
 ) -> Accepted | Rejected:
-    """Check whether the arm is at its held position, so that corrections may begin."""
+    """Check whether the arm is at the position that it is commanded to hold, so that corrections may
+    begin.
+    """
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())
     if off[joint] <= options.entry_rad:
@@ -105,8 +109,8 @@ def check_entry(
 
 
 def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
-    """Check whether the reported pose is that of the model's flange. The controller's program selects
-    $NULLFRAME as tool and base.
+    """Check whether the reported pose equals the pose of the model's flange. They are comparable because the
+    controller's program selects $NULLFRAME as tool and base.
     """
     if len(state.pose) != 6 or not any(state.pose):
         return ACCEPTED
@@ -116,5 +120,5 @@ def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
 
 
 def position_at_rest(state: RobState) -> tuple[float, ...]:
-    """The controller's set position, or the measured position if the controller reports no set position."""
+    """Return the controller's set position, or the measured position if it reports no set position."""
     return state.setpoint or state.position

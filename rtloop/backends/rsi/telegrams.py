@@ -1,8 +1,8 @@
 """RSI's telegrams, for both sides of the connection: `Rob` from the controller, and the answer `Sen`.
 
 Elements with the prefix DEF_ in the Ethernet configuration have fixed names (RIst, AIPos, ASPos, EIPos,
-ESPos, Delay). All others are named by the configuration that `rtloop.backends.rsi.files` writes. In
-telegrams, rotary axes are in degrees, linear ones in mm.
+ESPos, Delay). The Ethernet configuration that `rtloop.backends.rsi.files` writes names all others. In
+telegrams, rotary axes are in degrees and linear axes in mm.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from rtloop.backends.rsi.xml_reader import Telegram, TelegramElement, TelegramEr
 
 ROB_TYPE = "KUKA"
 STATE, OVERRIDE, MODE, IN, OUT, MONITOR = "State", "OvPro", "CorrMode", "In", "Out", "AxisCorrMon"
-"""Elements that the Ethernet configuration of this project defines, apart from the corrections."""
+"""Elements that cobot's Ethernet configuration defines, apart from the corrections."""
 OPERATION_MODES = ("T1", "T2", "AUT", "EXT")
 STATE_BITS = (*OPERATION_MODES, "Ready", "NoStop")
 MODES = {1: "absolute", 2: "relative"}
 POSE = ("X", "Y", "Z", "A", "B", "C")
 DECIMALS = 6
 MICRO = 10**DECIMALS
-"""Corrections are whole millionths of a degree or of a millimetre, so that sums are exact."""
+"""Number of units of a correction per degree or millimetre. Corrections are integers, so that their sums are
+exact.
+"""
 MAX_VALUE = 1e6
 MAX_IPOC = 2**63
 _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,15}(?:\.[0-9]{0,18})?|\.[0-9]{1,18})(?:[eE][+-]?[0-9]{1,3})?")
@@ -56,7 +58,7 @@ class TelegramLayout:
 
     @property
     def corrections(self) -> list[tuple[str, list[int]]]:
-        """The elements with corrections and their joints."""
+        """The elements that contain corrections, with their joints."""
         return _groups(self.axes, self.axis_tag, self.external_tag)
 
 
@@ -85,12 +87,12 @@ def layout_of(options: RsiOptions, limits: JointLimits) -> TelegramLayout:
 
 @dataclass(slots=True)
 class RobState:
-    """The telegram of the controller. Values of the joints are in rad or m, () if not reported.
+    """The telegram from the controller. Joint values are in rad or m, or () if not reported.
 
     Attributes:
         ipoc: the controller's time stamp, ms, which the answer repeats.
         position: measured position.
-        setpoint: the controller's set position, with corrections.
+        setpoint: the controller's set position, including corrections.
         correction: sum of the corrections since RSI_ON.
         delay: number of answers that were late since RSI_ON, None if not reported.
         pose: X, Y, Z in mm and A, B, C in degrees.
@@ -99,7 +101,7 @@ class RobState:
             reported.
         override: program override, 0 to 1.
         mode: mode of RSI_ON that its program reports, absolute or relative; "" if not reported.
-        inputs, outputs: their values, in the order of the layout.
+        inputs, outputs: values of the inputs and outputs, in the order of the layout.
     """
 
     ipoc: int
@@ -119,7 +121,7 @@ class RobState:
 
 @dataclass(slots=True)
 class SenAnswer:
-    """The telegram of the sensor. In RSI's terms cobot is the sensor.
+    """The telegram from the sensor. In RSI's terms cobot is the sensor.
 
     Attributes:
         corrections: correction of each joint, in millionths of a degree or mm.
@@ -131,7 +133,9 @@ class SenAnswer:
 
 
 def decode_rob(packet: bytes, layout: TelegramLayout) -> RobState | str:
-    """The controller's telegram, or a sentence with the reason why it is invalid. Never raises."""
+    """Decode the controller's telegram, or return a sentence with the reason why it is invalid. Never
+    raises.
+    """
     try:
         return _rob(read_telegram(packet), layout)
     except TelegramError as exc:
@@ -139,7 +143,7 @@ def decode_rob(packet: bytes, layout: TelegramLayout) -> RobState | str:
 
 
 def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
-    """The sensor's telegram, or a sentence with the reason why it is invalid. Never raises."""
+    """Decode the sensor's telegram, or return a sentence with the reason why it is invalid. Never raises."""
     try:
         return _sen(read_telegram(packet), layout)
     except TelegramError as exc:
@@ -149,7 +153,7 @@ def decode_sen(packet: bytes, layout: TelegramLayout) -> SenAnswer | str:
 def encode_sen(
     layout: TelegramLayout, ipoc: int, corrections: Sequence[int], outputs: Sequence[bool]
 ) -> bytes:
-    """A telegram to the controller.
+    """Encode a telegram to the controller.
 
     Args:
         corrections: correction of each joint, in millionths of a degree or mm.
@@ -165,7 +169,7 @@ def encode_sen(
 
 
 def encode_rob(layout: TelegramLayout, state: RobState) -> bytes:
-    """Encode for a simulated controller."""
+    """Encode the controller's telegram, for a simulated controller."""
     parts = [f'<Rob Type="{ROB_TYPE}">']
     if state.pose:
         parts.append(f"<RIst {_attributes(POSE, state.pose)}/>")
@@ -204,7 +208,7 @@ def _attributes(names: Sequence[str], values: Sequence[float]) -> str:
 
 
 def _axes(layout: TelegramLayout, robot: str, external: str, values: Sequence[float]) -> str:
-    """Positions of all axes. Axes of the robot without a joint are 0."""
+    """Yield the positions of all axes. Robot axes without a joint are 0."""
     by_axis = dict(zip(layout.axes, np.multiply(values, layout.scale).tolist(), strict=True))
     own = [(axis, by_axis.get(axis, 0.0)) for axis in ROBOT_AXES]
     others = [(axis, value) for axis, value in by_axis.items() if is_external(axis)]
@@ -296,7 +300,7 @@ def _rob(telegram: Telegram, layout: TelegramLayout) -> RobState:
 
 
 def _check_axes(element: TelegramElement, layout: TelegramLayout) -> None:
-    """Raise an error if the controller has other axes than the model."""
+    """Raise an error if the controller's axes differ from the model's."""
     for name, text in element.attributes.items():
         if name not in ROBOT_AXES:
             raise TelegramError(f"AIPos has an axis {shown(name)}, a robot has {', '.join(ROBOT_AXES)}")
@@ -319,7 +323,7 @@ def _positions(telegram: Telegram, layout: TelegramLayout, robot: str, external:
 def _read_state(element: TelegramElement, state: RobState) -> None:
     bits = {name: _bit(_attribute(element, STATE, name), f"{STATE}.{name}") for name in STATE_BITS}
     modes = [mode for mode in OPERATION_MODES if bits[mode]]
-    if not modes:  # the context does not fill it in
+    if not modes:  # the context does not fill in this element
         return
     if len(modes) > 1:
         raise TelegramError(
@@ -353,5 +357,5 @@ def _sen(telegram: Telegram, layout: TelegramLayout) -> SenAnswer:
 
 
 def validity(layout: TelegramLayout) -> Callable[[bytes], bool]:
-    """A function that returns whether a packet may come from a controller described by `layout`."""
+    """Make a function that returns whether a packet may come from a controller described by `layout`."""
     return lambda packet: not isinstance(decode_rob(packet, layout), str)

@@ -1,4 +1,5 @@
-"""The part of XML that RSI's telegrams have: a root, elements with attributes or a text, no deeper level.
+"""Reads the part of XML that RSI's telegrams use: a root and elements with attributes or a text, without
+deeper levels.
 
 It is parsed with Expat. All other XML content (document types and therefore entities, processing
 instructions, deeper levels) is rejected, and so are large packets.
@@ -10,14 +11,14 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 MAX_PACKET = 8192
-"""Maximum size of a telegram, in bytes. A telegram with all 64 channels of RSI has about half of it."""
+"""Maximum size of a telegram, in bytes. A telegram with all 64 RSI channels takes about half of that."""
 MAX_ELEMENTS = 200
 MAX_TEXT = 200
 SHOWN = 60
 
 
 class TelegramError(Exception):
-    """A packet is not a telegram; the text says why."""
+    """Raised if a packet is not a telegram. Its text gives the reason."""
 
 
 @dataclass(slots=True)
@@ -39,7 +40,7 @@ class Telegram:
 
     Attributes:
         root: name of the root.
-        type: the attribute `Type`, "" without one.
+        type: the attribute `Type`; "" if there is none.
         elements: elements by name.
     """
 
@@ -49,13 +50,13 @@ class Telegram:
 
 
 def shown(value: object) -> str:
-    """A value from an untrusted packet, short and printable."""
+    """Return a value from an untrusted packet in a short and printable form."""
     text = str(value)
     return ascii(text if len(text) <= SHOWN else f"{text[:SHOWN]}...")
 
 
 def read_telegram(packet: bytes) -> Telegram:
-    """Parse a packet. Raises TelegramError: the packet is not such a document."""
+    """Parse a packet. Raises TelegramError if the packet is not a telegram."""
     if len(packet) > MAX_PACKET:
         raise TelegramError(f"it has more than {MAX_PACKET} bytes")
     reader = _Reader()
@@ -63,13 +64,13 @@ def read_telegram(packet: bytes) -> Telegram:
         reader.parser.Parse(packet, True)
     except expat.ExpatError as exc:
         raise TelegramError(f"it is not XML ({exc}); it begins with {shown(packet[:20])}") from exc
-    except (ValueError, LookupError) as exc:  # an encoding that Python does not have
+    except (ValueError, LookupError) as exc:  # an encoding that Python does not know
         raise TelegramError(f"it is not XML ({exc})") from exc
     return reader.telegram
 
 
 class _Reader:
-    """Collects the events of Expat."""
+    """Collects the elements from Expat's events."""
 
     def __init__(self) -> None:
         self.telegram = Telegram()

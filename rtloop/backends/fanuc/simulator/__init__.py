@@ -1,1 +1,1 @@
-"""A controller that uses Stream Motion and the Remote Motion Interface, without a real robot."""
+"""A simulated controller that uses Stream Motion and the Remote Motion Interface."""

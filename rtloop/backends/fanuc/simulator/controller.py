@@ -1,7 +1,7 @@
 """The controller's side of Stream Motion and of the Remote Motion Interface.
 
-It counts periods and has no clock, so a test steps it and a server paces it. Behaviour for which FANUC
-publishes no figure is stated in docs/fanuc.md.
+The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
+time. docs/fanuc.md states the behaviour for which FANUC publishes no figures.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from rtloop.results import Rejected
 MAX_SPEED = 2000
 """Speed of the TCP in the last column of the limits table, mm/s."""
 MISSED_MS = 100
-"""Time without a command after which a motion ends, ms. Measured on a CRX: 71 to 121 ms."""
+"""Time without a command after which a motion ends, ms. Measured values on a CRX are 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0
 START_MS = 40
 """Time from the call of the program until it permits motion, ms."""
 EVENTS = 200
 MAX_QUEUED = 10
-"""Maximum number of commands that wait for their period: a client may be early."""
+"""Maximum number of commands that wait for their period, because a client may send them early."""
 STOPPED = (ContactStop.STOP, ContactStop.ESCAPE)
 NOT_CONFIGURED, TOO_MANY = 2, 3
 E_STOP = "SRVO-001 Operator panel E-stop"
@@ -67,13 +67,13 @@ class FanucController:
     """
     Attributes:
         arm: the simulated arm.
-        period_s, time_ms: its own period and clock.
+        period_s, time_ms: the controller's own period and clock.
         alarms: active alarms, newest first.
-        causes: alarms whose cause persists; a reset does not clear them.
-        io: values of the points.
+        causes: alarms whose cause persists, so that a reset does not clear them.
+        io: values of the inputs and outputs.
         events: what happened, as text.
         override: speed override, per cent.
-        program: whether the program of Stream Motion runs.
+        program: whether the program of Stream Motion is running.
         contact_stop: contact stop of a collaborative robot.
         safety_scale: share of the speed that the speed clamp permits.
     """
@@ -105,7 +105,7 @@ class FanucController:
         self._answered = 0
         self._silent_ms = 0
         self._velocity = np.zeros(arm.limits.dof)
-        # Positions of the arm, of which the oldest is reported.
+        # The last positions of the arm. The oldest one is reported.
         periods = 1 + options.lag_ms // options.period_ms
         self._late = deque([arm.measured.position.copy()] * periods, maxlen=periods)
 
@@ -147,7 +147,7 @@ class FanucController:
         return not self.alarms
 
     def reset(self) -> None:
-        """Clear the alarms whose cause has gone."""
+        """Clear the alarms whose cause no longer exists."""
         self.alarms = [text for text in self.alarms if text in self.causes]
         if self.contact_stop in STOPPED:
             self.contact_stop = ContactStop.SAFE
@@ -166,7 +166,7 @@ class FanucController:
     # Stream Motion
 
     def hear(self, data: bytes) -> bytes:
-        """Process a packet of the client. Returns the reply, b"" for none."""
+        """Process a packet from the client. Return the reply; b"" if there is none."""
         packet = decode_sent(data)
         if isinstance(packet, str):
             self.malformed += 1
@@ -189,8 +189,8 @@ class FanucController:
         return b""
 
     def step(self) -> bytes:
-        """Begin a period: the arm moves. Returns the state for the client, b"" if the client has not
-        requested it.
+        """Begin a period and move the arm. Return the state packet for the client; b"" if the client has not
+        requested states.
         """
         self.time_ms += self.options.period_ms
         self._move()
@@ -226,12 +226,14 @@ class FanucController:
 
     @property
     def is_commanded(self) -> bool:
-        """Whether each state needs an answer."""
+        """Whether the client must answer each state packet with a command."""
         return self._commanding
 
     @property
     def peaks(self) -> dict[str, list[float]]:
-        """Largest share of each joint's velocity, acceleration and jerk limit that commands have used."""
+        """Return the largest share of each joint's velocity, acceleration and jerk limit that commands have
+        used.
+        """
         return {
             rate.name.lower(): row.tolist() for rate, row in zip(LimitRate, self._reflexes.peaks, strict=True)
         }
@@ -242,7 +244,7 @@ class FanucController:
         return started and self.streams and self.servo_ready and self.mode == "AUTO"
 
     def face_plate(self) -> tuple[float, ...]:
-        """The pose of the face plate in the world frame: x, y, z in mm and w, p, r in degrees."""
+        """Return the pose of the face plate in the world frame: x, y, z in mm and w, p, r in degrees."""
         x, y, z, *turn = self.arm.pose()
         r, p, w = kuka_angles(turn)
         return (x, y, z - 1e3 * self.options.world_z_m, *map(math.degrees, (w, p, r)))
@@ -287,7 +289,7 @@ class FanucController:
         self._last, self._received = packet.is_last, True
 
     def _move(self) -> None:
-        """Move the arm for one period: to the command; without a command, on at constant velocity; or
+        """Move the arm for one period: to the command, or at constant velocity if a command is missing, or
         braking.
         """
         arm = self.arm

@@ -25,14 +25,14 @@ IO = {"DI[1]": 0, "DI[2]": 1, "DO[1]": 1, "DO[2]": 0, "RO[1]": 0, "F[3]": 0, "AI
 
 
 class FanucLockStep:
-    """A `StreamChannel` to a controller. Each wait runs the controller's next period.
+    """A `StreamChannel` to a simulated controller. Each wait runs the controller's next period.
 
     Attributes:
         time_s: time of the controller, which the backend uses as its own.
         off: whether the cable is disconnected.
-        busy: whether one in `EVERY` waits finds two packets instead of one.
-        sent: all packets of the backend.
-        injected: packets to the backend in addition to the controller's.
+        busy: whether every `EVERY`-th wait returns two packets instead of one, as on a busy computer.
+        sent: all packets that the backend has sent.
+        injected: additional packets to the backend that the controller did not send.
     """
 
     def __init__(self, controller: FanucController, network: FanucNetwork) -> None:
@@ -92,7 +92,7 @@ class FanucLockStep:
             self.step()
 
     def connect(self, port: int, timeout_s: float) -> RmiLines:
-        """The lines of the Remote Motion Interface on a port."""
+        """Return the lines of the Remote Motion Interface on this port."""
         if self.off:
             raise TimeoutError("timed out")
         if port == SESSION_PORT:
@@ -133,9 +133,7 @@ class LockStepLines:
 
 
 class FanucRig(LockStepRig[FanucLockStep]):
-    """The backend `fanuc` and a simulated controller. It is a `ContractRig`, which the contract drives and
-    into which it injects faults.
-    """
+    """A `ContractRig` with the `fanuc` backend and a simulated controller."""
 
     faults = frozenset(FAULTS)
 
@@ -151,7 +149,7 @@ class FanucRig(LockStepRig[FanucLockStep]):
         cell = FanucControllerOptions(
             period_ms=round(settings.rt.period_s * 1e3),
             horizon=options.j3 == "horizon",
-            table_share=2.0 if options.j3 == "horizon" else 1.0,  # its axis 3 has the speed of two joints
+            table_share=2.0 if options.j3 == "horizon" else 1.0,  # axis 3 adds the speeds of two joints
             io={name: IO.get(name, 0) for name in points},
             world_z_m=options.world_z_m or 0.0,
         )
@@ -161,7 +159,7 @@ class FanucRig(LockStepRig[FanucLockStep]):
 
     @property
     def wire(self) -> list[Array]:
-        """The positions of all commands."""
+        """Return the positions of all commands."""
         decoded = map(decode_sent, self._channel.sent)
         return [self._units.to_model(each.position) for each in decoded if isinstance(each, CommandPacket)]
 

@@ -15,9 +15,10 @@ class FanucControllerOptions:
     Attributes:
         version: newest version of Stream Motion that it supports.
         horizon: whether joint 3 of the stream is measured from the horizon.
-        payload_share: share of the full payload for which it checks its limits, 0 to 1.
-        table_share: its limits, as a share of the model's at full payload and speed.
-        io: points that exist, with their values.
+        payload_share: share of the full payload for which the controller checks its limits, 0 to 1.
+        table_share: the controller's limits at full payload and maximum speed, as a share of the model's
+            limits.
+        io: inputs and outputs that exist, with their values.
         lag_ms: delay of the reported joints.
         world_z_m: height of its world frame above the model's base.
     """

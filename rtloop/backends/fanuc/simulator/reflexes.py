@@ -1,4 +1,6 @@
-"""Commands that stop a controller: those beyond the limits table, or far from the last one."""
+"""Checks for commands that stop a controller: those beyond the limits table, or too far from the previous
+command.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,20 @@ from rtloop.backends.fanuc.messages import THRESHOLDS, LimitRate, LimitsPacket
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENTRY_RAD = 0.05
-"""Maximum distance of the first command from the arm, rad."""
+"""Maximum distance of the first command from the arm's position, rad."""
 LIMIT_RAD = 0.01
 """Maximum distance of a command beyond a joint's limits, rad."""
 SLACK = 1.01
 TIGHTEST_LOAD, TIGHTEST_SPEED = 1.0 / 1.5, 0.5
-"""Factors of acceleration and jerk at the full payload, relative to no payload, and at full speed."""
+"""Factors by which acceleration and jerk limits are reduced at full payload and at full speed."""
 INTERVAL_MS = 8
 WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration", LimitRate.JERK: "jerk"}
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """A limits table. Its limits at full payload and maximum speed are this share of the arm's limits."""
+    """Make a limits table. Its limits at full payload and maximum speed are this share of the arm's
+    limits.
+    """
     table = LimitsTable(limits.dof)
     speeds = np.linspace(1.0 / TIGHTEST_SPEED, 1.0, THRESHOLDS)
     bounds = limits.max_velocity, limits.max_acceleration, limits.max_jerk
@@ -77,7 +81,9 @@ class Reflexes:
         return result
 
     def _rates(self, sequence: int, position: Array, tcp_m_s: float, period_s: float) -> Accepted | Rejected:
-        """Check the velocity, and acceleration and jerk if no command that they need was lost."""
+        """Check the velocity. Also check the acceleration and the jerk, unless a command that is needed to
+        calculate them was lost.
+        """
         known = [*self._known, (sequence, position)]
         numbers = [number for number, _ in known]
         passed = numbers[-1] - numbers[-2]

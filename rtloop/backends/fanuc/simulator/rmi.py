@@ -1,4 +1,4 @@
-"""The controller's side of the Remote Motion Interface: a reply for each request."""
+"""The controller's side of the Remote Motion Interface. It replies to each request."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class RmiAnswers:
         self._registers: dict[int, float] = {}
 
     def greet(self, line: bytes) -> bytes:
-        """The reply on the well-known port."""
+        """Return the reply to a line on the well-known port."""
         request = self._read(line)
         asked = request.get("Communication")
         if asked not in ("FRC_Connect", "FRC_Connect_STMO"):
@@ -62,7 +62,7 @@ class RmiAnswers:
         return self._write(reply)
 
     def answer(self, line: bytes) -> bytes:
-        """The reply in a session; b"" for none."""
+        """Return the reply to a line in a session; b"" if there is none."""
         request = self._read(line)
         for kind in KINDS:
             if kind in request:
@@ -222,7 +222,7 @@ class RmiAnswers:
         return {}
 
     def _call(self, fields: Fields) -> Fields | None:
-        """Call a program. The reply comes when the program ends, so only errors have one here."""
+        """Call a program. The reply follows when the program ends, so this method only replies to errors."""
         sequence = fields.get("SequenceID")
         if not self._initialized:
             return {"ErrorID": WRONG_STATE, "SequenceID": sequence}

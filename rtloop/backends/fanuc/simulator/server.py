@@ -1,4 +1,4 @@
-"""The simulated controller on a network: UDP and TCP to its client, with its own clock."""
+"""The simulated controller on a network. It uses its own clock, and UDP and TCP to its client."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ MAX_AT_ONCE = 256
 MIN_SHARE = 0.9
 """Fraction of a period between two packets while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which another client may take over from one that has not stopped its stream,
-s."""
+"""Time without a packet from the client, s. After that, a different client may take over even if the first
+one did not stop its stream.
+"""
 
 
 class RmiServer:
-    """The two ports of the Remote Motion Interface, served between two packets."""
+    """Serves the two ports of the Remote Motion Interface, between two packets of Stream Motion."""
 
     def __init__(self, address: str, port: int, answers: RmiAnswers) -> None:
         """Raises OSError: the address or port cannot be used."""
@@ -54,7 +55,7 @@ class RmiServer:
         return [self._door, *self._greeted, *client]
 
     def serve(self) -> None:
-        """Answer the waiting requests, without waiting for more."""
+        """Answer the requests that have arrived, without waiting for more."""
         if self._client is None:
             with contextlib.suppress(BlockingIOError):
                 self._client, _ = self._room.accept()
@@ -112,7 +113,7 @@ class RmiServer:
 
 
 def _heard(client: socket.socket) -> bytes | None:
-    """The received bytes; b"" if the connection is closed, None if nothing has arrived."""
+    """Return the received bytes; b"" if the connection is closed, None if nothing has arrived."""
     try:
         return client.recv(MAX_LINE)
     except BlockingIOError:
@@ -122,10 +123,10 @@ def _heard(client: socket.socket) -> bytes | None:
 
 
 class ControllerServer:
-    """Sends a packet in each period, and takes the answers.
+    """Sends a packet in each period, and receives the answers.
 
-    A controller is punctual, but this process may not be. So an answer counts as in time if it arrives before
-    the next packet is sent, however late this process reads it.
+    A real controller is punctual, but this process may not be. So an answer is in time if it arrives before
+    the next packet is sent, regardless of when this process reads it.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class ControllerServer:
         return self._control.port
 
     def run(self, ending: list[str]) -> None:
-        """Run until `ending` holds a reason."""
+        """Run until `ending` contains a reason."""
         deadline_s = time.monotonic()
         period_s = self._controller.period_s
         while not ending:
@@ -211,7 +212,7 @@ class ControllerServer:
 
     def _send(self, packet: bytes) -> None:
         if self._client is not None:
-            with contextlib.suppress(OSError):  # no client is there: the missing answer shows it
+            with contextlib.suppress(OSError):  # there is no client, which the missing answer shows
                 self._socket.sendto(packet, self._client)
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
@@ -235,7 +236,7 @@ class ControllerServer:
                 self._serve()
 
     def _take(self) -> bool:
-        """Process the next packet. Returns whether there was one."""
+        """Process the next packet. Return whether there was one."""
         try:
             packet, sender, arrived_s = receive(self._socket, MAX_PACKET)
         except BlockingIOError:
@@ -262,7 +263,9 @@ class ControllerServer:
             self._send(reply)
 
     def _is_client(self, sender: tuple[str, int]) -> bool:
-        """Whether a packet is from the client. After a time without packets another client may take over."""
+        """Whether a packet is from the current client. If that client has sent nothing for a while, a
+        different client may take over.
+        """
         now_s = time.monotonic()
         alone = self._client is None or not self._controller.streams or now_s - self._client_s > ALONE_S
         if sender != self._client and not alone:

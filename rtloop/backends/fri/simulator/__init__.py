@@ -1,1 +1,1 @@
-"""A controller that uses FRI without a real robot: cobot's own dynamics, with the reactions of a cabinet."""
+"""A simulated FRI controller: cobot's own dynamics with the behaviour of a KUKA cabinet."""

@@ -1,4 +1,4 @@
-"""`cobot simulate fri`: a cabinet with an arm, for any client of FRI."""
+"""`cobot simulate fri`: a simulated cabinet with an arm, for any FRI client."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The controller's side of FRI: five session states, quality, reflexes, one packet per period.
+"""The controller's side of FRI, with five session states, the connection quality, reflexes and one packet per
+period.
 
-It counts periods and has no clock, so a test steps it and a server paces it. Behaviour for which KUKA
-publishes no figure is stated in docs/kuka-fri.md.
+The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
+time. docs/kuka-fri.md states the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
-"""Minimum number of periods in one state of a session."""
+"""Minimum number of periods for which a session stays in one state."""
 REOPEN_MS = 500
 """Time until the cabinet's program opens a session again, ms."""
 BRAKE_RAD_S2 = 10.0
@@ -58,14 +59,14 @@ class Cabinet:
     """The simulated cabinet.
 
     Attributes:
-        arm: the arm.
-        options: its options.
+        arm: the simulated arm.
+        options: options of the cabinet.
         connection: quality of the connection to its client.
         state, safety, mode: states of the session, the safety controller and the operator's key switch.
         events: descriptions of events, the newest last.
-        motions: number of motions so far in which its overlay became active.
+        motions: number of motions so far in which the overlay became active.
         below_good: number of times that the quality of a session has fallen below GOOD.
-        io: its inputs and outputs, by name.
+        io: inputs and outputs by name.
     """
 
     def __init__(self, arm: ControllerArm, options: CabinetOptions) -> None:
@@ -85,7 +86,7 @@ class Cabinet:
         self._drives_left = 0
         self._open_after = 1
         self._velocity = np.zeros(arm.limits.dof)
-        self._nominal = arm.setpoint  # of the motion that holds the position, to which the overlay is added
+        self._nominal = arm.setpoint  # position of the running motion, to which the overlay is added
         self._end(0)
 
     @property
@@ -103,12 +104,14 @@ class Cabinet:
 
     @property
     def waits_for_answer(self) -> bool:
-        """Whether its last message still needs an answer."""
+        """Whether the cabinet's last message still needs an answer."""
         due = ahead(self._sequence, self.connection.reflected) >= self.options.multiplier
         return self.state != SessionState.IDLE and due
 
     def packet(self) -> bytes:
-        """End a period and begin the next: its monitoring message, b"" while no session is open."""
+        """End a period and begin the next one. Return the monitoring message of the new period; b"" while no
+        session is open.
+        """
         opened = self.state
         if self.state != SessionState.IDLE:
             self.connection.judge(self._sequence)
@@ -158,12 +161,12 @@ class Cabinet:
             self._end_motion(f"the operation mode was changed to {mode.name}")
 
     def close_session(self, reason: str) -> None:
-        """Let its program end the session, and open the next one after a while."""
+        """Make the cabinet's program end the session and open the next one after a while."""
         self._enter(SessionState.IDLE, reason)
         self._end(REOPEN_MS // self.options.period_ms)
 
     def _end(self, open_after: int) -> None:
-        """End motion and commands."""
+        """End the motion and the commands."""
         self._open_after = open_after
         self._commanded: Array | None = None
         self._echoed = 0
@@ -220,7 +223,7 @@ class Cabinet:
 
     def _take(self, command: CommandMessage, elapsed: int) -> None:
         """Process a command for a motion that waits or runs. `elapsed` is the number of periods since the
-        last one.
+        last command.
         """
         if not usable(command, self.options.command_mode, self.arm.limits.dof):
             return

@@ -1,4 +1,4 @@
-"""The cabinet's evaluation of its connection: a quality, calculated from missing and late answers."""
+"""How the cabinet evaluates its connection: it calculates a quality from missing and late answers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import Quality
 
 WINDOW = 100
-"""Number of answers from which the quality is calculated."""
+"""Number of the last answers from which the quality is calculated."""
 MIN_PACKETS = 10
 """Minimum number of packets for a quality better than POOR."""
 LATE = 0.5
-"""Weight of an answer that is one period late."""
+"""Weight of an answer that is one period late. An answer in time has the weight 1."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
 """Minimum mean weight of the answers for each quality."""
 CLOSE_AFTER_MS = 100
@@ -24,10 +24,10 @@ _COUNTER = 1 << 32
 class ClientConnection:
     """
     Attributes:
-        reflected: the newest message of the cabinet that was answered.
-        newest: the client's newest message.
+        reflected: number of the cabinet's newest message that was answered.
+        newest: number of the client's newest message.
         silent: number of consecutive missing answers.
-        late, missing, answered: number of answers of each kind since the beginning.
+        late, missing, answered: numbers of late, missing and received answers since the beginning.
     """
 
     def __init__(self, period_ms: int, multiplier: int) -> None:
@@ -37,7 +37,9 @@ class ClientConnection:
         self.forget(0)
 
     def forget(self, sequence: int) -> None:
-        """Begin a session with the message of this number. Nothing is known of the client yet."""
+        """Begin a session with the message of this number, and forget everything about the previous
+        client.
+        """
         self._worth: deque[float] = deque(maxlen=WINDOW)
         self._since = 0
         self.silent = 0
@@ -45,9 +47,9 @@ class ClientConnection:
         self.newest: int | None = None
 
     def take_answer(self, sequence: int, reflected: int, now: int) -> bool:
-        """Process an answer. Returns False for one that is older than the last.
+        """Process an answer. Return False if it is older than the last one.
 
-        now: number of the last sent message.
+        now: number of the last message that was sent.
         """
         if self.newest is not None and ahead(sequence, self.newest) <= 0:
             return False
@@ -62,7 +64,7 @@ class ClientConnection:
         return True
 
     def judge(self, now: int) -> None:
-        """End a period that began with the message `now`."""
+        """End the period that began with the message `now`."""
         self._since += 1
         if self._since < self._multiplier:
             return

@@ -1,4 +1,4 @@
-"""The contract of the backend `fri`, with a simulated cabinet in the same process."""
+"""A test rig for the `fri` backend, with a simulated cabinet in the same process."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ from rtloop.contract import FAULTS
 
 
 class FriRig(LockStepRig[LockStep[Cabinet]]):
-    """The backend `fri` and a simulated cabinet. It is a `ContractRig`, which the contract drives and into
-    which it injects faults.
-    """
+    """A `ContractRig` with the `fri` backend and a simulated cabinet."""
 
     faults = frozenset(FAULTS)
 
@@ -36,7 +34,7 @@ class FriRig(LockStepRig[LockStep[Cabinet]]):
 
     @property
     def wire(self) -> list[Array]:
-        """The positions of all answers."""
+        """Return the positions of all answers."""
         decoded = map(decode_command, self._channel.answers)
         return [
             np.array(each.position) for each in decoded if isinstance(each, CommandMessage) and each.position

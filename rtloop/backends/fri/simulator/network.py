@@ -1,4 +1,4 @@
-"""The network of a cabinet with FRI, which can also falsify its measured values."""
+"""The network of a simulated FRI cabinet, which can also corrupt the measured values."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rtloop.backends.simulators.network import Network
 
 
 class FriNetwork(Network):
-    """A network for FRI."""
+    """A `Network` for FRI packets."""
 
     def __init__(self, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0) -> None:
         super().__init__(seed, loss, reorder, delay)
         self._known: MonitoringMessage | None = None
 
     def spoil_packet(self, packet: bytes) -> bytes:
-        """The packet in the form in which it arrives at the client."""
+        """Return the packet in the form in which it arrives at the client."""
         message = decode_monitoring(packet) if self.spoil else None
         if not isinstance(message, MonitoringMessage):
             self._known = None

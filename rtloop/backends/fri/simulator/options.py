@@ -11,7 +11,7 @@ NEEDED_CONTROL = {
     CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
     CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
 }
-"""Control mode that KUKA's drives need for these overlays; positions work in any mode."""
+"""Control mode of the drives that each of these overlays requires. Positions work in any mode."""
 SPRINGS: dict[ControlMode, Springs] = {
     ControlMode.CARTESIAN_IMPEDANCE: "cartesian",
     ControlMode.JOINT_IMPEDANCE: "joint",
@@ -41,7 +41,7 @@ class CabinetOptions:
 
     @property
     def springs(self) -> Springs | None:
-        """The impedance of the drives; None in position control."""
+        """Return the impedance of the drives; None in position control."""
         return SPRINGS.get(self.control_mode)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Commands of its client that a cabinet rejects."""
+"""Checks for client commands that a cabinet rejects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ECHO_RAD = 1e-3
 
 
 def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
-    """Whether a command has all values that the overlay needs."""
+    """Whether a command contains all values that the overlay needs."""
     return (
         len(command.position) == dof
         and (mode != CommandMode.TORQUE or len(command.torque) == dof)

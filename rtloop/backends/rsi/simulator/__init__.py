@@ -1,1 +1,1 @@
-"""`cobot simulate rsi`: a controller of a KUKA KR robot with RSI, without a robot."""
+"""`cobot simulate rsi`: a simulated controller of a KUKA KR robot with RSI."""

@@ -1,4 +1,4 @@
-"""`cobot simulate rsi`: a controller of a KUKA KR robot with RSI, for any client."""
+"""`cobot simulate rsi`: a simulated controller of a KUKA KR robot, for any RSI client."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def _server(chosen: argparse.Namespace) -> UdpServer[RsiController]:
 
 
 def _options_without_backend() -> dict[str, object]:
-    """Options for an arm whose settings name another backend. The arm keeps its own limits, not those of the
-    corrections.
+    """Make options for an arm whose settings name a different backend. The limits of corrections are set so
+    high that only the arm's own limits apply.
     """
     return {"max_correction": 360.0}
 

@@ -44,7 +44,7 @@ class RsiControlRequest(StrictModel):
 
 
 class RsiControlServer(LineServer):
-    """The control interface of a controller with RSI."""
+    """The control interface of a simulated RSI controller."""
 
     def __init__(
         self, port: int, controller: RsiController, network: Network, more: Callable[[], dict[str, Any]]

@@ -1,7 +1,7 @@
-"""The controller's side of RSI: IPOC, corrections, reflexes, one telegram per period.
+"""The controller's side of RSI, with the time stamp IPOC, corrections, reflexes and one telegram per period.
 
-It counts periods and has no clock, so a test steps it and a server paces it. Behaviour for which KUKA
-publishes no figure is stated in docs/kuka-rsi.md.
+The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
+time. docs/kuka-rsi.md states the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rtloop.results import Rejected
 
 FIRST_IPOC = 123_456
 RESTART_MS = 200
-"""Time after which the operator starts the program again, once nothing prevents it, ms."""
+"""Time from when nothing prevents a start until the operator starts the program again, ms."""
 BRAKE_RAD_S2 = 10.0
 EVENTS = 200
 LENIENT_PERIODS = 50
@@ -31,8 +31,8 @@ WIRE = 1_000_000
 class Counters:
     """
     Attributes:
-        answered, late: numbers of telegrams that were answered in time, and too late.
-        malformed: number of packets that are not answers.
+        answered, late: numbers of telegrams that were answered in time and too late.
+        malformed: number of received packets that are not answers.
         wrong_ipoc: number of answers to a telegram that was not the last one.
         sessions: number of times that RSI was switched on.
     """
@@ -49,11 +49,12 @@ class _Session:
     """A session, from RSI_ON to RSI_OFF.
 
     Attributes:
-        reference: the arm's set position at its beginning, rad.
+        reference: the arm's set position at the beginning of the session, rad.
         correction: current correction, rad.
-        values: last valid values of the answer, rad.
-        delay, row: number of late answers since RSI_ON, and of consecutive ones.
-        lenient: number of periods in which changes of velocity are not checked, after a late answer.
+        values: values of the last valid answer, rad.
+        delay, row: number of late answers since RSI_ON, and number of consecutive late answers.
+        lenient: number of further periods in which changes of velocity are not checked, because an answer was
+            late.
     """
 
     reference: Array
@@ -71,15 +72,15 @@ class RsiController:
     """The simulated controller.
 
     Attributes:
-        arm: the arm.
-        options: its options.
-        ipoc: its time stamp, ms.
-        is_stopped: whether a safety stop is active; its drives are then off.
+        arm: the simulated arm.
+        options: options of the controller.
+        ipoc: the controller's time stamp, ms.
+        is_stopped: whether a safety stop is active. The drives are then off.
         mode: position of the operator's key switch.
-        inputs, outputs: their values, in the order of the layout.
-        starts_again: whether its operator starts the program again when nothing prevents it.
+        inputs, outputs: values of the inputs and outputs, in the order of the layout.
+        starts_again: whether the operator starts the program again when nothing prevents it.
         events: descriptions of events, the newest last.
-        wire: positions that its client has commanded, rad.
+        wire: positions that the client has commanded, rad.
     """
 
     def __init__(
@@ -124,7 +125,9 @@ class RsiController:
         return self._session is not None and not self._session.is_answered
 
     def packet(self) -> bytes:
-        """End a period and begin the next. Returns the telegram of the next period, b"" while RSI is off."""
+        """End a period and begin the next one. Return the telegram of the new period; b"" while RSI is
+        off.
+        """
         if self._session is not None:
             self._count_missing(self._session)
         self._move()
@@ -215,7 +218,7 @@ class RsiController:
             self._correct(session)
 
     def _correct(self, session: _Session) -> None:
-        """Apply the values of an answer as AXISCORR does, within its limits."""
+        """Apply the values of an answer within the limits, as the object AXISCORR does."""
         base = session.correction if self.options.relative else 0.0
         wanted = base + session.values
         if not (np.abs(wanted) <= self.max_correction + 1e-9).all():
@@ -242,7 +245,7 @@ class RsiController:
         self.wire.append(position)
 
     def _move(self) -> None:
-        """Move the arm by the correction, or brake."""
+        """Move the arm to the corrected position, or brake."""
         setpoint = self.arm.setpoint
         if self._session is not None:
             target = self._session.reference + self._session.correction

@@ -20,8 +20,8 @@ from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, LockStepRig
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
-"""Maximum correction of the simulated controller, degrees or mm. The contract moves further than KUKA's
-default of 5.
+"""Maximum correction of the simulated controller, degrees or mm. The contract's motions exceed KUKA's default
+of 5.
 """
 OUTPUTS = {"gripper": 1, "lamp": 2}
 
@@ -29,21 +29,21 @@ OUTPUTS = {"gripper": 1, "lamp": 2}
 def controller_for(
     settings: Settings, limits: JointLimits, options: ControllerOptions, start: Array
 ) -> RsiController:
-    """The controller that fits the options of the backend."""
+    """Make the simulated controller that fits the backend's options."""
     own = settings.backend_options(RsiOptions) or RsiOptions()
     arm = ControllerArm(settings, limits, start)
     return RsiController(arm, layout_of(own, limits), np.array(own.limits_of(limits)), options)
 
 
 def with_options(settings: Settings, **options: Any) -> Settings:
-    """Settings with further options of the backend."""
+    """Return the settings with additional options of the backend."""
     backend = settings.robot.backend
     backend = backend.model_copy(update={"type": "rsi", "options": {**backend.options, **options}})
     return settings.model_copy(update={"robot": settings.robot.model_copy(update={"backend": backend})})
 
 
 class RsiRig(LockStepRig[LockStep[RsiController]]):
-    """The backend `rsi` and a simulated controller, a `ContractRig`."""
+    """A `ContractRig` with the `rsi` backend and a simulated controller."""
 
     faults = frozenset(FAULTS)
 
@@ -66,7 +66,7 @@ class RsiRig(LockStepRig[LockStep[RsiController]]):
 
     @property
     def wire(self) -> list[Array]:
-        """The positions that the controller has been sent."""
+        """Return the positions that were sent to the controller."""
         return list(self._channel.controller.wire)
 
     def backend(self) -> RsiBackend:
