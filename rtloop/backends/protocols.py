@@ -1,4 +1,4 @@
-"""The protocols of backends: one for all, and optional ones.
+"""The backend protocols: one that every backend implements, and optional ones.
 
     Backend              all: open, enable, read, write, disable, close
     Paced                an externally clocked device
@@ -14,14 +14,14 @@
     HasCell              a simulation with loose parts
     Simulated            a simulation that can be pulled and begun again
 
-A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
-`rtloop.backends.trajectory_driver` drives it as a `Backend`:
+A device that does not take a command in each cycle, because it is slower or plans by itself, implements a
+different protocol. `rtloop.backends.trajectory_driver` drives it as a `Backend`:
 
     TrajectoryDevice     takes whole motions: load, start, progress, stop, state
 
-The class has the device's capabilities as `capabilities`, its options as `Options`, imports for its instances
-as `sdk`, and the simulated device on which the contract runs as `contract_rig` (`rtloop.contract.rig`).
-docs/your-backend.md is the guide.
+A backend's class declares the device's `capabilities`, its options as `Options`, the package that its
+instances import as `sdk`, and with `contract_rig` the simulated device on which the contract runs
+(`rtloop.contract.rig`). docs/your-backend.md is the guide.
 """
 
 from __future__ import annotations
@@ -56,20 +56,20 @@ def require_accepted(result: Accepted | Rejected) -> None:
 
 
 class BackendOptions(BaseModel):
-    """Base class of a backend's `Options`: the keys of `robot.backend` in addition to `type`. Use
-    `cobot.config.Location` for paths.
+    """Base class for the `Options` of a backend, which are the keys of `robot.backend` in addition to `type`.
+    Use `cobot.config.Location` for paths.
 
     Attributes:
-        simulator: the device is a simulator on this computer, so hand, parts and contact forces may be
-            simulated next to it, see `rtloop.backends.device_in_cell`.
+        simulator: whether the device is a simulator on this computer, so that a hand, parts and contact
+            forces may be simulated next to it; see `rtloop.backends.device_in_cell`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     simulator: bool = False
 
     def remote_setting(self, settings: Settings) -> str:
-        """The setting with which the device may be on another computer, and its value; "" if it is on this
-        one. A class whose option has another name than `address` overrides this.
+        """Return the setting by which the device may be on another computer, with its value; "" if the device
+        is on this one. A class overrides this if its option is not named `address`.
         """
         if "address" not in type(self).model_fields:
             return ""
@@ -96,7 +96,9 @@ class Backend(Protocol):
         ...
 
     def enable(self) -> None:
-        """Switch the drives on, holding the position; also after a fault whose cause has gone."""
+        """Switch the drives on and hold the position. Also called after a fault whose cause no longer
+        exists.
+        """
         ...
 
     def read(self, measured: Measured) -> None:
@@ -121,11 +123,11 @@ class Paced(Protocol):
     """An externally clocked device: rtloop waits for its packets instead of its own clock."""
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the device's next packet. If several are queued, the newest counts.
+        """Wait for the device's next packet. If several are queued, the newest one is used.
 
-        A packet starts a cycle: `read`, `write`, and the path advances by one period. Without a packet,
-        `read` is still called, and raises a BackendError if no packet arrives for too long. Nothing is
-        written and no path advances.
+        A packet starts a cycle: `read` and `write` are called, and the path advances by one period. Without a
+        packet, only `read` is called, and it raises a BackendError if no packet has arrived for too long.
+        Then nothing is written and no path advances.
 
         Returns:
             Whether a packet has arrived; False after `timeout_s`, never before.
@@ -141,8 +143,9 @@ class Reporting(Protocol):
     """A device that reports its status."""
 
     def status(self) -> DeviceStatus:
-        """The current status. Called some times a second, between two cycles; must not wait for the
-        device."""
+        """Return the current status. Called several times a second, between two cycles; must not wait for the
+        device.
+        """
         ...
 
 
@@ -156,17 +159,17 @@ class Stepwise(Protocol):
     """
 
     def enable_step(self) -> bool:
-        """Perform a step of `enable`. Returns True when done. Raises BackendError if enabling fails, with the
-        reason.
+        """Perform one step of `enable`. Return True when enabling is done. Raises a BackendError with the
+        reason if it fails.
         """
         ...
 
     def recover_step(self) -> bool:
-        """Perform a step of the recovery after a fault or an e-stop, before `enable_step`. Returns True when
-        done.
+        """Perform one step of the recovery after a fault or an e-stop, before `enable_step`. Return True when
+        the recovery is done.
 
         Raises:
-            BackendError: the device cannot recover; the error has the reason.
+            BackendError: the device cannot recover; the error gives the reason.
         """
         ...
 
@@ -185,10 +188,11 @@ class Impedance:
     """Stiffness and damping of the arm around its commanded position.
 
     Attributes:
-        cartesian: whether they act at the TCP along the base frame's axes (6 values each, N/m and N·m/rad;
-            the joints' own springs hold the null space) or on the joints (dof values each, N·m/rad).
+        cartesian: whether stiffness and damping act at the TCP along the base frame's axes (6 values each,
+            N/m and N·m/rad; weak joint springs hold the null space) or on the joints (dof values each,
+            N·m/rad).
         stiffness: stiffness of the springs.
-        damping_ratio: damping ratio of each spring with the inertia that it moves; 1 is critical damping.
+        damping_ratio: damping ratio of each spring, for the inertia that it moves. 1 is critical damping.
     """
 
     cartesian: bool
@@ -198,7 +202,7 @@ class Impedance:
 
 @runtime_checkable
 class ImpedanceControlled(Protocol):
-    """A backend with torque-controlled drives, whose stiffness and damping can be set.
+    """A backend with torque-controlled drives. Their stiffness and damping can be set.
 
     Attributes:
         nominal_stiffness: maximum stiffness of the joints, shape (dof,), N·m/rad.
@@ -209,39 +213,41 @@ class ImpedanceControlled(Protocol):
     nominal_cartesian_stiffness: Array
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Set the impedance from the next cycle on; None for position control. The arm is at rest. Must be
-        real-time safe, or take only some cycles.
+        """Use this impedance from the next cycle on; None for position control. The arm is at rest. Must be
+        real-time safe, or delay only a few cycles.
 
         Raises:
-            BackendError: the robot rejects it. At the beginning of a session the session is then rejected; at
-                its end this is a fault.
+            BackendError: the robot rejects the impedance. If this happens at the beginning of a session, the
+                session is rejected; at its end it is a fault.
         """
         ...
 
 
 @runtime_checkable
 class GuidedByHand(Protocol):
-    """A backend whose device itself lets a person guide the arm by hand, without springs."""
+    """A backend whose device itself can release the arm, so that a person guides it by hand without
+    springs.
+    """
 
     def begin_guiding(self) -> None:
-        """Let the device release the arm, which is at rest, with the next `write`. Until `follow_commands`
-        each command is the measured position, and the device must not follow it.
+        """Make the device release the arm, which is at rest, at the next `write`. Until `follow_commands` is
+        called, each command is the measured position, and the device must not follow it.
 
         Raises:
-            BackendError: the device does not permit it; the arm is still held.
+            BackendError: the device does not permit guiding. The arm is still held.
         """
         ...
 
     def end_guiding(self) -> None:
-        """Let the device hold the arm where it is, from the next `write` on. Real-time safe; does nothing if
-        the arm is held. Without calls of `write` the device must do this by itself, because rtloop may have
-        been killed.
+        """Make the device hold the arm at its current position from the next `write` on. Real-time safe; does
+        nothing if the arm is already held. If `write` is no longer called, the device must hold the arm by
+        itself, because rtloop may have been killed.
         """
         ...
 
     def follow_commands(self) -> None:
-        """Follow the commands from the next `write` on. The first one is the position of the arm, which is at
-        rest.
+        """Follow the commands from the next `write` on. The arm is at rest, and the first command is its
+        position.
         """
         ...
 
@@ -275,8 +281,8 @@ class CarriesTool(Protocol):
     """A backend whose drives must know their load, for example to compensate gravity themselves."""
 
     def set_tool(self, tool: Tool) -> None:
-        """Use a tool from the next cycle on. Called before `open`, if there is a tool, and while the arm is
-        at rest. It may take some cycles; the arm must not move.
+        """Use this tool from the next cycle on. Called before `open`, if there is a tool, and later while the
+        arm is at rest. The call may delay a few cycles, and must not move the arm.
 
         Raises:
             BackendError: the robot cannot carry the tool; nothing has changed.
@@ -286,25 +292,27 @@ class CarriesTool(Protocol):
 
 @runtime_checkable
 class HasIo(Protocol):
-    """A device with named inputs and outputs; its `capabilities.io` is True.
+    """A device with named inputs and outputs. Its `capabilities.io` must be True.
 
-    An attribute `report_period_s`, 0.001 to 0.2 s, is the interval at which `io` and `Reporting.status` are
-    called; without it they are called every 0.2 s.
+    The optional attribute `report_period_s`, 0.001 to 0.2 s, sets the interval at which `io` and
+    `Reporting.status` are called. By default they are called every 0.2 s.
     """
 
     def io(self) -> Sequence[IoPoint]:
-        """All inputs and outputs as last reported by the device; called like `Reporting.status`."""
+        """Return all inputs and outputs as last reported by the device. Called at the same times as
+        `Reporting.status`.
+        """
         ...
 
     def set_output(self, name: str, value: float) -> None:
-        """Request to set an output of `io`, with the next `write` or soon after. It counts as set once `io`
-        reports the value. Called between two cycles; must not wait for the device.
+        """Request to set an output of `io` at the next `write` or soon after it. The output counts as set
+        once `io` reports the value. Called between two cycles; must not wait for the device.
 
         Args:
-            value: value of the output's kind, see `cobot.robot.io_points`; 0 or 1 for a boolean.
+            value: a value that fits the output's kind, see `cobot.robot.io_points`; 0 or 1 for a boolean.
 
         Raises:
-            BackendError: the device does not accept the value now; the error has the reason.
+            BackendError: the device does not accept the value now; the error gives the reason.
         """
         ...
 
@@ -320,41 +328,43 @@ class HasCell(Protocol):
     part_names: tuple[str, ...]
 
     def part_poses(self, poses: Array) -> None:
-        """Write the poses of all parts in the base frame into `poses`, shape (n, 7): x, y, z (m) and
-        w, x, y, z. Real-time safe.
+        """Write the poses of all parts in the base frame into `poses`, shape (n, 7): the position x, y, z (m)
+        and the quaternion w, x, y, z. Real-time safe.
         """
         ...
 
     def mount(self, tool: Tool) -> None:
-        """Make the simulated arm carry this tool, which is that of `CarriesTool` without the parts, from the
-        next cycle on. Called before `open`, and while the arm is at rest.
+        """Make the simulated arm carry this tool from the next cycle on. It is the tool of `CarriesTool`
+        without the held parts. Called before `open`, and later while the arm is at rest.
         """
         ...
 
     def reset_cell(self) -> None:
-        """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
-        Called between two cycles.
+        """Reset the parts, the hand, the outputs and the counters to their initial state. The arm stays where
+        it is. Called between two cycles.
         """
         ...
 
 
 @runtime_checkable
 class Simulated(Protocol):
-    """A simulated arm, for experiments by people. No backend of a real robot may have these methods."""
+    """A simulated arm that people can reset and pull for experiments. A backend for a real robot must not
+    implement these methods.
+    """
 
     def restart(self, initial_position: Array) -> None:
-        """Put the arm at rest at this position, and its cell into its initial state. Called between two
+        """Put the arm at rest at this position, and reset its cell to the initial state. Called between two
         cycles while nothing moves.
         """
         ...
 
     def pull(self, link: str, point: Array, target: Array) -> None:
-        """Pull at a point of a link with a spring, as a hand does, for 0.2 s or until the next call, and
-        only while the arm has an impedance. The force is bounded.
+        """Pull at a point on a link with a spring, as a hand does, for 0.2 s or until the next call. This has
+        an effect only while the arm has an impedance. The force is limited.
 
         Args:
-            link: name of a body that the joints move.
-            point: point of the link, in the link's frame, m.
+            link: name of a body that is moved by the joints.
+            point: point on the link, in the link's frame, m.
             target: position to which the point is pulled, in the base frame, m.
 
         Raises:
@@ -363,21 +373,21 @@ class Simulated(Protocol):
         ...
 
     def let_go(self) -> None:
-        """End the pull now."""
+        """Stop pulling now."""
         ...
 
 
 @runtime_checkable
 class ReadsInputs(Protocol):
-    """A `HasIo` whose inputs can be read one by one in the cycle. For other backends `io` is called
+    """A `HasIo` device whose inputs can be read one by one in the cycle. For other backends `io` is called
     instead.
     """
 
     def read_input(self, name: str) -> float:
-        """The current value of an input; 0 or 1 for a boolean. Real-time safe.
+        """Read the current value of an input; 0 or 1 for a boolean. Real-time safe.
 
         Raises:
-            BackendError: there is no such input, or it cannot be read; the error has the reason.
+            BackendError: there is no such input, or it cannot be read; the error gives the reason.
         """
         ...
 
@@ -386,17 +396,17 @@ class ReadsInputs(Protocol):
 class TrajectoryDevice(Protocol):
     """A robot arm that takes a whole motion at a time and executes it by itself, used instead of a `Backend`.
 
-    Constructor and attributes are those of a `Backend`; it may also implement `Reporting`, `CarriesTool` and
-    `HasIo`. Each method may raise BackendError and may wait for the device for some tenths of a second,
-    `enable` for seconds. A thread calls them one at a time. Only `set_tool` and `disable` are called in the
-    cycle, while nothing moves.
+    The constructor and the attributes are the same as for a `Backend`. The class may also implement
+    `Reporting`, `CarriesTool` and `HasIo`. Each method may raise BackendError and may wait for the device for
+    some tenths of a second; `enable` may wait for seconds. A thread calls the methods one at a time. Only
+    `set_tool` and `disable` are called in the cycle, while nothing moves.
 
     Two attributes are optional: `state_period_s`, the interval at which the device is polled (0.05), and
     `point_period_s`, the maximum time between points of a motion (0.02).
     """
 
     def open(self, initial_position: Array) -> None:
-        """See `Backend`; the same holds for `enable`, `disable` and `close`."""
+        """Connect; see `Backend`. The methods `enable`, `disable` and `close` also work as in `Backend`."""
         ...
 
     def enable(self) -> None: ...
@@ -406,20 +416,20 @@ class TrajectoryDevice(Protocol):
     def close(self) -> None: ...
 
     def state(self, measured: Measured) -> None:
-        """Fill in the current measured values. Raises BackendError if the device has stopped unexpectedly,
-        with the reason.
+        """Fill in the current measured values. Raises a BackendError with the reason if the device has
+        stopped unexpectedly.
         """
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:
         """Load a motion without starting it.
 
-        It begins at the arm's current position, and is at rest at both ends.
+        The motion begins at the arm's current position, and is at rest at both ends.
 
         Args:
-            times_s: times of its points, shape (n,), from 0 on.
-            rows: position, velocity and acceleration of the points, shape (3, n, dof): rad, rad/s, rad/s².
-                The arm must pass all points; quintics between them are exact.
+            times_s: times of the points of the motion, shape (n,), starting at 0.
+            rows: position, velocity and acceleration at the points, shape (3, n, dof): rad, rad/s, rad/s².
+                The arm must pass through all points. Quintics between the points reproduce the path exactly.
         """
         ...
 
@@ -428,28 +438,32 @@ class TrajectoryDevice(Protocol):
         ...
 
     def progress(self) -> float:
-        """The executed part of the motion, s of its own time; on arrival the last of `times_s`. If the device
-        slows down, this advances more slowly than a clock.
+        """Return how much of the motion has been executed, in seconds of the motion's own time. On arrival
+        this is the last value of `times_s`. If the device slows down, it advances more slowly than a clock.
         """
         ...
 
     def stop(self) -> None:
-        """Stop, on the path if possible; also called if nothing moves."""
+        """Stop the arm, on the path if possible. Also called if nothing moves."""
         ...
 
 
 @runtime_checkable
 class MovesByItself(Protocol):
-    """The methods of a `Backend` for a device that executes whole motions. Real-time safe."""
+    """The additional methods of a `Backend` for a device that executes whole motions. All are real-time
+    safe.
+    """
 
     def begin(self, breakpoints_s: Array, coefficients: Array, share: float) -> None:
-        """Make the device load this path, a `cobot.trajectory.Trajectory`, and execute it, slowed down to
-        `share`.
+        """Make the device load and execute this path, slowed down to `share` of its speed. The arguments are
+        defined as in `cobot.trajectory.Trajectory`.
         """
         ...
 
     def done_s(self) -> float:
-        """The progress along the path of `begin` at the last reading, in seconds of the path's time."""
+        """Return the progress along the path given to `begin` at the last reading, in seconds of the path's
+        own time.
+        """
         ...
 
     def halt(self) -> None:
@@ -457,23 +471,24 @@ class MovesByItself(Protocol):
         ...
 
     def is_halted(self) -> bool:
-        """Whether the stop has been sent or cannot be sent. Then the measured position is valid."""
+        """Whether the stop has been sent, or cannot be sent. From then on the measured position is valid."""
         ...
 
 
 class NoOptions(BackendOptions):
-    """The options of a backend without options."""
+    """The options class of a backend that needs no options."""
 
 
 SIMULATED = Capabilities()
 
 
 def capabilities_of(backend: object) -> Capabilities:
-    """The capabilities of a backend or its class. The methods of some protocols imply some of them.
+    """Return the capabilities of a backend or its class. Implementing some of the protocols implies a
+    capability.
 
     Raises:
-            ConfigError: the attribute is not a `Capabilities`. On a class it may be a descriptor for
-                instances.
+            ConfigError: the attribute `capabilities` is not a `Capabilities`. On a class it may be a
+                descriptor that is meant for instances.
     """
     capabilities = getattr(backend, "capabilities", SIMULATED)
     if isinstance(backend, type) and hasattr(capabilities, "__get__"):

@@ -1,4 +1,5 @@
-"""Arms behind ros2_control, over DDS: neither ROS nor rclpy has to be installed on this computer.
+"""Arms that are controlled by ros2_control, over DDS. Neither ROS nor rclpy has to be installed on this
+computer.
 
 options   the options
 link      the process that speaks DDS, and the facts that it reports

@@ -1,6 +1,6 @@
 """An arm behind ros2_control that accepts whole motions.
 
-Motions are goals of FollowJointTrajectory, and positions come from joint_states.
+Motions are sent as FollowJointTrajectory goals, and positions are received from joint_states.
 
 The clock of the driver's computer is not used: goals have the time stamp 0, which means now, and ages are
 measured with the clock of this computer.
@@ -28,11 +28,13 @@ from rtloop.backends.ros2_control.rig import Ros2ControlRig
 START_RAD = 0.02
 """Maximum distance of a joint from the first point of a motion, rad."""
 FEEDBACK_S = 0.25
-"""Maximum age of feedback, s. If it is older, the measured position is used instead."""
+"""Maximum age of the controller's feedback, s. If the feedback is older, the measured position is used
+instead.
+"""
 
 
 class Ros2ControlArm(ControllerClient):
-    """A `TrajectoryDevice` with `status`; see the module."""
+    """A `TrajectoryDevice` that also reports its status; see the module."""
 
     Options = Ros2ControlOptions
     capabilities = Capabilities(
@@ -54,7 +56,7 @@ class Ros2ControlArm(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> Ros2ControlRig:
-        """The backend with a simulated controller in the same process."""
+        """Make a rig with the backend and a simulated controller in the same process."""
         return Ros2ControlRig(Ros2ControlArm, settings, limits)
 
     def open(self, initial_position: Array) -> None:
@@ -62,9 +64,9 @@ class Ros2ControlArm(ControllerClient):
         self._await()
 
     def enable(self) -> None:
-        """Cancel any remaining goal, and check again for faults.
+        """Cancel any remaining goal and check for faults again.
 
-        No drive is switched on: the driver does that.
+        No drive is switched on here, because the driver does that.
         """
         self._link.open()
         self._link.forget()
@@ -123,7 +125,7 @@ class Ros2ControlArm(ControllerClient):
         return progress.look(goal.running_s, None if place is None else np.array(place), 0.0)
 
     def stop(self) -> None:
-        """Cancel all goals. A process that has ended is started again for that."""
+        """Cancel all goals. If the process that speaks DDS has ended, it is started again for this."""
         self._link.open()
         if failed := self._link.cancel():
             raise BackendError(f"{failed}: the arm may still move; press the emergency stop of the robot")
@@ -137,7 +139,7 @@ class Ros2ControlArm(ControllerClient):
         self._link.close()
 
     def _problem(self, facts: Facts) -> str:
-        """The reason why the arm cannot be moved now; "" if it can be moved."""
+        """Return the reason why the arm cannot be moved now; "" if it can be moved."""
         goal = facts.goal
         failed = "" if goal is None else words.of_goal(goal, facts.action)
         problem = failed or self._of_driver(facts)
@@ -156,7 +158,7 @@ class Ros2ControlArm(ControllerClient):
         )
 
     def _overdue(self, facts: Facts) -> str:
-        """A description of an overdue result; "" if it is not overdue.
+        """Describe an overdue result; "" if it is not overdue.
 
         If the speed slider is below full speed, no result is reported as overdue.
         """

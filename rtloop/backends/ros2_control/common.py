@@ -1,4 +1,4 @@
-"""What both backends for ros2_control have in common."""
+"""The common part of both ros2_control backends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class ControllerClient:
-    """A client of the controllers of an arm: the checks of what they report, and the status."""
+    """A client of an arm's controllers: it checks what they report, and makes the status."""
 
     capabilities: Capabilities
     way = words.GOALS
@@ -66,14 +66,14 @@ class ControllerClient:
         self._link.set_output(self._gpio.place_of(name), value)
 
     def _look_at_facts(self) -> Facts:
-        """Get the facts, and log outputs that were not set or set late, and inputs that cannot be read."""
+        """Get the facts. Log outputs that were not set or were set late, and inputs that cannot be read."""
         before, self._facts = self._facts, self._link.facts()
         if (problem := self._facts.gpio_problem) and problem != before.gpio_problem:
             log.warning("inputs and outputs of the device: %s", problem)
         return self._facts
 
     def _full_speed(self, scaling: float) -> float:
-        """The speed slider's value at full speed."""
+        """Return the value of the speed slider that means full speed."""
         if self._options.speed_scaling_full is not None:
             return self._options.speed_scaling_full
         self._percent = self._percent or scaling > 1.0
@@ -83,7 +83,7 @@ class ControllerClient:
         """Wait until the driver can be used.
 
         Raises:
-            BackendError: it cannot be used within `connect_s`; the error has the reason.
+            BackendError: the driver cannot be used within `connect_s`; the error gives the reason.
         """
         problem = ""
         for _ in range(max(int(self._options.connect_s / LOOK_S), 1)):
@@ -95,7 +95,7 @@ class ControllerClient:
         raise BackendError(problem)
 
     def _of_driver(self, facts: Facts) -> str:
-        """The reason why the driver cannot be used; "" if it can be used."""
+        """Return the reason why the driver cannot be used; "" if it can be used."""
         return (
             words.of_connection(facts, self._options.namespace, self.way)
             or words.of_joints_of_controller(facts, self._names)
@@ -105,7 +105,7 @@ class ControllerClient:
 
 
 def options_of(settings: Settings, kind: type[Ros2ControlOptions]) -> Ros2ControlOptions:
-    """The options in the settings."""
+    """Return the options from the settings."""
     options = settings.backend_options(kind)
     assert isinstance(options, Ros2ControlOptions)
     return options

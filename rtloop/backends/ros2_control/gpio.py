@@ -1,4 +1,4 @@
-"""Inputs and outputs of a driver, by the names in the settings."""
+"""Inputs and outputs of a driver, under the names in the settings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rtloop.backends.ros2_control.options import Ros2ControlOptions
 
 
 class GpioPoints:
-    """The points of the options."""
+    """The inputs and outputs that the options define."""
 
     def __init__(self, options: Ros2ControlOptions) -> None:
         self._options = options
@@ -22,7 +22,9 @@ class GpioPoints:
         return bool(self._options.inputs or self._options.outputs)
 
     def points(self, facts: Facts) -> list[IoPoint]:
-        """All points with their last values; not a number while the controller does not report them."""
+        """Return all points with their last values. A value is NaN while the controller does not report
+        it.
+        """
         is_old = facts.gpio_age_s is None or facts.gpio_age_s > MAX_AGE_S
         named = {name: (place, False) for name, place in self._options.inputs.items()}
         named |= {name: (place, True) for name, place in self._options.outputs.items()}
@@ -34,7 +36,7 @@ class GpioPoints:
         ]
 
     def place_of(self, name: str) -> str:
-        """The interface of an output.
+        """Return the interface of an output.
 
         Raises:
             BackendError: there is no such output.

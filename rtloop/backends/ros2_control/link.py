@@ -1,7 +1,7 @@
 """The link to the controllers: a separate process that speaks DDS (`cobot.dds.arm_client`).
 
-It is polled several times a second. Because it is a process of its own, network traffic and the decoding of
-messages do not occupy the interpreter of the cycle. Motions are sent to it as arrays in binary form.
+The process is polled several times a second. Because it is separate, network traffic and the decoding of
+messages do not occupy the interpreter of the cycle. Motions are sent to it as binary arrays.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from rtloop.backends.protocols import BackendError
 
 CLOSE_S = 2.0
 START_S = 10.0
-"""Timeout for the first answer of the process, s: a slow computer needs seconds to start it."""
+"""Timeout for the first answer of the process, s. A slow computer needs several seconds to start it."""
 ANSWER_S = 3.0
-"""Timeout for an answer of the process, in addition to the time that the driver has, s."""
+"""Timeout for an answer of the process, in addition to the driver's own timeout, s."""
 MAX_LINE = 1 << 20
 ENDED = "the process that speaks ROS 2 has ended or does not answer; a reset starts it again"
 
 
 @dataclass(frozen=True, slots=True)
 class GoalFacts:
-    """The newest goal of this link.
+    """What is known about the newest goal that this link has sent.
 
     Attributes:
         accepted: whether the controller accepted it; None before the answer.
@@ -39,9 +39,10 @@ class GoalFacts:
         error_code, error_string: fields of the result.
         lost: whether the action server disappeared before the result.
         stopping: whether cobot has cancelled it.
-        running_s: time from its sending until now, or until its result, s.
-        desired: desired positions of the last feedback in the arm's order, shape (dof,), rad; None before it.
-        actual: positions of the same feedback as the controller measured them.
+        running_s: time since the goal was sent, or from its sending to its result, s.
+        desired: desired positions in the last feedback, in the arm's order, shape (dof,), rad; None before
+            the first feedback.
+        actual: positions in the same feedback as the controller measured them.
         feedback_age_s: age of this feedback, s.
     """
 
@@ -64,9 +65,9 @@ class Facts:
     Attributes:
         problem: reason why the link does not work; "" if it does.
         action: name of the action that accepts the goals; "" if it is unknown.
-        ready: whether the server of this action is available.
+        ready: whether the action server is available.
         choices: the candidates, if several actions match the settings.
-        controllers: name, type, state, joints of each controller; None without a controller manager.
+        controllers: name, type, state and joints of each controller; None if there is no controller manager.
         controller: the controller that accepts the goals; "" if it is unknown.
         age_s: age of the last joint state, s; None before the first one.
         rate_hz: rate of joint states, Hz.
@@ -75,13 +76,13 @@ class Facts:
         position, velocity, effort: measured values in the arm's order; None if the joint state lacks them.
         goal: the newest goal; None before the first one and after `forget`.
         others: number of goals of other clients that are being executed.
-        scaling: value of the speed slider; None without one.
-        held: positions in the state that the controller publishes; None without it.
+        scaling: value of the speed slider; None if there is none.
+        held: positions in the state that the controller publishes; None if it publishes none.
         held_age_s: age of this state, s.
-        gpio: values of the inputs and outputs by GPIO/INTERFACE.
+        gpio: values of the inputs and outputs, by names of the form GPIO/INTERFACE.
         gpio_age_s: age of these values, s; None before the first ones.
-        gpio_problem: reason why the driver has not set an output, or that it was set late; "" if none is
-            known.
+        gpio_problem: reason why the driver has not set an output, or a note that it was set late; "" if no
+            problem is known.
     """
 
     problem: str = ""
@@ -108,7 +109,7 @@ class Facts:
 
 
 def facts_of(content: dict[str, Any]) -> Facts:
-    """Convert an answer of the process to facts."""
+    """Convert an answer from the process to `Facts`."""
     goal = content.pop("goal")
     return Facts(**content, goal=None if goal is None else GoalFacts(**goal))
 
@@ -117,7 +118,7 @@ class ControllerLink(Protocol):
     """The functions of the link that the device uses. Each may raise BackendError."""
 
     def open(self) -> None:
-        """Begin to listen. Does nothing if it listens already."""
+        """Begin to listen. Does nothing if the link is already listening."""
         ...
 
     def close(self) -> None:
@@ -133,11 +134,13 @@ class ControllerLink(Protocol):
         ...
 
     def start(self) -> None:
-        """Send the motion as a goal and wait for the answer, which is then in `facts`."""
+        """Send the motion as a goal and wait for the answer, which `facts` then returns."""
         ...
 
     def cancel(self) -> str:
-        """Cancel all goals of the action and wait for the answer. Returns the reason of a failure, or ""."""
+        """Cancel all goals of the action and wait for the answer. Return the reason of a failure, or "" if
+        there was none.
+        """
         ...
 
     def forget(self) -> None:
@@ -154,7 +157,7 @@ class ControllerLink(Protocol):
 
 
 class ClientProcess:
-    """A `ControllerLink` over the process.
+    """A `ControllerLink` that uses the process that speaks DDS.
 
     Args:
         settings: see `cobot.dds.arm_client`.
@@ -178,7 +181,7 @@ class ClientProcess:
         """Start the process.
 
         Args:
-            descriptors: descriptors of this process, which it inherits.
+            descriptors: file descriptors of this process that the started process inherits.
         """
         command = [sys.executable, "-P", "-m", "cobot.dds.arm_client", json.dumps(settings)]
         self._process = subprocess.Popen(
@@ -186,7 +189,7 @@ class ClientProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=descriptors,
-            start_new_session=True,  # Ctrl-C is the service's
+            start_new_session=True,  # Ctrl-C is handled by the service
         )
         self._rest, self._begins = b"", True
 
@@ -230,7 +233,7 @@ class ClientProcess:
     ) -> dict[str, Any]:
         """
         Args:
-            driver_s: time that the process waits for the driver.
+            driver_s: time for which the process may wait for the driver, s.
         """
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
@@ -249,7 +252,7 @@ class ClientProcess:
         return answer
 
     def _line(self, descriptor: int, timeout_s: float) -> bytes:
-        """The next line of the process.
+        """Read the next line from the process.
 
         Raises:
             OSError: the line does not arrive in time.

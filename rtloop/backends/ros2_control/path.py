@@ -9,12 +9,12 @@ from cobot.types import Array
 from rtloop.backends.protocols import BackendError
 
 AHEAD_S, FASTER = 0.3, 1.2
-"""Range of the path in which feedback is searched, ahead of the last progress: an offset in s, plus a
-multiple of the elapsed time.
+"""Length of the part of the path, ahead of the last progress, in which a position from the feedback is
+searched: an offset in s, plus this multiple of the elapsed time.
 """
 SAME_RAD = 1e-5
 OPEN_S = 1e-3
-"""Minimum remaining time that is reported as progress until the result arrives, s."""
+"""Remaining time that the reported progress leaves at least until the result arrives, s."""
 
 
 def resampled(
@@ -63,7 +63,7 @@ class PathProgress:
 
         Args:
             running_s: time since the motion began, s.
-            place: desired or measured position of the arm, shape (dof,), rad; None if unknown.
+            place: desired or measured position of the joints, shape (dof,), rad; None if unknown.
             since_s: progress since the time of this position, s.
         """
         elapsed_s = max(running_s - self._running_s, 0.0)
@@ -75,8 +75,9 @@ class PathProgress:
         return self.done_s
 
     def _find(self, place: Array, low_s: float, high_s: float, likely_s: float) -> float:
-        """The time between `low_s` and `high_s` at which the path is nearest to `place`; of several, the one
-        nearest to `likely_s`."""
+        """Return the time between `low_s` and `high_s` at which the path is nearest to `place`. If there are
+        several, return the one nearest to `likely_s`.
+        """
         first = max(int(np.searchsorted(self._times_s, low_s - AHEAD_S)) - 1, 0)
         last = min(int(np.searchsorted(self._times_s, high_s)) + 1, len(self._times_s))
         starts, ends = self._positions[first : last - 1], self._positions[first + 1 : last]

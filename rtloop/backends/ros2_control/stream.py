@@ -1,7 +1,7 @@
 """An arm behind ros2_control that accepts a command in each cycle.
 
-Commands go to a forward command controller, which passes each position on when it arrives. The controller's
-own cycle must be as fast as the joint states.
+Commands are sent to a forward command controller, which passes on each position as soon as it arrives. The
+controller's own cycle must be as fast as the joint states.
 
 The cycle exchanges datagrams with the process that speaks DDS and never waits for it. A thread polls that
 process several times a second for all other facts, and enables the arm for a reset.
@@ -36,36 +36,40 @@ log = logging.getLogger("cobot.rtloop")
 CLOSE_S = 2.0
 ROWS = ("position", "velocity", "effort")
 MIN_STATES = 2.0
-"""Minimum number of joint states within `rt.frozen_after_s`. With fewer, cobot would report frozen values."""
+"""Minimum number of joint states within `rt.frozen_after_s`. With fewer of them, cobot would wrongly report
+frozen values.
+"""
 
 
 class StreamOptions(Ros2ControlOptions):
-    """The options are those for whole motions; `controller` is the forward command controller."""
+    """The options for streaming. They are the same as for whole motions; `controller` is the forward command
+    controller.
+    """
 
     min_rate_hz: float = 100.0
     state_timeout_s: float = 0.1
 
 
 class StreamLink(ControllerLink, Protocol):
-    """The functions that a stream uses in addition.
+    """A `ControllerLink` with the additional functions for streaming.
 
     Attributes:
-        threaded: whether a thread polls its facts.
+        threaded: whether a thread polls the facts.
     """
 
     threaded: bool
 
     def latest(self, rows: Array) -> float:
-        """The newest joint state, shape (3, dof); returns its age, s. Real-time safe."""
+        """Write the newest joint state into `rows`, shape (3, dof), and return its age, s. Real-time safe."""
         ...
 
     def command(self, position: Array) -> None:
-        """Send a command. Real-time safe."""
+        """Send a commanded position. Real-time safe."""
         ...
 
 
 class Ros2ControlStream(ControllerClient):
-    """See the module; a `Backend`, `Stepwise`, with `status`."""
+    """A `Backend` that is also `Stepwise` and reports its status; see the module."""
 
     Options = StreamOptions
     capabilities = Capabilities(
@@ -96,7 +100,7 @@ class Ros2ControlStream(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> StreamRig:
-        """A simulated controller in the same process."""
+        """Make a rig with a simulated controller in the same process."""
         return StreamRig(Ros2ControlStream, settings, limits)
 
     def open(self, initial_position: Array) -> None:
@@ -115,13 +119,13 @@ class Ros2ControlStream(ControllerClient):
             self._thread.start()
 
     def enable(self) -> None:
-        """Check again for faults. No drive is switched on: the driver does that."""
+        """Check for faults again. No drive is switched on here, because the driver does that."""
         self.recover_step()
         while not self.enable_step():
             time.sleep(LOOK_S)
 
     def recover_step(self) -> bool:
-        """Send no more commands, and let the thread check for faults, which may take seconds."""
+        """Stop sending commands, and make the thread check for faults, which may take seconds."""
         self._enabled = False
         self._enabling.begin()
         return True
@@ -155,11 +159,11 @@ class Ros2ControlStream(ControllerClient):
             self._stream.command(command[0])
 
     def set_output(self, name: str, value: float) -> None:
-        """Set an output with the next poll. A request to the process would take longer than a cycle may."""
+        """Set an output at the next poll, because a request to the process would take longer than a cycle."""
         self._outputs.add(self._gpio.place_of(name), value)
 
     def disable(self) -> None:
-        """Send no more commands. The driver controls the drives, so they stay on."""
+        """Stop sending commands. The driver controls the drives, so they stay on."""
         self._enabled = False
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The link of a stream: datagrams between the cycle and the process that speaks DDS."""
+"""The link for streaming: datagrams between the cycle and the process that speaks DDS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BUFFER_BYTES = 1 << 16
 
 
 class StreamProcess(ClientProcess):
-    """A `StreamLink` over the process."""
+    """A `StreamLink` that uses the process that speaks DDS."""
 
     threaded = True
 
@@ -48,7 +48,7 @@ class StreamProcess(ClientProcess):
     def latest(self, rows: Array) -> float:
         connection = self._socket
         if connection is not None:
-            with contextlib.suppress(OSError):  # nothing more has come
+            with contextlib.suppress(OSError):  # no more datagrams have arrived
                 while connection.recv_into(self._into.data) == self._into.nbytes:
                     self._values, self._into = self._into, self._values
         rows[:] = self._values[1:].reshape(3, self._dof)

@@ -1,5 +1,6 @@
-"""The stream with a forward position controller in the same process, which counts periods. The contract
-drives it and injects faults."""
+"""The streaming backend with a simulated forward position controller in the same process, which counts
+periods. The contract drives the backend and injects faults.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,9 @@ STOPS = frozenset({"e_stop", "protective_stop"})
 
 
 class StreamRig:
-    """A `ContractRig`. A stop of the robot deactivates the controller, as drivers do. DDS itself puts packets
-    in order."""
+    """A `ContractRig` for streaming. A stop of the robot deactivates the controller, as drivers do. Reordered
+    packets are not among the faults, because DDS puts packets in order.
+    """
 
     faults = frozenset({"disconnect", "frozen", "nan", "loss", *STOPS})
 
@@ -46,7 +48,7 @@ class StreamRig:
 
 
 class RigStream:
-    """A `StreamLink` to the rig."""
+    """A `StreamLink` to the simulated controller of the rig."""
 
     threaded = False
 

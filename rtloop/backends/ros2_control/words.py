@@ -1,4 +1,4 @@
-"""Reasons why an arm behind ros2_control cannot be moved, as sentences with remedies."""
+"""Reasons why an arm that ros2_control controls cannot be moved, as sentences with remedies."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ ERRORS = {
     -5: "GOAL_TOLERANCE_VIOLATED: the arm has not arrived within the controller's tolerances",
     -6: "TRAJECTORY_ABORTED: the controller has aborted the motion",
 }
-"""Texts by `error_code` of control_msgs/action/FollowJointTrajectory."""
+"""Texts for the values of `error_code` in control_msgs/action/FollowJointTrajectory."""
 MOTOROS2 = 100_000
-"""MotoROS2 reports its own code in the lower five digits."""
+"""Factor of the `error_code` that MotoROS2 adds before its own code, which is in the lower five digits."""
 BEYOND_RAD = 0.2
-"""Maximum distance of a joint beyond its limit, rad. Above it the reported position must be wrong."""
+"""Maximum distance of a joint beyond its limit, rad. At a larger distance the reported position must be
+wrong.
+"""
 DISAGREE_RAD = 0.1
-"""Maximum difference between the joint states and the positions in the controller's feedback, rad."""
+"""Maximum difference between the positions in the joint states and in the controller's feedback, rad."""
 FRESH_S = 0.1
 AS_IF = "are they in degrees, or in another order? robot.backend.joints has the order"
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The requirements for joint states.
+    """What the joint states must contain to be usable.
 
     Attributes:
         topic: topic of the joint states.
@@ -54,12 +56,12 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class CommandWords:
-    """The nouns of one way to command the arm, for messages.
+    """The nouns that messages use for one way of commanding the arm.
 
     Attributes:
-        kind: kind of the controller.
-        end: name of the other end of the connection.
-        ends: its plural.
+        kind: name for the kind of controller.
+        end: name for the other end of the connection.
+        ends: the plural of `end`.
     """
 
     kind: str
@@ -72,7 +74,7 @@ COMMANDS = CommandWords("forward position controller", "subscriber of the topic"
 
 
 def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> str:
-    """The reason why the arm cannot be commanded; "" if it can be commanded."""
+    """Return the reason why the arm cannot be commanded; "" if it can be commanded."""
     if facts.problem:
         return facts.problem
     where = f"in the namespace {namespace}" if namespace else "in the root namespace"
@@ -104,7 +106,7 @@ def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> st
 
 
 def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
-    """The reason why the controller does not fit the arm; "" if it fits or its joints are unknown."""
+    """Return the reason why the controller does not fit the arm; "" if it fits or its joints are unknown."""
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
     joints = set(state["joints"]) if state else set()
     if not joints or joints == set(names):
@@ -119,7 +121,7 @@ def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
 
 
 def of_joint_states(facts: Facts, expected: Expectation) -> str:
-    """The reason why the joint states cannot be used; "" if they can be used."""
+    """Return the reason why the joint states cannot be used; "" if they can be used."""
     topic, names = expected.topic, expected.names
     if facts.missing:
         return (
@@ -157,7 +159,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
 
 
 def silence_of(topic: str, age_s: float, timeout_s: float) -> str:
-    """The error message for joint states that no longer arrive."""
+    """Return the error message for joint states that no longer arrive."""
     return (
         f"the last joint state on {topic} is {age_s:.2f} s old, the maximum is {timeout_s:g} s "
         "(robot.backend.state_timeout_s): check that the driver still runs"
@@ -165,7 +167,7 @@ def silence_of(topic: str, age_s: float, timeout_s: float) -> str:
 
 
 def of_goal(goal: GoalFacts, action: str) -> str:
-    """The reason why the goal has failed; "" if it is running, has succeeded or was stopped."""
+    """Return the reason why the goal has failed; "" if it is running, has succeeded or was stopped."""
     if goal.accepted is False:
         return f"{action} has rejected the goal; the log of its driver has the reason"
     if goal.lost:
@@ -182,8 +184,9 @@ def of_goal(goal: GoalFacts, action: str) -> str:
 
 
 def disagreement(facts: Facts, names: list[str], topic: str) -> str:
-    """A sentence on a difference between the joint states and the positions that the controller has, by the
-    feedback of its goal or by its state; "" if they agree, or the controller has sent neither lately.
+    """Describe a difference between the joint states and the positions that the controller reports in the
+    feedback of its goal or in its state. Return "" if they agree, or if the controller has recently sent
+    neither.
     """
     goal, actual = facts.goal, facts.held if facts.held_age_s <= FRESH_S else None
     if goal is not None and goal.actual is not None and goal.feedback_age_s <= FRESH_S:

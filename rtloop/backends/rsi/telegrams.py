@@ -208,7 +208,7 @@ def _attributes(names: Sequence[str], values: Sequence[float]) -> str:
 
 
 def _axes(layout: TelegramLayout, robot: str, external: str, values: Sequence[float]) -> str:
-    """Yield the positions of all axes. Robot axes without a joint are 0."""
+    """Encode the positions of all axes as elements. Robot axes without a joint are 0."""
     by_axis = dict(zip(layout.axes, np.multiply(values, layout.scale).tolist(), strict=True))
     own = [(axis, by_axis.get(axis, 0.0)) for axis in ROBOT_AXES]
     others = [(axis, value) for axis, value in by_axis.items() if is_external(axis)]

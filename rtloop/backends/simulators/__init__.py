@@ -1,1 +1,1 @@
-"""Parts that the simulated controllers of several makers share."""
+"""Parts that the simulated controllers for several manufacturers share."""

@@ -1,4 +1,4 @@
-"""Command-line arguments that all simulated controllers have."""
+"""Command-line arguments that all simulated controllers accept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Number = TypeVar("Number", int, float)
 
 
 def add_packet_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for what happens to packets, and for the process that sends them."""
+    """Add the options for faults of packets, and for the process that sends them."""
     add = parser.add_argument
     share = within(float, 0, 1)
     add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")
@@ -64,7 +64,7 @@ def ipv4(argument: str) -> str:
 
 
 def within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
-    """The type of an argument: a number of this kind in this range."""
+    """Make the type of an argument: a number of this kind in this range."""
 
     def read(argument: str) -> Number:
         try:

@@ -17,10 +17,12 @@ from rtloop.backends.mujoco import MujocoBackend
 
 STEP_S = 0.001
 STIFFNESS_SHARE = 0.2
-"""Stiffness if the controller's program has chosen an impedance, as a fraction of the maximum stiffness."""
+"""Stiffness while the controller's program uses an impedance, as a share of the maximum stiffness."""
 DAMPING_RATIO = 0.7
 GUIDED_SHARE = 1.0 / 16.0
-"""Share of the maximum stiffness whose critical damping a guided arm has."""
+"""Share of the maximum stiffness from which the damping of a guided arm is calculated, as its critical
+damping.
+"""
 Springs = Literal["joint", "cartesian"]
 
 
@@ -31,7 +33,7 @@ class ControllerArm:
         limits: limits of its joints.
         setpoint: target of the drives, shape (dof,), rad.
         measured: values of its sensors.
-        overlay: torques that the client adds to the drives' own, shape (dof,), N·m.
+        overlay: torques that the client adds to the torques of the drives, shape (dof,), N·m.
     """
 
     def __init__(
@@ -39,7 +41,7 @@ class ControllerArm:
     ) -> None:
         """
         Args:
-            springs: the drives have an impedance at the joints or at the TCP; None: position control.
+            springs: impedance of the drives at the joints or at the TCP; None for position control.
         """
         rt = settings.rt.model_copy(update={"period_s": STEP_S})
         self._drives = MujocoBackend(settings.model_copy(update={"rt": rt}), limits)
@@ -68,21 +70,23 @@ class ControllerArm:
 
     @property
     def push(self) -> Array:
-        """Wrench of the surroundings at the TCP, shape (6,), N and N·m, base frame. Write into this array to
-        push the arm.
+        """The wrench that the surroundings exert at the TCP, in the base frame, shape (6,), N and N·m. Write
+        into this array to push the arm.
         """
         return self._drives.push
 
     def torque_of(self, wrench: Array) -> Array:
-        """Joint torques for a wrench at the TCP in the base frame, shapes (dof,) and (6,)."""
+        """Calculate the joint torques, shape (dof,), that correspond to a wrench at the TCP in the base
+        frame, shape (6,).
+        """
         return self._find_jacobian().T @ wrench
 
     def speed_at(self, velocity: Array) -> float:
-        """Speed of the TCP for the given joint velocities, m/s."""
+        """Calculate the speed of the TCP at these joint velocities, m/s."""
         return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
 
     def pose(self) -> tuple[float, ...]:
-        """Pose of the flange in the base frame: x, y, z in mm and a quaternion (w, x, y, z)."""
+        """The pose of the flange in the base frame: x, y, z in mm and a quaternion (w, x, y, z)."""
         data = self._data
         turn = data.xmat[self._base].reshape(3, 3).T
         place = 1e3 * turn @ (data.site_xpos[self._flange] - data.xpos[self._base])
@@ -99,12 +103,14 @@ class ControllerArm:
         return self._jacobian
 
     def release(self) -> None:
-        """Let a person guide the arm: only dampers and the compensation of gravity act on it."""
+        """Release the arm, so that a person can guide it. Only dampers and the gravity compensation act on
+        it.
+        """
         nominal = self._drives.nominal_stiffness
         self._drives.set_impedance(Impedance(False, GUIDED_SHARE * nominal, np.ones(len(nominal))))
 
     def drift(self, milliseconds: int) -> None:
-        """Let a released arm move, for this number of milliseconds. Its target is where it is."""
+        """Simulate a released arm for this number of milliseconds. Its target follows its position."""
         rows = self._rows
         rows[1:] = 0.0
         for _ in range(milliseconds):
@@ -114,13 +120,15 @@ class ControllerArm:
         self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
 
     def loosen(self) -> None:
-        """Let only torques act on the arm, on top of the compensation of gravity and friction."""
+        """Put the arm under torque control. Only torques act on it, in addition to the compensation of
+        gravity and friction.
+        """
         nothing = np.zeros(self.limits.dof)
         self._drives.set_impedance(Impedance(False, nothing, np.ones(self.limits.dof)))
 
     def exert(self, torque: Array, milliseconds: int) -> None:
-        """Exert torques on a loosened arm, shape (dof,), N·m, for this number of milliseconds. Its target is
-        where it is.
+        """Exert torques, shape (dof,), N·m, on an arm under torque control for this number of milliseconds.
+        Its target follows its position.
         """
         rows = self._rows
         for _ in range(milliseconds):
@@ -131,8 +139,8 @@ class ControllerArm:
         self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
 
     def _acceleration_of(self, torque: Array) -> Array:
-        """The acceleration, rad/s², whose inertial torque in the drives is the given one. The drives
-        compensate velocity-dependent torques too, so these are subtracted.
+        """Calculate the acceleration, rad/s², that this torque of the drives causes. The drives also
+        compensate velocity-dependent torques, so these are subtracted.
         """
         data, model = self._dynamics, self._model
         gravity, found = np.zeros(self.limits.dof), np.zeros(self.limits.dof)
@@ -145,7 +153,7 @@ class ControllerArm:
         return found
 
     def hold(self) -> None:
-        """Let the drives follow positions again."""
+        """Return to position control."""
         self._drives.set_impedance(None)
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
@@ -163,13 +171,13 @@ class ControllerArm:
             self._drives.write(rows)
         self.setpoint, self._velocity = np.array(target), np.array(velocity)
         self._drives.read(self.measured)
-        self.measured.external_effort -= self.overlay  # the arm itself has exerted it
+        self.measured.external_effort -= self.overlay  # the arm itself has exerted this torque
 
 
 def _between(
     begin: Array, begin_velocity: Array, end: Array, end_velocity: Array, time_s: float, share: float
 ) -> Array:
-    """Hermite's cubic between two positions with their velocities."""
+    """Make a cubic Hermite interpolation between two positions with their velocities."""
     square, cube = share * share, share**3
     position: Array = (
         (2 * cube - 3 * square + 1) * begin

@@ -8,21 +8,23 @@ import sys
 import time
 
 _STAMP = 35
-"""Linux's option SO_TIMESTAMPNS. It gives the arrival time of a packet, whenever this process reads it."""
+"""Linux's socket option SO_TIMESTAMPNS. It provides the arrival time of a packet, regardless of when this
+process reads the packet.
+"""
 _TIMESPEC = struct.Struct("qq")
 
 
 def request_arrival_times(receiver: socket.socket) -> None:
-    """Let the kernel note the arrival time of each packet."""
+    """Make the kernel record the arrival time of each packet."""
     if sys.platform == "linux":
         receiver.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
 
 
 def receive(receiver: socket.socket, max_packet: int) -> tuple[bytes, tuple[str, int], float]:
-    """The next packet, its sender, and its arrival time on the monotonic clock, s.
+    """Return the next packet, its sender, and its arrival time on the monotonic clock, s.
 
     Raises:
-        OSError: there is none, or an earlier packet was sent to a closed port.
+        OSError: there is no packet, or an earlier packet was sent to a closed port.
     """
     room = socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
     packet, more, _, sender = receiver.recvmsg(max_packet, room)

@@ -1,4 +1,4 @@
-"""A TCP server on this computer, for clients that send one JSON object per line."""
+"""A TCP server for clients on this computer that send one JSON object per line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rtloop.backends.simulators.reflexes import MAX_WRENCH
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
-"""Component of a wrench in a request, N or N·m."""
+"""Type of one component of a wrench in a request, N or N·m."""
 
 MAX_LINE = 65_536
 MAX_CLIENTS = 8
@@ -33,7 +33,7 @@ class LineServer(ABC):
         return port
 
     def serve(self) -> None:
-        """Answer the waiting requests, without waiting for more."""
+        """Answer the requests that have arrived, without waiting for more."""
         try:
             while len(self._clients) < MAX_CLIENTS:
                 client, _ = self._socket.accept()

@@ -12,17 +12,17 @@ UNLUCKY = 0.05
 """Fraction of the packets that are lost or arrive out of order."""
 EVERY = round(1.0 / UNLUCKY)
 RESTART_S = 1.0
-"""Time for the start of rtloop, during which the controller gets no answer, s."""
+"""Time that a restart of rtloop takes, during which the controller gets no answer, s."""
 
 
 class LockStep(Generic[AnyController]):
-    """A `PacketChannel` to a controller. Each wait runs the controller's next period.
+    """A `PacketChannel` to a simulated controller. Each wait runs the controller's next period.
 
     Attributes:
         time_s: time of the controller, which the backend uses as its own.
         off: whether the cable is disconnected.
         strangers: always 0, because there is no other sender.
-        busy: whether one in `EVERY` waits finds two packets instead of one.
+        busy: whether every `EVERY`-th wait returns two packets instead of one, as on a busy computer.
         pause: number of periods that pass before the next packet is read, as on a busy computer.
     """
 
@@ -70,7 +70,7 @@ class LockStep(Generic[AnyController]):
 
 
 class LossyNetwork(Protocol):
-    """See `Network` for the attributes."""
+    """A network with the attributes of `Network` that control the loss of packets."""
 
     loss: float
     reorder: float
@@ -78,7 +78,7 @@ class LossyNetwork(Protocol):
 
 
 class FaultyConnection(Protocol):
-    """The connection of a backend and a controller in one process; see `LockStep` for the attributes."""
+    """The connection between a backend and a controller in one process; see `LockStep` for the attributes."""
 
     off: bool
     busy: bool
@@ -91,7 +91,7 @@ Connection = TypeVar("Connection", bound=FaultyConnection)
 
 
 class LockStepRig(ABC, Generic[Connection]):
-    """The faults of a rig: those of the connection, and those of the controller."""
+    """A rig that injects faults of the connection and faults of the controller."""
 
     _channel: Connection
 

@@ -12,10 +12,11 @@ MAX_DELAY = 100
 
 
 class Network:
-    """Both directions between a controller and its client.
+    """A network between a controller and its client, in both directions.
 
     Attributes:
-        loss, reorder: shares of the packets that are lost, and that arrive one period after their successor.
+        loss, reorder: share of the packets that are lost, and share that arrive one period after their
+            successor.
         delay: delay of each answer, in periods.
         drop: number of the next packets to the client that are lost.
         lost: number of lost packets in both directions.
@@ -33,8 +34,8 @@ class Network:
         self._period = 0
 
     def to_client(self, packet: bytes) -> list[bytes]:
-        """Begin a period. Returns the packets that arrive at the client in it: this packet and earlier
-        ones.
+        """Begin a period and send a packet to the client. Return the packets that arrive there in this
+        period, which can include earlier ones.
         """
         self._period += 1
         if packet:
@@ -46,16 +47,18 @@ class Network:
         return self._take_due(self._out)
 
     def spoil_packet(self, packet: bytes) -> bytes:
-        """The packet in the form in which it arrives at the client. Each protocol has its own corruption."""
+        """Return the packet in the form in which it arrives at the client. Each protocol corrupts it in its
+        own way.
+        """
         return packet
 
     def from_client(self, packet: bytes) -> list[bytes]:
-        """Send a packet of the client. Returns the packets that arrive at the controller."""
+        """Send a packet from the client. Return the packets that arrive at the controller."""
         self._send(self._back, packet, self.delay)
         return self._take_due(self._back)
 
     def arrived(self) -> list[bytes]:
-        """The earlier packets that arrive at the controller at the beginning of a period."""
+        """Return the earlier packets that arrive at the controller at the beginning of a period."""
         return self._take_due(self._back)
 
     def _send(self, way: deque[tuple[int, bytes]], packet: bytes, delay: int) -> None:
@@ -66,8 +69,8 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """The due packets. Those that have waited longest come last, because later packets have overtaken
-        them.
+        """Take the packets that are due. Those that have waited longest come last, because later packets have
+        overtaken them.
         """
         due = [entry for entry in way if entry[0] <= self._period]
         if due:

@@ -35,10 +35,10 @@ def serve(
     """Run a simulated controller until SIGTERM or Ctrl-C.
 
     Args:
-        device: name of `cobot simulate`.
-        chosen: arguments of the command line, with `priority`.
-        made: creates the server.
-        said: the line that tells where it can be reached.
+        device: name of the device, as given to `cobot simulate`.
+        chosen: command-line arguments, including `priority`.
+        made: function that creates the server.
+        said: the printed line with the address of the server.
 
     Returns:
         The exit status: 0, or 2 if it could not start.

@@ -1,4 +1,4 @@
-"""Commands that a simulated controller rejects."""
+"""Checks for commands that a simulated controller rejects."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 VELOCITY_SHARE = 1.05
-"""Share of its velocity limit above which a joint is stopped."""
+"""Share of a joint's velocity limit above which the motion is stopped."""
 JUMP_RAD_S2 = 60.0
-"""Maximum acceleration of the commands, rad/s²: several times that of a planned motion."""
+"""Maximum acceleration of the commands, rad/s². It is several times the acceleration of a planned motion."""
 SLACK_RAD_S = 1e-3
 LIMIT_RAD = 0.01
 """Minimum distance of a command from a joint's limits, rad. Closer commands are rejected."""
 MAX_WRENCH = 1000.0
-"""Maximum wrench at the TCP, N or N·m: several times what such an arm holds."""
+"""Maximum force and torque at the TCP, N and N·m. They are several times what such an arm can exert."""
 T1_M_S = 0.25
-"""Speed of the TCP in T1: the reduced speed of ISO 10218-1."""
+"""Maximum speed of the TCP in T1, m/s: the reduced speed of ISO 10218-1."""
 
 
 def check_command(
@@ -36,7 +36,7 @@ def check_command(
         velocity: velocity since the previous command, rad/s.
         last_velocity: velocity at the previous command, rad/s.
         time_s: time between the two commands, s.
-        in_t1: whether the reduced speed of T1 holds.
+        in_t1: whether the operation mode is T1, in which the speed is limited.
     """
     if not np.isfinite(position).all():
         return Rejected("the client commands a position that is not finite")

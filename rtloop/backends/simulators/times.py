@@ -1,4 +1,4 @@
-"""Percentiles of very many durations, at constant cost."""
+"""Percentiles of an unlimited number of durations, at constant cost."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 MIN_TIME_S, MAX_TIME_S = 1e-6, 100.0
 STEP = 0.02
-"""Resolution of the logarithm. Percentiles are exact to two per cent."""
+"""Resolution of the logarithm of a duration. Percentiles are accurate to two per cent."""
 BUCKETS = math.ceil(math.log(MAX_TIME_S / MIN_TIME_S) / STEP) + 1
 
 
 class DurationCounter:
-    """Counters of durations.
+    """Counts durations in logarithmic steps.
 
     Attributes:
-        count: number of added durations.
+        count: number of durations that were added.
     """
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class DurationCounter:
         self._counts[round(math.log(within / MIN_TIME_S) / STEP)] += 1
 
     def shares(self) -> dict[str, float]:
-        """p50, p99, p99.9 and max, s; empty if none was added."""
+        """Return p50, p99, p99.9 and max, s. Empty if no duration was added."""
         if not self.count:
             return {}
         below = np.cumsum(self._counts)
@@ -45,18 +45,18 @@ class DurationCounter:
 
 
 class ServerTimes:
-    """Times of a simulated controller.
+    """Timing statistics of a simulated controller.
 
     Attributes:
-        answers: times between packets and the arrival of their answers.
-        lateness: delays of its own periods.
+        answers: times from sending a packet to the arrival of its answer.
+        lateness: delays at the beginning of the controller's own periods.
     """
 
     def __init__(self) -> None:
         self.answers, self.lateness = DurationCounter(), DurationCounter()
 
     def shown(self) -> dict[str, Any]:
-        """The number of answers, and the percentiles of both, s."""
+        """Return the number of answers, and the percentiles of answers and lateness, s."""
         found: dict[str, Any] = {"answers": self.answers.count}
         for name, times in (("answer_s", self.answers), ("lateness_s", self.lateness)):
             if times.count:

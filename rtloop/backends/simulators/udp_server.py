@@ -1,4 +1,4 @@
-"""A simulated controller on a network: UDP to its client, with its own clock."""
+"""A simulated controller on a network. It uses its own clock, and UDP to its client."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from rtloop.backends.simulators.times import ServerTimes
 MAX_PACKET = 65_507
 """Maximum size of a UDP packet, bytes. The controller checks the length that its protocol permits."""
 MAX_WAIT_S = 0.02
-"""Interval between checks of the control interface while the server waits for a late answer, s."""
+"""Interval at which the control interface is checked while the server waits for a late answer, s."""
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at the end of a period."""
 MIN_SHARE = 0.9
 """Fraction of a period between two messages while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which a client may have restarted and may send from another port, s."""
+"""Time without a packet after which a client may have restarted, so that it may send from a different port,
+s.
+"""
 
 
 def _ipv4_of(host: str) -> str:
@@ -37,7 +39,7 @@ def _ipv4_of(host: str) -> str:
 
 
 def _is_local(host: str) -> bool:
-    """Whether an address is one of this computer."""
+    """Whether an address belongs to this computer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((host, 0))
@@ -47,11 +49,11 @@ def _is_local(host: str) -> bool:
 
 
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
-    """The socket to send from.
+    """Make the socket to send from.
 
-    A client that is configured with the controller's name only accepts packets from its own port number
-    there. So port 0 means the client's port number. If client and simulator may share an address, the client
-    already uses that port, and another one is taken.
+    A client that is configured with the controller's name accepts only packets from there whose port number
+    equals its own. So port 0 means the client's port number. If the client and the simulator may share an
+    address, the client already uses that port, and a different one is taken.
     """
     host, port = address
     elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])
@@ -82,11 +84,11 @@ class SteppedController(Protocol):
 
     @property
     def waits_for_answer(self) -> bool:
-        """Whether its last packet still needs an answer."""
+        """Whether the controller's last packet still needs an answer."""
         ...
 
     def packet(self) -> bytes:
-        """End a period and begin the next: its packet, b"" for none."""
+        """End a period and begin the next one. Return the packet of the new period; b"" if there is none."""
         ...
 
     def answer(self, packet: bytes) -> None:
@@ -98,10 +100,10 @@ AnyController = TypeVar("AnyController", bound=SteppedController)
 
 
 class UdpServer(Generic[AnyController]):
-    """Sends one packet per period, and takes the answers.
+    """Sends one packet per period, and receives the answers.
 
-    A controller is punctual, but this process may not be. So an answer counts as in time if it arrives before
-    the next message is sent, however late this process reads it.
+    A real controller is punctual, but this process may not be. So an answer is in time if it arrives before
+    the next message is sent, regardless of when this process reads it.
     """
 
     def __init__(
@@ -117,14 +119,14 @@ class UdpServer(Generic[AnyController]):
     ) -> None:
         """
         Args:
-            control: makes the control interface.
+            control: function that makes the control interface.
             patience_s: maximum wait for a late answer, s, before it counts as missing.
 
         Raises:
             OSError: the client's name is unknown, or an address or port cannot be used.
         """
         self._controller, self._network = controller, network
-        # Answers come from an address, whatever the name.
+        # Answers come from an address, even if the client was given by its name.
         self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
         self._socket = _socket_for(self._client, address)
@@ -152,7 +154,7 @@ class UdpServer(Generic[AnyController]):
         return self._control.port
 
     def run(self, ending: list[str]) -> None:
-        """Run until `ending` holds a reason."""
+        """Run until `ending` contains a reason."""
         deadline_s = time.monotonic()
         while not ending:
             self._begin_period()
@@ -179,7 +181,7 @@ class UdpServer(Generic[AnyController]):
         # Taken before sending: the client may work on it before this process continues.
         self._sent_s = time.monotonic()
         for packet in sent:
-            with contextlib.suppress(OSError):  # no client is there: the missing answer shows it
+            with contextlib.suppress(OSError):  # there is no client, which the missing answer shows
                 self._socket.sendto(self._network.spoil_packet(packet), self._client)
         self._expects = message in sent and self._controller.waits_for_answer
 
@@ -200,7 +202,7 @@ class UdpServer(Generic[AnyController]):
                 self._take()
 
     def _take(self) -> bool:
-        """Process the next packet. Returns whether there was one."""
+        """Process the next packet. Return whether there was one."""
         try:
             packet, sender, arrived_s = receive(self._socket, MAX_PACKET)
         except OSError:
