@@ -38,7 +38,7 @@ __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
 @cache
 def function_of(planner: PlannerName) -> Callable[..., Any]:
-    """The planner's function, which its traits name."""
+    """The function of this planner, found by the name in its traits."""
     module, name = PLANNERS[planner].function.split(":")
     return cast(Callable[..., Any], getattr(import_module(f"cobot.planners.{module}"), name))
 
@@ -81,8 +81,10 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
 
 
 def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:
-    """The request for the motion after the escape. Its constraints stay relative to the original start, and
-    the escape must keep them too."""
+    """Return the request for the motion that follows the escape.
+
+    The escape must keep the same constraints, which stay relative to the original start.
+    """
     held, constraints = _held(robot, request), request.constraints
     if held is None or constraints is None:
         return request
@@ -127,7 +129,7 @@ def _search(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
 
 
 def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """The motion of ptp, or if ptp fails, that of ompl."""
+    """The ptp motion, or an ompl motion if ptp fails."""
     try:
         trajectory = validated(robot, request, plan_ptp(robot, request, goals[0]))
         taken = Notice("auto", {"planner": PlannerName.PTP.value})
@@ -145,10 +147,10 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
 
 
 def validated(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
-    """The motion, once it has passed the checks of every plan and those of its constraints.
+    """Return the motion after the checks that every plan must pass and the checks of its constraints.
 
     Raises:
-        PlanningError: it fails one.
+        PlanningError: the motion fails a check.
     """
     try:
         validate(robot, trajectory, request.scaled_limits(robot))

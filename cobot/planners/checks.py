@@ -17,13 +17,14 @@ TOLERANCE = 1e-9
 def validate(
     robot: RobotDescription, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
 ) -> None:
-    """Check a motion: limits at its true extrema, efforts, collisions with itself and the surroundings.
+    """Check a motion: its limits at the true extrema, its efforts, and collisions of the arm with itself and
+    its surroundings.
 
     An arm that was pushed beyond a limit may move back, but not further out.
 
     Raises:
         LimitError: as `check_limits` and `check_efforts`.
-        CollisionError: as the collision checker.
+        CollisionError: the arm touches itself or its surroundings; see the collision checker.
     """
     check_limits(trajectory, limits.including(trajectory.start), labels, TOLERANCE)
     check_efforts(robot.model, trajectory, limits)
@@ -31,5 +32,5 @@ def validate(
 
 
 def is_there(start: Array, goal: Array) -> bool:
-    """Whether the arm is already there."""
+    """Whether the arm is already at the goal."""
     return bool(np.abs(goal - start).max() < ALREADY_THERE_RAD)

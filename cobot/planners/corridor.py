@@ -17,13 +17,16 @@ from cobot.types import Array
 PARTS = 5
 """Rows of the curve's table per step."""
 CALM_STEPS, CALM_TIMES = 1, 4
-"""Width in steps and number of the averages that smooth the curve before its direction is taken: noise has a
-random direction."""
+"""Number of steps on each side over which the curve is averaged, and number of times that the average is
+taken. This smooths the curve before its direction is computed: the direction of noise is random.
+"""
 DENSE_STEPS = 0.5
 """With less than this many steps per point, the curve is linear between points: a spline exaggerates
 noise."""
 STANDSTILL = 1e-2
-"""Below this speed, rad/s, a curve has no useful direction, so time is not shifted along it."""
+"""If the speed is below this value, rad/s, the curve's direction is not meaningful, so time is not shifted
+along the curve.
+"""
 REFINEMENTS = 3
 
 
@@ -62,7 +65,7 @@ class AskedCurve:
         return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:
-        """The directions at these times, shape (n, dof)."""
+        """The directions of the curve at these times, shape (n, dof)."""
         return self._row(self.directions, times_s)
 
     def in_order(self, times_s: Array) -> Array:
@@ -103,8 +106,9 @@ def _averaged(rows: Array, steps: int, times: int) -> Array:
 
 
 def shift_along(apart: Array, direction: Array) -> Array:
-    """The delay after which a motion in `direction` is nearest to a point at distance `apart`, shape (n,),
-    s."""
+    """The delay, s, after which a motion in `direction` is nearest to a point at distance `apart`, shape
+    (n,).
+    """
     square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2
     return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)
 
@@ -114,8 +118,8 @@ class Deviation:
     """How far a motion deviates from the curve.
 
     Attributes:
-        largest: per joint, anywhere, shape (dof,), rad.
-        at_knots: per joint at each knot, shape (n, dof), rad.
+        largest: largest deviation of each joint anywhere on the curve, shape (dof,), rad.
+        at_knots: deviation of each joint at each knot, shape (n, dof), rad.
         times_s: the time on the curve that corresponds to each knot, in order, shape (n,).
     """
 
@@ -146,7 +150,9 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """How far a motion stays from the given positions, near these times and in order, shape (dof,), rad."""
+    """How far a motion stays away from the given positions, shape (dof,), rad. Only places near the given
+    times count, in order.
+    """
     positions, velocities = spline_at(control, step_s, times_s)
     shift = shift_along(given - positions, velocities)
     nearer = np.maximum.accumulate(times_s + np.clip(shift, -step_s, step_s))

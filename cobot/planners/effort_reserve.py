@@ -11,7 +11,7 @@ import numpy as np
 from cobot.types import Array
 
 PLANNED_EFFORT = 0.98
-"""Maximum share of the effort limits in planned motions; `allowed_shares` has the exception."""
+"""Maximum share of the effort limits in planned motions. `allowed_shares` describes the exception."""
 TRANSITION_EFFORT = 0.99
 """Maximum share of the effort limits where a motion is joined with the next one. Both may already use
 `PLANNED_EFFORT`. Without a margin above that value the join would often fail, and the arm would stop between

@@ -1,4 +1,4 @@
-"""Escape from a start that is beyond a joint limit or in collision, by the shortest way."""
+"""Escape by the shortest way from a start that is beyond a joint limit or in collision."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, PlannerName, Synchronization
 
 SPARE_M = 1e-3
-"""The escape ends this much farther away than the margin."""
+"""Distance beyond the margin at which the escape ends."""
 LOOK_M = 0.03
-"""Pairs up to this distance beyond the margin are kept apart on the way."""
+"""During the escape, pairs of bodies that are nearer than the margin plus this distance are kept apart."""
 STEPS = 40
 STEP_RAD = 0.2
 """Largest joint step of the search, because distances are not linear in the joints."""
 DEEPER_M = 1e-4
 """How much deeper a contact may get on the way, because distances are not linear along a straight motion."""
 SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
-"""Random samples around the start: the largest joint offset of each round, samples per round, and the number
-of free ones that are tried."""
+"""Random sampling around the start: the largest joint offset of each round, the number of samples per round,
+and the number of collision-free samples that are tried.
+"""
 
 
 def leave_invalid_start(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """A motion to the nearest free joint angles within the limits; None if the start is free and within them.
+    """A motion to the nearest collision-free joint angles within the limits; None if the start is valid.
 
     On the way, no contact becomes deeper. If that is impossible, no contact becomes deeper than the deepest
     one at the start. All other pairs keep the margin. The `note` gives the reason and the distance.
@@ -81,8 +82,9 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    """Two distances for each pair, shape (pairs,), m: the one that a way out should keep, and the least one
-    that it must keep."""
+    """Two distances for each pair of bodies, shape (pairs,), m: the distance that an escape should keep, and
+    the smallest one that it must keep.
+    """
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
     kept = np.minimum(margin_m, distances - DEEPER_M)
@@ -136,8 +138,10 @@ def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: f
 
 
 def _shortest(rows: Array, needs: Array) -> Array | None:
-    """The shortest x with rows @ x >= needs, or None: least distance programming (Lawson and Hanson, "Solving
-    Least Squares Problems", 1974, chapter 23).
+    """The shortest x with rows @ x >= needs; None if there is none.
+
+    This is least distance programming (Lawson and Hanson, "Solving Least Squares Problems", 1974, chapter
+    23).
     """
     from scipy.optimize import nnls
 

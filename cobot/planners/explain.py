@@ -1,9 +1,4 @@
-"""Remedies for a motion that could not be planned. Each one was planned, none is guessed.
-
-The findings of the checks lead to ideas. Each changes the request: more time for the path, another planner,
-other joint angles at the goal, another start, the nearest possible goal. Each idea is planned with all
-checks, and the first of each kind that passes is a remedy.
-"""
+"""Remedies for a motion that could not be planned. Each remedy has been planned; none is a guess."""
 
 from __future__ import annotations
 
@@ -33,8 +28,8 @@ SLOWER = (0.5, 0.2, 0.1)
 MIN_SPEED, MAX_DURATION_S = 0.01, 600.0
 """The lowest speed that is tried, and the longest duration of a remedy."""
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
-"""Shares of the way to the start by which a goal at the edge of the workspace is moved towards the start, in
-this order: at the edge a joint is at its limit or the elbow is straight.
+"""Shares of the distance to the start. A goal at the edge of the workspace is moved towards the start by
+these shares, in this order, because at the edge a joint is at its limit or the elbow is straight.
 """
 SHORT_OF, MIN_SHARE = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
 """If a line fails at a point, it is tried up to these shares of the distance to that point. The second value
@@ -50,7 +45,7 @@ class Idea:
     """A change of the request that may make it work.
 
     Attributes:
-        first: whether the arm must go to another start first; the idea counts only if it can.
+        first: whether the arm must first go to a different start; the idea counts only if it can go there.
     """
 
     kind: Kind
@@ -62,7 +57,7 @@ class Idea:
 def explain(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:
-    """Find changes that make a motion work that failed with `error`.
+    """Find changes of the request that make a motion possible that failed with `error`.
 
     Args:
         budget_s: no idea is begun after this time; the current one is completed.
@@ -102,9 +97,9 @@ def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> T
 
 
 def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
-    """All ideas, the likely ones first."""
+    """All ideas, the most promising ones first."""
     checks = {found.check for found in error.findings}
-    if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is elsewhere
+    if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is not there
         yield from (replace(idea, first=False) for idea in _other_starts(robot, request))
         return
     at_goal = bool(error.findings) and error.findings[0].share == 1.0
@@ -155,7 +150,7 @@ def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _is_the_path(request: MotionRequest) -> bool:
-    """Whether the path itself is requested. Another path to its end is then no alternative."""
+    """Whether the client requested the path itself. A different path to its end is then no alternative."""
     return bool(request.through) or request.is_by_angle
 
 
@@ -169,12 +164,14 @@ def _other_planners(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
-    """Changes for another planner: the same scaling, without the fields that not every planner uses."""
+    """Changes of the request for a different planner: the scaling stays, fields that not every planner uses
+    are removed.
+    """
     return {"planner": planner, "scaling": request.scaling, **DEFAULTS, **ANY_END}
 
 
 def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """For ptp to a pose: the joint angles that ptp did not choose."""
+    """For a ptp motion to a pose: the joint angles that ptp did not choose."""
     if request.traits.way is not Way.DIRECT or not isinstance(request.goal, Pose):
         return
     try:
@@ -186,8 +183,8 @@ def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator
 
 
 def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """For an invalid start: the nearest valid ones. For a path: other joint angles at the same TCP pose that
-    the arm can go to first.
+    """For an invalid start, the nearest valid starts. For a path, different joint angles at the same TCP
+    pose, to which the arm can go first.
     """
     limits = robot.limits
     inside = np.clip(request.start, limits.min_position, limits.max_position)
@@ -214,8 +211,8 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 
 
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """The nearest goals that are within the limits, reachable and free of collisions. They may need a planner
-    that searches.
+    """The nearest goals that are within the limits, reachable and free of collisions. Some are only reachable
+    with a planner that searches.
     """
     for goal, says in _near_goals(robot, request):
         if request.traits.way is not Way.PATH:
@@ -256,7 +253,7 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
 
 
 def _as_written(pose: Pose) -> Pose:
-    """The pose that results when a client sends it as angles."""
+    """The pose as it results when a client sends its orientation as angles."""
     return pose_from_abc(*pose.position.tolist(), *abc_from_quaternion(pose.quaternion))
 
 

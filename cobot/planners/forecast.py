@@ -18,11 +18,11 @@ from cobot.types import Array
 
 DISTANCE_SAMPLES = 200
 TOUCH_M = 1e-3
-"""Distances of a simulated run are computed up to this value, because only contacts count."""
+"""Maximum distance that is computed for a simulated run. It is small because only contacts count."""
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
-    """Plan as `plan` does and describe the motion; raises the same errors."""
+    """Plan like `plan` and describe the motion. Raises the same errors."""
     return describe(robot, plan(robot, request), request.start, samples)
 
 
@@ -62,7 +62,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
         return {"velocity": rest, "acceleration": rest, "jerk": rest, "torque": torque}
     coefficients = trajectory.coefficients
     begins = np.abs(coefficients[:, :, 1:4]).max(axis=0).T * [[1.0], [2.0], [6.0]]
-    # Pieces that are slower throughout than another one at its start do not matter.
+    # Leave out pieces that are slower throughout than a different piece is at its start.
     durations = np.diff(trajectory.breakpoints_s)
     rates = greatest_rates(coefficients, durations, begins[:, None]).max(axis=1)
     torque = np.abs(effort_samples(robot.model, trajectory)[1]).max(axis=0)
@@ -70,7 +70,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
 
 
 def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
-    """The shortest distances of a simulated run; a contact is a flaw."""
+    """The shortest distances during a simulated run; a contact is reported as a flaw."""
     distances = robot.collision.nearest.distances(run.positions, TOUCH_M)
     flaw = run.flaw
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
@@ -83,7 +83,9 @@ def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
 
 
 def _closest(robot: RobotDescription, rows: Array) -> tuple[Closest | None, Closest | None]:
-    """The closest pair of the robot's own bodies, and that of the robot and its surroundings."""
+    """The closest pair among the robot's own bodies, and the closest pair of the robot and its
+    surroundings.
+    """
     last = max(len(rows) - 1, 1)
 
     def along(nearest: Nearest | None) -> Closest | None:

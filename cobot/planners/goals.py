@@ -11,16 +11,16 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, Pose
 
 SPREAD = 8
-"""Configurations that are checked in each interval of the arm angle."""
+"""Number of configurations that are checked in each interval of the arm angle."""
 
 
 def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
-    """All known goals, shape (n, dof), rad, free of collisions, the nearest to the start first.
+    """All known collision-free goals, shape (n, dof), rad, sorted by their distance from the start.
 
     Raises:
         LimitError: joint angles beyond the limits.
         UnreachableError: no joint angles lead to the pose.
-        CollisionError: all are in collision; the message names what the nearest one touches.
+        CollisionError: all goals are in collision; the message names what the arm touches at the nearest one.
     """
     goal = request.goal
     if not isinstance(goal, Pose):
@@ -38,7 +38,8 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
 
 
 def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
-    """Further free configurations of a pose, shape (n, dof), possibly none; a higher `number` gives more.
+    """Further collision-free configurations at a pose, shape (n, dof), possibly none. A higher `number`
+    returns more.
 
     An arm with more joints than the pose needs has infinitely many configurations, and possibly no free path
     leads to the known ones.
@@ -57,7 +58,9 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
 
 
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
-    """Only the nearest free joint angles, shape (dof,); raises the same errors as `joint_goals`."""
+    """The collision-free joint angles nearest to the start, shape (dof,). Raises the same errors as
+    `joint_goals`.
+    """
     free = request.free_axes
     if isinstance(request.goal, Pose) and (free or not _at(robot, request.start, request.goal)):
         joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed, free=free)
@@ -67,7 +70,7 @@ def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
 
 
 def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
-    """The inverse kinematics' solutions, the nearest to the start first."""
+    """The solutions of the inverse kinematics, sorted by their distance from the start."""
     model, seed, free = robot.model, request.seed, request.free_axes
     found = [inverse(model, pose, request.start, random_seed=seed, free=free)]
     found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed, free=free)

@@ -19,8 +19,9 @@ hundredth of the allowance.
 ALLOWANCE = 1e-4
 """How far a motion, its start or its goal may violate a constraint, rad or m."""
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
-"""How far inside the constraints a projected configuration stays, rad or m, or as a share of a narrower
-range."""
+"""Distance by which a projected configuration stays inside the constraints, rad or m, and the same as a share
+of the constraint's range, which counts if the range is narrow.
+"""
 
 
 class Held:
@@ -73,10 +74,12 @@ class Held:
         return np.stack(columns, axis=1)
 
     def require(self, joints: Array, what: str, share: float | None = None) -> None:
-        """Reject a configuration that violates a constraint; `share` is its place in the motion.
+        """Reject a configuration that violates a constraint; `share` is the share of the motion at which it
+        occurs.
 
         Raises:
-            PlanningError: names `what`, the constraint, the violation and what is allowed.
+            PlanningError: the configuration violates a constraint; names `what`, the constraint, the
+                violation and the allowed value.
         """
         excess = self.excess(joints[None])[0]
         worst = int(excess.argmax())
@@ -90,7 +93,8 @@ class Held:
         """Reject a motion that violates a constraint.
 
         Raises:
-            PlanningError: names the place, the constraint and the violation.
+            PlanningError: the motion violates a constraint; names the place, the constraint and the
+                violation.
         """
         count = min(MAX_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
         times = np.linspace(0.0, trajectory.duration_s, count)
@@ -112,7 +116,7 @@ class Held:
         )
 
     def project(self, joints: Array) -> Array | None:
-        """As `Projection.project`."""
+        """Project a configuration onto the constraints, see `Projection.project`."""
         return self._projection.project(joints)
 
     def _angles(self, cone: Cone, poses: Array) -> Array:
@@ -124,7 +128,9 @@ class Held:
         return np.asarray(np.arctan2(sines, axes @ self._direction))
 
     def _finding(self, index: int, excess: float, share: float | None) -> Finding:
-        """The finding for a violated constraint, by its column of `excess`; its value is the excess."""
+        """The finding for a violated constraint, chosen by its column of `excess`. The value of the finding
+        is the excess.
+        """
         names = ["", *(["orientation"] if self._constraints.cone is not None else [])]
         units = ["", *(["rad"] if self._constraints.cone is not None else [])]
         if self._constraints.box is not None:
@@ -137,7 +143,7 @@ class Held:
         return Finding("constraint", f"{names[index]}, beyond it", excess, 0.0, units[index], share, of)
 
     def _said(self, index: int, joints: Array) -> str:
-        """The sentence for a violated constraint, by its column of `excess`."""
+        """The sentence that describes a violated constraint, chosen by its column of `excess`."""
         cone, box = self._constraints.cone, self._constraints.box
         index -= 1
         pose = self._model.poses(joints[None])

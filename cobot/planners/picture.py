@@ -18,12 +18,12 @@ WIDTH, HEIGHT = 480, 360
 VIEW_RAD = 0.75
 """Vertical field of view."""
 EYE = np.array([0.75, -1.0, 0.55])
-"""Direction of the camera in the base frame: from the front, the right and above."""
+"""Direction from which the camera looks, in the base frame: from the front, the right and above."""
 PATH = np.array([0.05, 0.35, 0.85])
 UP = np.array([0.0, 0.0, 1.0])
 GHOST = 0.3
 DOT = 1
-"""Half width of the path's dots, in pixels."""
+"""Half width of the dots that draw the path, in pixels."""
 AROUND_M = 0.45
 """Margin around the base and the path."""
 
@@ -33,7 +33,7 @@ def picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
     Args:
         joints: joints along the motion, shape (n, dof), rad.
-        poses: poses of the TCP there, in the base frame, shape (n, 7).
+        poses: poses of the TCP for these joints, in the base frame, shape (n, 7).
     """
     checker = robot.collision
     mj = robot.model.among(checker.scene, checker.tool)
@@ -62,7 +62,7 @@ def _cast(mj: mujoco.MjModel, data: mujoco.MjData, joints: Array, eye: Array, ra
 
 
 def _dense(points: Array) -> Array:
-    """The points of a line with additional points between them, so that it has no gaps."""
+    """The points of a line, with points added between them so that the line has no gaps."""
     steps = np.linspace(0.0, 1.0, 20, endpoint=False)[:, None]
     pieces = [a + steps * (b - a) for a, b in pairwise(points)]
     return np.vstack([*pieces, points[-1:]])

@@ -1,4 +1,6 @@
-"""Point to point: all joints start and stop together, in the shortest time or straight in joint space."""
+"""Point to point: all joints start and stop together. The motion takes the shortest time, or is straight in
+joint space.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +49,12 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
 
 
 def fastest_s(start: Array, goal: Array, limits: JointLimits) -> float:
-    """The time that the slowest joint needs alone, s. No motion from rest to rest is faster."""
+    """The time that the slowest joint needs by itself, s. No motion from rest to rest is faster."""
     return _in_time(start, goal, limits).duration_s
 
 
 def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """One profile for the share of the way, for all joints."""
+    """One profile for the share of the way, which all joints follow."""
     way = goal - start
     moved = np.abs(way) > 0.0
     amounts = np.abs(way[moved])
@@ -90,7 +92,8 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajectory:
     """Ruckig's per-joint profiles of one motion from rest, as one trajectory of cubics."""
-    # For each joint: begins, positions, velocities, accelerations and jerks of its pieces, (dof, 5, 8).
+    # For each joint, the start times, positions, velocities, accelerations and jerks of its pieces, shape
+    # (dof, 5, 8).
     rows = np.array([[[0.0, *each.t], each.p, each.v, each.a, [*each.j, 0.0]] for each in profiles])
     begins = rows[:, 0] = rows[:, 0].cumsum(axis=1)
     times = np.sort(np.minimum(np.append(begins, duration_s), duration_s))

@@ -30,10 +30,10 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     The limits of a motion with a duration are chosen so that it takes about as long when it is blended.
 
     Raises:
-        InputError: a velocity or an acceleration that is not above 0; a duration that is too short, with the
-            shortest possible one; also as `plan` does.
-        LimitError: a duration beyond `MAX_DURATION_S`.
-        PlanningError: as `plan` does.
+        InputError: a velocity or an acceleration is not above 0, or the duration is too short; the message
+            then gives the shortest possible duration. Also the errors of `plan`.
+        LimitError: the duration is beyond `MAX_DURATION_S`.
+        PlanningError: see `plan`.
     """
     request, joint_space = move.request, move.request.traits.way is not Way.PATH
     timed = move.duration_s > 0.0
@@ -76,7 +76,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
 
 
 def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescription:
-    """The robot with these limits."""
+    """The same robot with the limits of `envelope`."""
     return replace(robot, limits=envelope.limits, cartesian_limits=envelope.cartesian)
 
 

@@ -1,11 +1,11 @@
 """A new goal for a running motion.
 
 A ptp motion continues from the moving state: Ruckig's profiles lead from its velocities and accelerations to
-the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. From the
-place of the change on, the arm slows down to rest, all joints in the same time. From the place where it would
-rest, a motion from rest leads to the new goal, by any planner. The second begins before the first has ended,
-as early as the limits permit. Both have continuous accelerations, so their sum has too. It is then checked
-like every motion.
+the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. In the
+first, the arm slows down from the place of the change until it stops, all joints in the same time. The second
+is a motion of any planner that leads from the place of this stop to the new goal. It begins before the first
+has ended, as early as the limits permit. The accelerations of both are continuous, therefore also those of
+the sum. The sum is then checked like every motion.
 """
 
 from __future__ import annotations
@@ -30,20 +30,24 @@ from cobot.trajectory_parts import SAME_S, cut, expanded, remainder_at
 from cobot.types import Array, JointLimits, PlannerName, Synchronization
 
 MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
-"""Planners whose first answer is the direct motion of all joints."""
+"""Planners that first try the direct motion of all joints."""
 
 GENTLE = 0.7
 """Share of the acceleration limits with which the arm slows down; the rest is for the new motion."""
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
-"""Shares of the time to rest after which the new motion begins; the first that keeps the limits is used."""
+"""Shares of the time to rest. The new motion begins after the first of these shares at which the sum keeps
+the limits.
+"""
 STEPS = 100
-"""Number of samples of the motion to rest. Each share is a multiple of one step."""
+"""Number of samples of the motion to rest. Each of `SHARES` is a multiple of one step."""
 LOOK_S = 0.01
-"""Interval at which the speed of the TCP is checked while both motions add up, s."""
+"""Interval at which the speed of the TCP is checked while both motions are added, s."""
 
 
 def load_search() -> None:
-    """Import what a way around obstacles needs. This takes longer than finding the way."""
+    """Import the modules that are needed to find a way around obstacles. The import takes longer than finding
+    the way.
+    """
     import scipy.interpolate  # noqa: F401
 
     function_of(PlannerName.OMPL)
@@ -54,11 +58,11 @@ def retarget(
 ) -> ChangeOver:
     """Change the goal of a motion. Before `from_s` the motion stays unchanged.
 
-    While both motions add up, neither a joint nor the TCP is faster than in the faster one of the two.
+    While both motions are added, neither a joint nor the TCP is faster than in the faster one of them.
 
     Args:
         request: the new goal; its start is not used.
-        now_s: current path time; the result leaves out what is before it.
+        now_s: current path time; the result leaves out the part before this time.
         from_s: path time of the change.
 
     Raises:
@@ -115,7 +119,9 @@ def _by_way_of_rest(
 
 
 def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) -> JointLimits:
-    """The larger of the request's limits and of what the current motion uses, within the robot's limits."""
+    """For each limit, the larger of the request's limit and the value that the current motion uses, within
+    the robot's limits.
+    """
     asked, own = request.scaled_limits(robot), robot.limits
     used = greatest_rates(left.coefficients, np.diff(left.breakpoints_s)).max(axis=1)
     rows = zip(
@@ -167,18 +173,19 @@ def _joined(
     """Both motions as one that passes all checks.
 
     The second begins as early as limits and collisions permit; with constraints it begins at rest. Once the
-    first has ended, the sum is the second alone. If `plan` has just proven that, it is not proven again.
+    first motion has ended, the sum equals the second. If `plan` has just checked the second motion, that part
+    is not checked again.
 
     Raises:
-        PlanningError: even if the second motion begins after the first has ended, a check fails; the error is
-            the one of that check.
+        PlanningError: a check fails even if the second motion begins after the first has ended; the error is
+            raised by that check.
     """
     is_proven = robot.collision.has_proven(following)
     shares = _possible_shares(slowing, following, limits) if request.constraints is None else SHARES[-1:]
     for share in shares:
         begun_s = share * slowing.duration_s
         both_s = min(slowing.duration_s - begun_s, following.duration_s)
-        if both_s <= SAME_S:  # one begins where the other ends
+        if both_s <= SAME_S:  # the second begins where the first ends
             opening, whole = slowing, slowing.followed_by(following)
         else:
             whole = opening = _sum(slowing, cut(following, 0.0, both_s), begun_s)
@@ -229,7 +236,9 @@ def _tcp_speed(robot: RobotDescription, motion: Trajectory) -> float:
 
 
 def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
-    """The sum of a motion to rest and, from a given time on, a motion that begins at this rest."""
+    """The sum of a motion to rest and a second motion, which begins at a given time from the place of that
+    rest.
+    """
     times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))
     times = times[np.append(True, np.diff(times) > SAME_S)]
     middles = 0.5 * (times[:-1] + times[1:])

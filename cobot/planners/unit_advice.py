@@ -14,7 +14,7 @@ from cobot.units import FAR_M, MILLIMETRES_TO_M
 
 
 def advice_on_units(model: RobotModel, request: MotionRequest) -> str:
-    """The advice if a position that the arm does not reach looks like millimetres; "" otherwise."""
+    """The advice if a position of the request is out of reach and looks like millimetres; otherwise ""."""
     for position in _positions(request):
         if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
             x, y, z = position
@@ -23,7 +23,7 @@ def advice_on_units(model: RobotModel, request: MotionRequest) -> str:
 
 
 def _positions(request: MotionRequest) -> Iterable[Array]:
-    """Positions that the request names, in the base frame, m."""
+    """The positions in the request, in the base frame, m."""
     if isinstance(request.goal, Pose):
         yield request.goal.position
     if request.via is not None:

@@ -1,4 +1,6 @@
-"""Transition between two motions on the same path with different timing, without a jump in acceleration."""
+"""The transition between two motions that follow the same path with different timing, without a jump in
+acceleration.
+"""
 
 from __future__ import annotations
 
@@ -32,19 +34,21 @@ JERK = 1.15
 less than the arm's limit."""
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
-"""The smoothest quintic from 0 to 1: velocity and acceleration are 0 at both ends."""
+"""The quintic from 0 to 1 whose velocity and acceleration are 0 at both ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class PathTiming:
-    """A trajectory and its path parameter over time, which begins at `since_s` of the trajectory."""
+    """A trajectory and its path parameter over time. The path parameter begins at time `since_s` of the
+    trajectory.
+    """
 
     trajectory: Trajectory
     progress: Trajectory
     since_s: float = 0.0
 
     def places(self, times_s: Array, derivative: int = 0) -> Array:
-        """The path parameter, or its derivative, at times of the trajectory, shape (n,)."""
+        """The path parameter, or one of its derivatives, at these times of the trajectory, shape (n,)."""
         return np.asarray(self.progress.sample(times_s - self.since_s, derivative)[:, 0])
 
     def time_of(self, place: float) -> float:
@@ -58,7 +62,7 @@ class PathTiming:
 
 @dataclass(frozen=True, slots=True)
 class LimitedPath:
-    """A path with its limits."""
+    """A path and the limits that apply along it."""
 
     path: JointCurve
     coordinates: Coordinates
@@ -72,13 +76,13 @@ class LimitedPath:
         paths: Sequence[JointCurve],
         corners: Sequence[Corner],
     ) -> LimitedPath:
-        """The path of motions with blends, and its limits."""
+        """The path of these motions, including the blends between them, and its limits."""
         path, zones, _ = path_of(robot, legs, paths, corners)
         limits, of_tcp = largest(robot, legs)
         return cls(path, Coordinates(robot.model, path, limits, of_tcp, zones=zones), limits)
 
     def holds(self, robot: RobotDescription, law: Array, window: Trajectory) -> bool:
-        """Whether a transition keeps the limits.
+        """Whether the arm keeps the limits during a transition.
 
         Args:
             law: the path parameter and its three derivatives over time, shape (4, n).
@@ -112,15 +116,16 @@ def make_transition(
     until: float,
     from_s: float,
 ) -> tuple[Trajectory, float, float] | None:
-    """A trajectory that begins as the old one and ends as the new one, bit for bit.
+    """Return a trajectory that begins exactly like the old one and ends exactly like the new one, bit for
+    bit.
 
     Args:
         until: path parameter up to which both paths are the same.
         from_s: time of the old trajectory before which it must not change.
 
     Returns:
-        The trajectory, the time in it at which the new one would have begun, and the time from which it is
-        the new one; None if no transition keeps the limits.
+        The trajectory; the time in it at which the new trajectory would have begun; and the time from which
+        it equals the new trajectory. None if no transition keeps the limits.
     """
     until_s = old.time_of(until)
     for width_s in WIDTHS_S:
@@ -139,8 +144,8 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """The result of `make_transition` for a transition that begins and lasts about as `window` says; None if
-    it fails.
+    """Try `make_transition` in one time window: when the transition begins, and about how long it lasts.
+    Returns None if this fails.
     """
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])
@@ -186,8 +191,11 @@ def _through(
 def _law(
     old: PathTiming, new: PathTiming, begin_s: float, ahead_s: float, width_s: float, times_s: Array
 ) -> Array:
-    """The path parameter and its three derivatives during a transition, shape (4, n): a weighted mean that
-    goes from the old motion to the new one, whose time is ahead by `ahead_s`."""
+    """The path parameter and its three derivatives during a transition, shape (4, n).
+
+    They are a weighted mean that goes from the old motion to the new one. The time of the new motion is ahead
+    by `ahead_s`.
+    """
     mine = [old.places(begin_s + times_s, k) for k in range(4)]
     apart = [new.places(begin_s + ahead_s + times_s, k) - mine[k] for k in range(4)]
     share = [STEP.deriv(k)(times_s / width_s) / width_s**k for k in range(4)]

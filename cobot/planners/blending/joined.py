@@ -1,8 +1,8 @@
 """Blending: several motions become one that passes their corners without a stop, within a radius.
 
 At a corner the first path is cut where the TCP enters the radius, and the second where the TCP leaves it. A
-quintic in joint space connects them with two continuous derivatives. The whole path is timed at once. The
-limits of the first motion apply up to the middle of the blend, and those of the second from there on.
+quintic in joint space connects the two ends with two continuous derivatives. The whole path is timed at once.
+The limits of the first motion apply up to the middle of the blend, and those of the second from there on.
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ from cobot.trajectory_parts import cut
 from cobot.types import Array
 
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
-"""Shares of the blend radius, in the order in which they are tried until a blend is possible."""
+"""Shares of the blend radius. They are tried in this order until a blend is possible."""
 BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
-"""Share of a motion that one blend may take: with blends at both ends, and with only one."""
+"""Share of a motion that one blend may use: first if the motion is blended at both ends, second if at one end
+only.
+"""
 INSIDE = 0.998
 """Share of the radius that samples of the blend may reach; the rest is for the curve between them."""
 SAMPLES = 400
@@ -44,11 +46,12 @@ TOLD = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The motions between two stops, joined.
+    """The motions between two stops, joined to one motion.
 
     Attributes:
         blended: the joined motion.
-        path, progress: its path, and the path parameter over time; None if the arm stops at each corner.
+        path, progress: the path of the joined motion, and the path parameter over time; None if the arm stops
+            at each corner.
     """
 
     blended: Blended
@@ -57,7 +60,7 @@ class Part:
 
 
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
-    """A motion with its limits."""
+    """A motion together with its limits."""
     of_tcp = tcp_limits(robot, request) if request.traits.way is Way.PATH else None
     return Leg(motion, request.scaled_limits(robot), of_tcp, request.constraints)
 
@@ -120,7 +123,7 @@ def radius_notes(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]
 
 
 def radius_notices(radii_m: Sequence[float], used_m: Sequence[float]) -> list[Notice]:
-    """The same as `radius_notes`, for programs."""
+    """The notes of `radius_notes` in a form for programs."""
     return [
         Notice("radius", {"motion": number, "radius_m": radius, "used_m": used})
         for number, (radius, used) in enumerate(zip(radii_m, used_m, strict=True), start=1)
@@ -160,7 +163,8 @@ def _corner(
     helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
     """The largest blend of `SHARES` within the radius and the limits that is free of collisions and keeps the
-    constraints. Its first half keeps those of the first motion, its second half those of the second motion.
+    constraints. The first half keeps the constraints of the first motion, the second half those of the second
+    motion.
     """
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]
@@ -197,7 +201,9 @@ def _away(robot: RobotDescription, middle: Array, rows: Array) -> Array:
 
 
 def _within(places: Array, away: Array, radius_m: float) -> float:
-    """The place up to which the TCP is within the radius; 0 if it never is."""
+    """The path parameter up to which the TCP stays within the radius; 0 if it is outside from the
+    beginning.
+    """
     outside = np.flatnonzero(away > radius_m)
     if not len(outside):
         return float(places[-1])
@@ -225,7 +231,7 @@ def part_of(
     """The motions with all their blends, or with stops if blending is no faster.
 
     Args:
-        one_law: also time a single motion as a path with blends.
+        one_law: time even a single motion like a path with blends.
     """
     stopping = with_stops(legs)
     if not corners and not one_law:
@@ -250,7 +256,7 @@ def part_of(
 
 
 def _between(motion: Trajectory, times_s: Array) -> list[Array]:
-    """Samples of a motion, split at some times, shape (n, dof) each."""
+    """Samples of a motion, split at the given times, shape (n, dof) for each part."""
     count = min(MAX_LOOKS, int(motion.duration_s / LOOK_S) + 2)
     looks_s = np.linspace(0.0, motion.duration_s, count)
     return np.split(motion.sample(looks_s), np.searchsorted(looks_s, times_s))
@@ -275,7 +281,9 @@ def with_stops(legs: Sequence[Leg]) -> Blended:
 def path_of(
     robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[JointCurve], corners: Sequence[Corner]
 ) -> tuple[JointCurve, Zones, Array]:
-    """The path with its blends, its zones of limits, and the path parameter in the middle of each blend."""
+    """The path with its blends, the zones in which different limits apply, and the path parameter in the
+    middle of each blend.
+    """
     parts: list[Trajectory] = []
     for index, path in enumerate(paths):
         begin = corners[index - 1].after if index else 0.0

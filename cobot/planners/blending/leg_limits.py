@@ -1,4 +1,4 @@
-"""The limits of several motions, as shares of the largest ones."""
+"""The limits of several motions, each as a share of the largest limit among them."""
 
 from __future__ import annotations
 

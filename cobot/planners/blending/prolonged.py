@@ -2,9 +2,10 @@
 
 The motions since the last stop are joined again together with the new ones, see `joined`. The old and the new
 motion have the same path up to the corner where the old one ended, and nearly the same timing until the old
-one slows down for its end. In a window before that corner the timing changes from the old to the new one.
-Before the window the result is the old motion, bit for bit; after it, the new one. If no window keeps the
-limits because the arm is too near the end, the arm stops there and continues at once.
+one slows down for its end. In a window before that corner the timing changes from the old motion's to the new
+motion's. Before the window the result equals the old motion bit for bit; after the window it equals the new
+motion. If no window keeps the limits because the arm is too near the end, the arm stops there and continues
+at once.
 
 A motion that can be extended keeps a small reserve for the window.
 """
@@ -56,7 +57,7 @@ def extend_stretch(
     """Append motions to a running motion, without changing it before `from_s`; see `begin_stretch`.
 
     Args:
-        now_s: current path time; the result leaves out what is before it.
+        now_s: current path time; the result leaves out the part before this time.
         from_s: path time before which nothing changes.
     """
     check_radii(legs, radii_m[:-1])
@@ -81,7 +82,7 @@ def extend_stretch(
 def _following(
     robot: RobotDescription, before: Stretch | None, legs: Sequence[Leg], radii_m: Sequence[float]
 ) -> Stretch:
-    """Several motions as one. They begin at rest, at the end of `before` if there is one."""
+    """Join several motions to one. It begins at rest, at the end of `before` if that is given."""
     paths = [JointCurve.of_trajectory(leg.motion) for leg in legs]
     corners = corners_of(robot, legs, paths, [0.0, *radii_m])
     stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
@@ -190,7 +191,7 @@ def _timing(under_way: Stretch, left_out: int) -> PathTiming:
 
 
 def _left_out(under_way: Stretch, from_s: float) -> int:
-    """How many of the motions since the last stop need not be joined again."""
+    """The number of motions since the last stop that need not be joined again."""
     assert under_way.progress is not None
     place = float(under_way.progress.sample([from_s - under_way.since_s])[0, 0])
     ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]

@@ -32,11 +32,12 @@ from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
-"""Share of the path that one of the first start configurations must reach before further ones are tried.
-Further places are tried only after a configuration has reached the end."""
+"""The first start configurations must reach this share of the path before further ones are tried. Further
+places are only tried after a configuration has reached the end.
+"""
 SLOW = 2.5
-"""If a motion is slower by this factor than the limits of the TCP require, it is compared with one found by
-the graph.
+"""If a motion is slower by this factor than the limits of the TCP require, it is compared with a motion found
+by the graph.
 """
 
 
@@ -114,7 +115,7 @@ def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimi
 
 
 def _shortest_s(path: TcpPath, limits: CartesianLimits) -> float:
-    """The shortest duration under the TCP's own limits, whatever the joints need."""
+    """The shortest duration that the TCP's own limits allow, ignoring the limits of the joints."""
     times = []
     for way, velocity, acceleration, jerk in (
         (
@@ -150,7 +151,7 @@ def _plan_redundancy(
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-    if not enclosing.has_way(free=False):  # its ways may end later than those of a mesh
+    if not enclosing.has_way(free=False):  # ways of this mesh may get further than those of the others
         finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
         finest.has_way(free=False)
         return None, finest.reached
@@ -197,7 +198,7 @@ def _along(
     profile: Profile,
     end: Array | None,
 ) -> JointCurve | None:
-    """The joint path with these arm angles; None if it does not reach the end."""
+    """The joint path with the arm angles of `profile`; None if it does not reach the end."""
     rows = profile.rows(shares[1:])
     if rows is None:
         return None

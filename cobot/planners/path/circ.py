@@ -17,8 +17,9 @@ from cobot.types import Array, Pose
 
 NEAREST_POINTS_M = 1e-3
 EQUAL_RADII_M = 1e-3
-"""Tolerance for the difference of the radii at start and goal, and for a goal outside the plane; the path
-compensates for it evenly."""
+"""Tolerance for the difference between the radii at start and goal, and for the distance of the goal from the
+plane. The path compensates for both evenly.
+"""
 PLACE_RAD, MAX_PLACES = 0.2, 400
 MIN_SINE = 1e-3
 """If the sine of the angle at `via` is smaller, the three points count as collinear."""
@@ -49,8 +50,9 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
 def _by_angle(
     robot: RobotDescription, request: MotionRequest, given: Arc, angle: float, start: Pose
 ) -> Trajectory | None:
-    """An arc about an axis. Full turns end in the joints that they began with, unless the request says
-    otherwise."""
+    """An arc about an axis. Full turns end at the joint angles at which they began, unless the request
+    demands otherwise.
+    """
     turns = None if request.cyclic is False or request.end_joints is not None else full_turns(start, given)
     if turns is not None:
         path = helix(start, given, turns)
@@ -60,11 +62,12 @@ def _by_angle(
 
 
 def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
-    """An arc about a centre to the goal: about the axis by the right-hand rule, or without an axis the
-    shorter way.
+    """An arc about a centre to the goal. With an axis it follows the right-hand rule; without an axis it
+    takes the shorter way.
 
     Raises:
-        PlanningError: start and goal are not equally far from the centre, or the three define no plane.
+        PlanningError: start and goal are not equally far from the centre, or the three points define no
+            plane.
     """
     x, to_goal = start.position - given.centre, goal.position - given.centre
     radii = np.linalg.norm(x), np.linalg.norm(to_goal)
@@ -147,7 +150,7 @@ def _sine(normal: Array, first: Array, second: Array) -> float:
 
 
 def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, shares: Array) -> Array:
-    """Positions, shape (n, 3), at shares of an angle from `x` and of a rise along the axis."""
+    """Positions, shape (n, 3), at shares of an angle that begins at `x`, and of a rise along the axis."""
     angles, part = angle * shares[:, None], shares[:, None]
     return np.asarray(centre + np.cos(angles) * x + np.sin(angles) * np.cross(axis, x) + part * rise)
 
@@ -181,7 +184,7 @@ def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> Tc
             "circ: start, via and goal are on one line; use lin",
             findings=[_arc_finding("sine of the angle at via", sine, MIN_SINE, "")],
         )
-    # Circumcentre of a triangle with one corner in the origin.
+    # Circumcentre of a triangle that has one corner at the origin.
     towards = np.cross(normal, to_via) * (to_goal @ to_goal) + np.cross(to_goal, normal) * (to_via @ to_via)
     radius = towards / (2.0 * area**2)
     centre = start.position + radius

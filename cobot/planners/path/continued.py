@@ -1,4 +1,4 @@
-"""Joints along a TCP path, each solved from the previous ones, and why they cannot continue."""
+"""Joints along a TCP path, each solved from the previous ones, and the reason if they cannot continue."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ def continued(
 
 
 def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
-    """The joint positions, shape (n, dof), changed gradually along the path so that they end at `end`."""
+    """The joint positions, shape (n, dof), after a gradual change along the path that makes them end at
+    `end`.
+    """
     arm, drift = robot.model.kinematics(path.free), end - rows[-1]
     if np.abs(drift).max() > SAME_RAD:
         if not arm.redundant:
@@ -80,7 +82,7 @@ def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Arra
 def _other_end_error(
     path: TcpPath, limits: JointLimits, joint: int, value: float, end: float
 ) -> UnreachableError:
-    """The error for an arm without redundancy that ends in other joints than required."""
+    """The error for an arm without redundancy whose path ends in other joint angles than required."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{path.name}: the path ends with {name} at {value:.4f} {unit} instead of {end:.4f} {unit}, and this "
@@ -101,7 +103,7 @@ def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
 
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
-    """Shares of the path, and the joints there, one after the other."""
+    """Shares of the path, and the joints at these shares, solved one after the other."""
     arm = robot.model.kinematics(path.free)
     descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
     even = np.linspace(0.0, 1.0, path.places + 1)
@@ -127,7 +129,8 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
                 beyond = _farthest(
                     descend, {place: poses[place] for place in ahead if place in poses}, rows[-1]
                 )
-            if not solved:  # At the next even place it is as far off as a person would call it.
+            if not solved:
+                # The message describes the next even place, where the distance from the path is noticeable.
                 joints = descend(poses[beyond], rows[-1])[0]
             raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
     return np.array(shares), np.array(rows)
@@ -164,8 +167,9 @@ def _failure(
     at_limit: list[int],
     solved: bool,
 ) -> UnreachableError:
-    """The error for a path that ends at the first share; `joints` are those of the second if they are not
-    solved."""
+    """The error for a path that ends at the first of `shares`. `joints` belong to the second share if it was
+    not solved.
+    """
     share, next_share = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits

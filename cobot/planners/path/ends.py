@@ -1,6 +1,6 @@
 """The end of a TCP path: a pose that the arm can reach, and the joints there.
 
-The joints are those at the start of the path, given ones, or any.
+The joints may be required to be the same as at the start of the path, may be given, or may be any.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, Pose
 
 CLOSED_M, CLOSED_RAD = 2.0 * MAX_DEVIATION_M, 2.0 * MAX_DEVIATION_RAD
-"""A path that ends this close to the TCP pose of the joints is changed to end exactly there, because the pose
-may have been rounded to four digits.
+"""A path that ends this close to the TCP pose that belongs to the end joints is changed to end exactly at
+that pose, because the client may have rounded its pose to four digits.
 """
 ALLOWED = f"allowed: {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
@@ -46,7 +46,7 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple
     The path ends exactly at the pose of the TCP for these joints.
 
     Raises:
-        PlanningError: their TCP is not at the pose; with the distance.
+        PlanningError: the TCP is not at the pose with these joints; reports the distance.
     """
     if request.end_joints is not None:
         away = _away(robot.model.forward(request.end_joints), goal, request)

@@ -1,5 +1,5 @@
-"""A smooth joint path through joint angles at places of a TCP path. It also follows the TCP path between
-them.
+"""A smooth joint path through joint angles at places of a TCP path. Between these places it also follows the
+TCP path.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ MAX_STEP_RAD = 0.12
 THIN = 0.4
 """Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""
 MIN_SHARE = 1e-9
-"""Distance between places, as a share of the path. If joints turn too far within it, the path is singular
-there, because the joints would jump."""
+"""Minimum distance between places, as a share of the path. If the joints turn too far within this distance,
+the path is singular there, because the joints would jump.
+"""
 SHARE_RAD = 0.1
 """Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance, rad.
 With it the parameter increases even where no joint moves.
@@ -47,8 +48,9 @@ SWINGING = 1.5
 MAX_PLACES = 1500
 ROUNDS = 12
 INSIDE_RAD = 1e-6
-"""Distance from joint limits, if the joints begin there: time parameterization deviates a little from the
-path."""
+"""Distance that the path keeps from the joint limits if it begins at them, because the time parameterization
+deviates a little from the path.
+"""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 JointsAt = Callable[[float, Array], Array | None]
@@ -99,7 +101,7 @@ def through(
 def at_limit_of(
     where: str, limits: JointLimits, joint: int, value: float, limit: float, share: float
 ) -> UnreachableError:
-    """The error for a path that drives a joint into its limit."""
+    """The error for a path on which a joint reaches its limit."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{where} {name} reaches its limit of {limit:.4f} {unit}",
@@ -108,7 +110,7 @@ def at_limit_of(
 
 
 def jump_of(where: str, limits: JointLimits, joint: int, step: float, share: float) -> UnreachableError:
-    """The error for a path that a joint could follow only by a jump."""
+    """The error for a path that a joint could only follow with a jump."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{where} {name} would have to jump by {step:.2f} {unit}: the path leads through a singularity",
@@ -178,9 +180,10 @@ def _halve(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The parameter of each place: its arc length along a curve through all places. The curve is first made
-    over chord lengths, and then refined twice. A length is the one in joint space plus a small share of the
-    one along the TCP path.
+    """The parameter of each place, which is its arc length along a curve through all places.
+
+    The curve is first parameterized by chord lengths, and then refined twice. Each length is the length in
+    joint space plus a small share of the length along the TCP path.
 
     If a curve through the places would oscillate, chord lengths are used until there are more places.
     """
@@ -212,7 +215,7 @@ def _find_spoiled(
     shares: Array,
     bounds: tuple[Array, Array],
 ) -> Array:
-    """In which intervals the joint path leaves its bounds or its TCP leaves the TCP path."""
+    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path."""
     steps = np.diff(parameters)
     inner = np.concatenate(
         [
@@ -223,8 +226,8 @@ def _find_spoiled(
     )
     there = inner
     if parameters is not shares:
-        # Clipped: beyond its ends the path is extrapolated as a line, which would hide a deviation of the
-        # TCP.
+        # Clipped, because the path is extrapolated as a line beyond its ends, which would hide a deviation of
+        # the TCP.
         there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * MAX_DEVIATION_M

@@ -18,24 +18,27 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 FEW, MANY = 120, 360
-"""Number of configurations; the second is used if the first finds no free way."""
+"""Number of configurations. The second number is used if the search with the first finds no collision-free
+way.
+"""
 FINER = 4
 """Factor for the number of places, for a narrow passage near a limit."""
 SPREADS_RAD = (0.02, 0.08, 0.25)
 """Standard deviations of the random neighbours, used in turn, rad."""
 NEAR_SHARE = 0.1
-"""Configurations nearer to a limit than this share of the range cost more, at most as much as one full
-step."""
+"""A configuration that is nearer to a limit than this share of the joint's range costs more, at most as much
+as one full step.
+"""
 STEP_RAD = 0.3
 """Largest joint step between places."""
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
-"""Distance that the path keeps from joint limits, rad or m, unless the start is nearer. The splines between
-places need this room; they need less if places are closer together.
+"""Distance that the path keeps from joint limits, rad or m, unless the start is nearer to a limit. The
+splines between places need this room; they need less room if places are closer together.
 """
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
-"""Number of smoothing rounds; the next smaller one is used if the smoothed way touches something."""
+"""Numbers of smoothing rounds. If the smoothed way touches something, the next smaller number is used."""
 
 
 class Particles:
@@ -74,8 +77,9 @@ class Particles:
         self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
-        """Joints at all shares, shape (n, dof), the smoothest way first; nothing if no way reaches the
-        end."""
+        """Joints at all shares, shape (n, dof), for each way, the smoothest way first; nothing if no way
+        reaches the end.
+        """
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)
 
@@ -101,7 +105,8 @@ class Particles:
         return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
 
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
-        """Free configurations at a pose, drawn near `rows`, with more of them near the cheap rows.
+        """Collision-free configurations at a pose, drawn near `rows`. More of them are near rows with a low
+        cost.
 
         If the end is given, every second configuration is moved towards it, by one of the `left` remaining
         steps.
@@ -123,7 +128,7 @@ class Particles:
         return self._arm.descend(pose, near, STEPS, within=(self._low, self._high), share=POSE_SHARE)
 
     def _nearness(self, rows: Array) -> Array:
-        """The cost of being near joint limits."""
+        """The cost of configurations that are near joint limits."""
         room = np.minimum(rows - self._low, self._high - rows) / (self._high - self._low)
         near = np.clip(1.0 - room / NEAR_SHARE, 0.0, 1.0)
         return np.asarray((near**2).sum(axis=1) * (STEP_RAD / self._robot.limits.max_velocity.max()) ** 2)

@@ -34,10 +34,10 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     """Plan from the current pose through all of `request.through` to the goal; None if the arm is already
     there.
 
-    With a radius the TCP passes the poses without a stop, otherwise it stops at each.
+    With a blend radius the TCP passes the poses without a stop; otherwise it stops at each pose.
 
     Raises:
-        PlanningError: as `follow`, naming the leg, and as `end_of`.
+        PlanningError: see `follow`, the message also names the leg; see also `end_of`.
     """
     assert isinstance(request.goal, Pose)
     poses = [robot.model.forward(request.start)]
@@ -61,7 +61,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
 
 
 def _distinct(poses: list[Pose]) -> list[Pose]:
-    """The poses, except those that equal the previous one."""
+    """The poses without those that equal the previous pose."""
     kept = poses[:1]
     for pose in poses[1:]:
         across = np.linalg.norm(pose.position - kept[-1].position)
@@ -78,7 +78,8 @@ def rounded(
     turns = np.array([turn_between(a, b) for a, b in pairwise(poses)])
     lengths, angles = np.linalg.norm(ways, axis=1), np.linalg.norm(turns, axis=1)
     sizes = np.maximum(np.maximum(lengths, METRES_PER_RAD * angles), STANDING_M)
-    # The part of each leg, in the parameter, that belongs to the blend at its end: the same on both sides.
+    # The part of each leg, in the parameter, that belongs to the blend at its end. It is the same on both
+    # sides of a corner.
     free = np.minimum(MAX_SHARE, radius_m / np.maximum(lengths, 1e-9)) * sizes
     corners = np.concatenate([[0.0], np.minimum(free[:-1], free[1:]), [0.0]])
     ends = np.cumsum(sizes)
@@ -115,7 +116,7 @@ def _progress(since: Array, size: float, first: float, last: float) -> Array:
 
 
 def _turned(orientations: Array, turn: Array, shares: Array, least_rad: float) -> Array:
-    """Quaternions, shape (n, 4), each turned by its share of a rotation vector."""
+    """Quaternions, shape (n, 4): each orientation turned by its share of a rotation vector."""
     angle = float(np.linalg.norm(turn))
     if angle < least_rad:
         return orientations

@@ -1,9 +1,10 @@
 """Planning the arm angle of an S-R-S arm along a TCP path: the one freedom that such a path leaves.
 
-The nodes of a graph are arm angles at even places of the path. Two nodes of neighbouring places have an edge
-if no joint turns too far between them for the motion to be continuous. The cheapest way is smoothed as far as
-limits and surroundings permit, and becomes a spline of the arm angle. The branch of the inverse kinematics is
-that of the start, because it could change only where axes align, which happens at single points of the graph.
+The nodes of a graph are arm angles at even places of the path. Two nodes at neighbouring places are connected
+if each joint turns so little between them that the motion is continuous. The cheapest way is smoothed as far
+as limits and surroundings permit, and becomes a spline of the arm angle. The inverse kinematics stays in the
+branch of the start: it could only change its branch where axes align, which happens at single points of the
+graph.
 """
 
 from __future__ import annotations
@@ -27,16 +28,18 @@ if TYPE_CHECKING:
 PLACE_M, PLACE_RAD = 0.015, 0.06
 MIN_PLACES, MAX_PLACES = 24, 128
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
-"""Distance from a joint limit below which a node costs something, and the cost of a path that stays at the
-limit all along, s²."""
+"""Distance from a joint limit below which a node has a cost, rad, and the cost of a path that stays at the
+limit from start to end, s².
+"""
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
 """Weights of the curvature of the arm angle, relative to its distance from the path through the graph. They
 are tried in this order.
 """
 PULLS, EDGE, HELD = 8, 0.15, 1e9
-"""Number of rounds in which points outside the corridor are moved back into it; how far inside, as a share of
-the distance from the edge to the path through the graph; and the weight that keeps the start.
+"""Three values for smoothing: the number of rounds in which points outside the corridor are moved back into
+it; how far inside they are moved, as a share of the distance from the edge to the path through the graph; and
+the weight that keeps the start.
 """
 DEGREE = 5
 MARGIN_RAD = 1e-4
@@ -66,8 +69,9 @@ ENCLOSING = Mesh(
     max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
     max(mesh.step_rad * mesh.factor for mesh in MESHES),
 )
-"""A mesh that contains every way through any of `MESHES`: it has all their arm angles, only places that each
-of them has, and steps as large as theirs. If it has no way, neither have they.
+"""A mesh that contains every way through any of `MESHES`: it contains all their arm angles, only the places
+that they share, and steps as large as theirs. If there is no way through this mesh, there is none through the
+others.
 """
 
 
@@ -91,7 +95,9 @@ class Profile:
         return self.arm.joints(pose, float(self.spline(share)), self.branch)
 
     def rows(self, shares: Array) -> Array | None:
-        """Joints, shape (n, dof), at shares, shape (n,); None if a share has no joints."""
+        """Joints, shape (n, dof), at these shares, shape (n,); None if there are no joints for one of the
+        shares.
+        """
         found = [
             self.arm.joints(pose, float(angle), self.branch)
             for pose, angle in zip(self.path.poses(shares), self.spline(shares), strict=True)
@@ -114,7 +120,7 @@ class RedundancyGraph:
         """
         Args:
             end: joints in which all paths end, shape (dof,), at the end of the TCP path; None: any.
-            leading_on: leave out the nodes to which no way leads from the start.
+            leading_on: leave out nodes that cannot be reached from the start.
         """
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
@@ -126,7 +132,9 @@ class RedundancyGraph:
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
         self._branches = self._branches_at(start)
         self._rows: dict[int, Array]
-        """Joints of each branch at n places and m arm angles, shape (n, m, dof); NaN where no node is."""
+        """Joints of each branch at n places and m arm angles, shape (n, m, dof); NaN where there
+        is no node.
+        """
         poses = path.poses(self.shares[1:])
         if leading_on:
             self._rows = {
@@ -160,7 +168,9 @@ class RedundancyGraph:
                     yield Profile(self._arm, self._path, branch, spline)
 
     def has_way(self, free: bool) -> bool:
-        """Whether some way reaches the end; with `free`, through nodes that are free of collisions."""
+        """Whether at least one way reaches the end. With `free`, the way must lead through collision-free
+        nodes only.
+        """
         for branch in self._branches:
             rows, mesh = self._rows[branch], self._mesh
             good = self._are_free(branch) if free else ~np.isnan(rows[:, :, 0])
@@ -171,7 +181,7 @@ class RedundancyGraph:
         return False
 
     def _lead_to(self, end: Array) -> None:
-        """Move the node nearest to the end to the end, and remove all others there."""
+        """Move the node nearest to `end` to `end`, and remove all other nodes at the end of the path."""
         assert self._end is not None
         angle, branch = self._end
         step = self._angles[1] - self._angles[0]
@@ -181,8 +191,9 @@ class RedundancyGraph:
                 rows[-1, round((angle + np.pi) / step) % len(self._angles)] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
-        """The lowest and highest arm angles, shape (2, n), with only valid nodes from the given angle to
-        them."""
+        """The lowest and the highest arm angle at each place, shape (2, n), such that all nodes between the
+        given angle and them are valid.
+        """
         good = np.isfinite(self._costs(branch))
         if free:
             good &= self._are_free(branch)
@@ -196,14 +207,17 @@ class RedundancyGraph:
         return np.array(bounds)
 
     def _branches_at(self, start: Array) -> list[int]:
-        """The branch of the start, and where axes nearly align, the neighbouring branches too."""
+        """The branch of the inverse kinematics at the start. Where axes nearly align, also the neighbouring
+        branches.
+        """
         aside = ALIGNED_RAD * np.eye(len(start))
         others = {self._arm.of(joints)[1] for joints in (*(start + aside), *(start - aside))}
         own = self._arm.of(start)[1]
         return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
-        """The arm angles at all places, shape (n + 1,), unwound; None if no way reaches the end.
+        """The arm angles of the cheapest way at all places, shape (n + 1,), without jumps by full turns; None
+        if no way reaches the end.
 
         free: use only nodes that are free of collisions.
         """
@@ -241,8 +255,8 @@ class RedundancyGraph:
 
 
 def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bool) -> tuple[Array, Array]:
-    """Knots and control points of a spline near angles at even places. It begins at the first angle and, with
-    `to_end`, ends at the last.
+    """Fit a spline near angles at even places, and return its knots and control points. The spline begins at
+    the first angle and, with `to_end`, ends at the last angle.
 
     Whittaker's smoothing minimises the squared distances to the angles plus squared second differences.
     Points outside the corridor, shape (2, n - 1), are moved to its edge with increasing weight.

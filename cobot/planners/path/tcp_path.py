@@ -23,7 +23,8 @@ class TcpPath:
 
     Attributes:
         name: name of the planner, for messages.
-        poses: for shares u, shape (n,), the poses in the base frame, shape (n, 7): x, y, z (m), w, x, y, z.
+        poses: function from shares u, shape (n,), to the poses in the base frame, shape (n, 7). Each row is a
+            position x, y, z, m, and a quaternion w, x, y, z.
         length_m, angle_rad: distance and rotation of the TCP.
         places: number of even shares at which the joints are first solved.
         free: rotations of the TCP that the path leaves free: none, one or all three.
@@ -37,19 +38,21 @@ class TcpPath:
     free: tuple[FreeAxis, ...] = ()
 
     def pose_at(self, share: float) -> Pose:
-        """The pose at one share."""
+        """The pose at one share of the path."""
         row = self.poses(np.array([share]))[0]
         return Pose(row[:3], row[3:])
 
 
 def turn_between(start: Pose, goal: Pose) -> Array:
-    """The rotation vector, shape (3,), rad, that takes one orientation to the other the shorter way."""
+    """The rotation vector, shape (3,), rad, that takes the start orientation to the goal orientation the
+    shorter way.
+    """
     return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 
 
 def least_turn(robot: RobotDescription) -> float:
-    """The smallest rotation that is planned, rad; it is smaller for an arm with fewer than six degrees of
-    freedom, where position and orientation depend on each other.
+    """The smallest rotation that is planned, rad. It is smaller for an arm with fewer than six degrees of
+    freedom, because its position and its orientation depend on each other.
     """
     return MIN_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
 
@@ -93,7 +96,9 @@ def with_shortest_turn(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> P
 
 
 def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
-    """The direction, shape (3,), and angle, rad, by which an axis of the TCP turns the shorter way."""
+    """The direction, shape (3,), and the angle, rad, of the shorter rotation that aligns one axis of the TCP
+    with its goal.
+    """
     index = FREE_AXES.index(axis)
     before, after = _axis(start, index), _axis(goal, index)
     normal = np.cross(before, after)
@@ -105,5 +110,5 @@ def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
 
 
 def _axis(turn: Array, index: int) -> Array:
-    """An axis of the frame with this orientation, shape (3,), in the base frame."""
+    """One axis of the frame that a quaternion describes, shape (3,), in the base frame."""
     return np.array(quaternion.rotated(turn.tolist(), UNIT_AXES[index]))

@@ -3,7 +3,8 @@
 A path is bent until it is free of collisions. The gradient of the obstacle cost, from exact signed distances,
 pushes its points away from obstacles. The covariant step, A⁻¹ times the gradient, spreads every push smoothly
 over the whole path. The search starts from the straight line in joint space to each goal in turn, then from a
-path of ompl, which it smooths. The result is proven free between its points too, or gets more points.
+path that ompl finds, which it smooths. The result must also be free of collisions between its points, or it
+gets more points.
 """
 
 from __future__ import annotations
@@ -29,18 +30,20 @@ from cobot.types import RRT_CONNECT, Array
 POINTS, MAX_POINTS = 40, 100
 ITERATIONS = 120
 LOOK = 5
-"""Iterations between two checks of the path."""
+"""Number of iterations between two checks of the path."""
 SMOOTHING = 40
-"""Minimum number of iterations for a path from ompl, which is already free, to make it smoother."""
+"""Minimum number of iterations for a path from ompl. It is already free of collisions, and these iterations
+make it smoother.
+"""
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
-"""Clearance that the path has beyond the margin, if its ends have it too. It is needed for the spline through
-the path.
+"""Clearance of the path beyond the margin, if both its ends have this clearance. The spline through the path
+needs this room.
 """
 PUSHED_M = 3e-3
-"""Margin on the required clearance, m. Where the clearance is smaller than both together, the push has its
-full strength. The margin exists because the path between two points needs room too.
+"""Distance beyond the required clearance, m, below which the push has its full strength. The path between two
+points needs this room.
 """
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
@@ -50,9 +53,8 @@ Factor = tuple[Array, bool]
 
 
 def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion near the straight line in joint space to one of the goals, or near a path of ompl.
-
-    Its `note` reports the second case.
+    """A smooth motion near the straight line in joint space to one of the goals, or near a path from ompl.
+    The motion's `note` reports if the path is from ompl.
 
     Raises:
         PlanningError: every descent ended in a path that touches something; reports what, where and how deep.
@@ -80,7 +82,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
 def _starts(
     robot: RobotDescription, request: MotionRequest, goals: Array, deadline_s: float
 ) -> Iterator[tuple[str, Array]]:
-    """The note and the corners, shape (n, dof), of each path to start from."""
+    """For each path from which the search starts: the note, and the corners of the path, shape (n, dof)."""
     start = np.clip(request.start, robot.limits.min_position, robot.limits.max_position)
     for goal in goals[:STRAIGHT_STARTS]:
         yield "", np.array([start, goal])
@@ -97,7 +99,8 @@ def _starts(
 def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A free polyline, shape (n, dof), with these ends; or None and the obstacle.
+    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`; or None and the
+    obstacle.
 
     Raises:
         PlanningTimeout: as `plan_chomp`.
@@ -127,8 +130,9 @@ def _descend(
     deadline_s: float,
     timeout_s: float,
 ) -> tuple[Array, Array | None]:
-    """The points after the descent, and the last points that were free, with the straight motions between
-    them."""
+    """The points after the descent, and the last points between which all straight motions were free of
+    collisions.
+    """
     limits, count = robot.limits, len(points)
     stiffness, factor = _smoothness(count)
     pull = _pull(points[0], points[-1], count)
@@ -151,7 +155,7 @@ def _descend(
         inner -= step * min(STEP_RAD / largest, 1.0 / weight)
         _into_limits(inner, limits.min_position, limits.max_position, factor)
         if iteration % 40 == 39:
-            weight *= 0.3  # collisions count for more
+            weight *= 0.3  # gives collisions more weight
     return points, free
 
 
@@ -170,14 +174,16 @@ def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> C
 
 
 def _sample(corners: Array) -> Array:
-    """`POINTS` evenly spaced points along a polyline, and its corners, so that its shape stays the same."""
+    """`POINTS` evenly spaced points along a polyline. They include its corners, so that its shape stays the
+    same.
+    """
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
 def _double(points: Array) -> Array:
-    """The same polyline with a point between any two."""
+    """The same polyline with a point added between any two neighbours."""
     out = np.empty((2 * len(points) - 1, points.shape[1]))
     out[::2], out[1::2] = points, 0.5 * (points[:-1] + points[1:])
     return out
@@ -185,7 +191,9 @@ def _double(points: Array) -> Array:
 
 @lru_cache(maxsize=32)
 def _smoothness(count: int) -> tuple[Array, Factor]:
-    """A of the paper's equation 16 for squared accelerations, and its factor: gradient = A q + b."""
+    """A of the paper's equation 16 for squared accelerations, and its Cholesky factor. The gradient is A q +
+    b.
+    """
     difference = _differences(count)[:, 1:-1]
     stiffness = difference.T @ difference
     return stiffness, cho_factor(stiffness)
@@ -205,15 +213,15 @@ def _slopes(points: Array) -> Array:
 
 
 def _pull(start: Array, goal: Array, count: int) -> Array:
-    """b of the gradient: the contribution of the ends, which are at rest."""
+    """The vector b of the gradient. It is the contribution of the path's ends, which are at rest."""
     difference = _differences(count)
     ends = np.outer(difference[:, 0], start) + np.outer(difference[:, -1], goal)
     return np.asarray(difference[:, 1:-1].T @ ends)
 
 
 def _differences(count: int) -> Array:
-    """Second differences of `count` points of a path that rests at both ends: it continues beyond each end
-    with a point equal to the end.
+    """Second differences of `count` points of a path that is at rest at both ends. Beyond each end, the path
+    continues with a point equal to the end.
     """
     difference = np.zeros((count, count))
     for row in range(count):
@@ -223,7 +231,9 @@ def _differences(count: int) -> Array:
 
 
 def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
-    """Apply joint limits in place as in the paper's section 4.3: subtract the violation, smoothed by A⁻¹."""
+    """Move the path into the joint limits, in place, as in the paper's section 4.3: subtract the violation,
+    smoothed by A⁻¹.
+    """
     for _ in range(20):
         if (inner <= high).all() and (inner >= low).all():
             return

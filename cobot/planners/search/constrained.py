@@ -3,8 +3,8 @@
 Newton's method projects each small step, towards a random configuration or the other tree, back to that
 surface (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation planning on constraint
 manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree: from within
-a shelf, nearly all distant targets are behind boards. The path is shortened by such steps between two of its
-places, and evened by moving each place to the middle of its neighbours.
+a shelf, nearly all distant targets are behind boards. Such steps also shorten the path between two of its
+places. Moving each place to the middle of its neighbours evens it out.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ EVEN_STEP_RAD = 0.08
 
 
 def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Array, held: Held) -> Trajectory:
-    """A smooth motion to one of the goals, shape (n, dof), which are free and keep the constraints.
+    """A smooth motion to one of the goals, shape (n, dof). The goals must be collision-free and keep the
+    constraints.
 
     Raises:
         PlanningTimeout: no path was found within the request's time.
@@ -74,7 +75,7 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
 
 
 class _Tree:
-    """A search tree: places, each with its parent."""
+    """A search tree. Each of its places stores its parent."""
 
     def __init__(self, roots: Array) -> None:
         self._rows = np.array(roots)
@@ -102,7 +103,7 @@ class _Tree:
         return parent
 
     def back(self, index: int) -> list[Array]:
-        """The places from this one back to its root."""
+        """The places from this place back to the root of the tree."""
         way = []
         while index >= 0:
             way.append(self[index].copy())
@@ -121,7 +122,7 @@ class _Steps:
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
-        """Several paths; fewer if the first ones took much work."""
+        """Several paths. There are fewer if the first ones took much work."""
         end_s, begun = time.monotonic() + self._timeout_s, self._clearance.evaluations
         found: list[list[Array]] = []
         while len(found) < SEARCHES and (way := self._connect(start, goals, end_s)):
@@ -131,7 +132,7 @@ class _Steps:
         return found
 
     def _connect(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
-        """The places of a path, each one step from the previous one; None if the time is over."""
+        """The places of a path, each one step away from the previous place; None if the time is over."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
         while time.monotonic() < end_s:
@@ -189,7 +190,9 @@ class _Steps:
         return rows
 
     def _toward(self, here: Array, target: Array) -> tuple[list[Array], bool]:
-        """Steps from one configuration towards another, as far as possible, and whether they arrive."""
+        """Steps from one configuration towards another, as far as they are possible, and whether the last
+        step reaches it.
+        """
         places: list[Array] = []
         while True:
             way = target - here
@@ -212,7 +215,7 @@ class _Steps:
 
 
 def _norm(row: Array) -> float:
-    """`numpy.linalg.norm`, which takes four times as long for a short row."""
+    """The same as `numpy.linalg.norm`, which takes four times as long for a short row."""
     return math.sqrt(row.dot(row))
 
 

@@ -21,8 +21,9 @@ from cobot.types import Array
 STEP_RAD = 0.8
 """Largest distance between two nodes on a path."""
 DRAWS, FINE_RAD = 100, 0.2
-"""Number of configurations that are drawn around a path, and the spacing of the places that they are drawn
-from."""
+"""Number of configurations that are drawn around a path, and distance between the places of the path around
+which they are drawn.
+"""
 SPREADS_RAD = (0.6, 0.4, 0.2)
 """Standard deviation of each joint for drawing, round by round."""
 STALLS = 2
@@ -35,12 +36,13 @@ ROUND_WORK = 10_000
 def without_detours(
     clearance: Clearance, paths: Sequence[Array], goals: Array, bounds: tuple[Array, Array], seed: int
 ) -> Array:
-    """A free polyline that is no longer than the shortest of the given paths.
+    """A collision-free polyline that is no longer than the shortest of the given paths.
 
     Args:
-        paths: at least one; free, each from the same start to one of the goals, shape (n, dof).
+        paths: at least one collision-free path. All begin at the same start and end at one of the goals;
+            shape (n, dof) each.
         goals: shape (k, dof).
-        bounds: the lowest and the highest joint angles, shape (dof,) each.
+        bounds: the lowest and the highest allowed joint angles, shape (dof,) each.
     """
     random = np.random.default_rng(seed)
     best = min(paths, key=length)
@@ -71,7 +73,7 @@ def _draw(
 
 
 def divide(corners: Array, step_rad: float) -> Array:
-    """A polyline with corners added until none is farther than `step_rad` from the previous one."""
+    """The polyline with corners added until the distance between neighbours is at most `step_rad`."""
     parts = [corners[:1]]
     for begin, end in pairwise(corners):
         count = max(1, int(np.ceil(np.linalg.norm(end - begin) / step_rad)))

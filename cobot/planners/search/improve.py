@@ -1,12 +1,12 @@
 """Faster motions around obstacles, as long as planning time is left.
 
-A try changes the curve of the best motion so far by a smooth random amount, or searches another way around
-the obstacles, no longer than the best one. What comes out is timed, and replaces the best motion if it is
-faster and passes the same checks. A change that has helped is tried again. So each result can be executed,
-and the search can end at any moment.
+A try changes the curve of the best motion so far by a smooth random amount, or searches for a different way
+around the obstacles that is no longer than the best one. The resulting path is timed. It replaces the best
+motion if it is faster and passes the same checks. A change that has helped is tried again. Each result can be
+executed, so the search can end at any moment.
 
-A try depends only on the request's seed, its number and what the tries before it have found. Therefore the
-same number of tries gives the same motion.
+A try depends only on the seed of the request, the number of the try and the results of earlier tries.
+Therefore the same number of tries gives the same motion.
 """
 
 from __future__ import annotations
@@ -35,19 +35,25 @@ from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array, PlannerName
 
 NEAR = 1.01
-"""A motion is final if its duration is at most this factor above the lower bound."""
+"""A motion is final if its duration is at most this multiple of the lower bound."""
 SEARCH_EVERY = 10
-"""One in this many tries searches another way; the others change the curve of the best motion."""
+"""One in this many tries searches for a different way. The other tries change the curve of the
+best motion.
+"""
 MAX_POINTS = 64
-"""Maximum number of control points. More points are used as long as the unchanged curve is not free."""
+"""Usual maximum number of control points. Only if the unchanged curve is not collision-free, more points are
+used.
+"""
 WAVES = 5
-"""Number of half waves of a random change; the amplitude is inversely proportional to their number."""
+"""Number of half waves in a random change. The amplitude of each is inversely proportional to its number."""
 SHARES = (1.0, 0.5, 0.25)
 """Sizes of a random change, as shares of `Improving.step_rad`."""
 STEPS_RAD, GROWTH, DECAY = (0.02, 0.4), 1.3, 0.97
-"""Smallest and largest step, and its factors after a change that has helped and one that has not."""
+"""Smallest and largest step. Then the factors by which the step changes: after a change that has helped, and
+after one that has not.
+"""
 LOOKS = 48
-"""Number of places at which a curve is looked at before it is proven free."""
+"""Number of places at which a curve is checked before the complete proof that it is collision-free."""
 PATH_SAMPLES = 200
 SAME_RAD = 1e-6
 
@@ -74,7 +80,9 @@ def improve(
     max_tries: float = np.inf,
     clock: Callable[[], float] | None = None,
 ) -> Improving:
-    """Try to find faster motions, for a time, s, or for a number of tries. The last try may take longer."""
+    """Try to find faster motions for a time, s, or for a number of tries. The last try may end later than the
+    time.
+    """
     clock = clock or time.monotonic
     begun_s, last = clock(), state.tries + max_tries
     before_s = state.spent_s
@@ -107,7 +115,7 @@ def _accept(
     """The state with this motion, if it is faster than the best one and passes all checks.
 
     Raises:
-        CobotError: it fails a check.
+        CobotError: the motion fails a check.
     """
     if motion is None or motion.duration_s >= state.best.duration_s:
         return state
@@ -119,7 +127,7 @@ def _accept(
 
 
 def _go_directly(robot: RobotDescription, request: MotionRequest, state: Improving) -> Improving:
-    """The direct joint motion to another joint position of the goal, if one is faster."""
+    """Try the direct joint motions to the other joint positions of the goal, and keep one if it is faster."""
     for index in np.argsort(state.lower_bounds_s, kind="stable"):
         if state.lower_bounds_s[index] >= state.best.duration_s:
             break
@@ -136,7 +144,7 @@ def _go_directly(robot: RobotDescription, request: MotionRequest, state: Improvi
 def _another_way(
     robot: RobotDescription, request: MotionRequest, state: Improving, number: int
 ) -> Trajectory | None:
-    """A motion on another way around the obstacles, no longer than the best one."""
+    """A motion that takes a different way around the obstacles, no longer than the best motion."""
     limits, start = robot.limits, request.start
     longest_rad = length(_sampled(state.best))
     goals = state.goals[np.linalg.norm(state.goals - start, axis=1) <= longest_rad]
@@ -155,7 +163,7 @@ def _another_way(
 def _change(
     robot: RobotDescription, request: MotionRequest, state: Improving, random: np.random.Generator
 ) -> Improving:
-    """The state after a try with another curve near that of the best motion."""
+    """The state after a try with a changed curve near that of the best motion."""
     change, plain = state.change, state.tries % SEARCH_EVERY == 1
     if change is None and not plain:
         change = state.step_rad * random.choice(SHARES) * _wave(state, random)
@@ -174,7 +182,7 @@ def _change(
 
 
 def _wave(state: Improving, random: np.random.Generator) -> Array:
-    """A smooth random change of all joints, 0 at both ends, shape (points, dof)."""
+    """A smooth random change of all joints that is 0 at both ends, shape (points, dof)."""
     orders = np.arange(1, WAVES + 1)
     waves = np.sin(np.pi * orders * np.linspace(0.0, 1.0, state.points)[:, None]) / orders
     return np.asarray(waves @ random.normal(size=(WAVES, state.best.dof)))
@@ -183,7 +191,7 @@ def _wave(state: Improving, random: np.random.Generator) -> Array:
 def _changed(
     robot: RobotDescription, request: MotionRequest, state: Improving, change: Array | None
 ) -> Trajectory | None:
-    """The motion along the changed curve; None if it is not free.
+    """The motion along the changed curve; None if it is not collision-free.
 
     Raises:
         CobotError: the curve cannot be timed.

@@ -13,7 +13,8 @@ from cobot.types import Array
 
 
 def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion around obstacles to one of the goals, shape (n, dof), which must be free of collisions.
+    """A smooth motion around obstacles to one of the goals, shape (n, dof). The goals must be free of
+    collisions.
 
     Raises:
         PlanningTimeout: no path was found within the request's time.

@@ -1,8 +1,8 @@
 """Planner ompl: a free polyline in joint space by sampling, for goals that no direct motion reaches.
 
-RRTConnect is compiled in this project. The other planners are OMPL's, which call compiled checks through its
-binding. A motion between two configurations is proven free as a whole, see `cobot.robot.clearance`, so there
-is no resolution to choose.
+RRTConnect is compiled in this project. The other planners are those of the OMPL library. They call compiled
+checks through the library's Python binding. A motion between two configurations is proven collision-free as a
+whole, see `cobot.robot.clearance`. So there is no resolution to choose.
 """
 
 from __future__ import annotations
@@ -25,28 +25,34 @@ from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M, SPARE_SHARE = 1e-3, 0.3
-"""Distance that a polyline keeps in addition to the margin, if its ends do: room for blending its corners. If
-no such polyline is found within this share of the time, one that keeps the margin alone is searched."""
+"""Distance that a polyline keeps in addition to the margin if its ends also keep it. It leaves room for
+blending the corners. If no such polyline is found within this share of the time, the search continues with
+the margin alone.
+"""
 RANGE_RAD = 2.0
 """Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
-"""Number of attempts to add a node before more configurations of the goal are searched. Each time the number
-grows by a half."""
+"""Number of attempts to add a node before more configurations of the goal are computed. After each time the
+number grows by a half.
+"""
 DIRECT = 1.25
 """A path is not improved if its length is at most this factor times that of the direct way."""
 ROUNDS, PATHS = 6, 2
-"""Number of rounds for a longer path, and number of paths whose detours each round removes together."""
+"""Number of rounds that improve a longer path, and number of paths whose detours each round
+removes together.
+"""
 FIRST_SHARES, LATER_SHARES = 2 * (0.1, 0.25, 0.4), (0.4,)
-"""The searches of the first round, and those of each later one: how much longer than the direct way a path
-may be, as a share of how much longer the best path is. The smaller the space, the sooner a search finds a
-path within it. Small spaces that contained none in the first round are not searched again.
+"""The searches of the first round, and of each later round. Each value limits the extra length of a path
+beyond the direct way, as a share of the extra length of the best path. The smaller the space, the sooner a
+search finds a path in it. Small spaces that contained none in the first round are not searched again.
 """
 ATTEMPTS = 3000
-"""Maximum number of attempts of such a search to add a node."""
+"""Maximum number of attempts to add a node in one of these searches."""
 MUCH_WORK, MUCH_LONGER = 100_000, 0.5
-"""No search begins after this many collision checks (about 0.1 s) if the path exceeds the direct way by at
-least the second value, as a share of it. For a shorter path the number is proportionally smaller. It is a
-count instead of a time, because one seed must give one path."""
+"""No search begins after this many collision checks (about 0.1 s) if the path is longer than the direct way
+by at least the second value, a share of the direct way. For a shorter path the number is proportionally
+smaller. This is a count and not a time, so that the same seed always gives the same path.
+"""
 ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """Time for OMPL's optimising planners to shorten their path after they have found one."""
@@ -55,13 +61,13 @@ SLICE_S = 0.05
 NOT_IMPROVING = frozenset({"RRT", "FMT", "BFMT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
 
 util.setLogLevel(util.LogLevel.LOG_NONE)
-# One generator per process: of OMPL's planners, a worker's sequence of plans is repeatable, a single plan
-# not.
+# OMPL's planners use one random generator per process. So a worker's sequence of plans is repeatable, but a
+# single plan is not.
 util.RNG.setSeed(1)
 
 
 def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> Array:
-    """The corners of a free polyline from the start to one of the goals, shape (n, dof).
+    """The corners of a collision-free polyline from the start to one of the goals, shape (n, dof).
 
     Raises:
         PlanningTimeout: no path was found within the request's time.
@@ -147,8 +153,9 @@ def _first(
     request: MotionRequest,
     seed: int,
 ) -> tuple[Array | None, Array]:
-    """The first path and the goals known by then. If no path is found soon, an arm with more joints than the
-    pose needs gets more goal configurations, because possibly no free path leads to the first ones.
+    """The first path and the goals known by then. An arm with more joints than the pose needs may have no
+    collision-free path to the first goals. If no path is found soon, more goals are therefore computed for
+    it.
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position
@@ -166,7 +173,7 @@ def _first(
 
 def room(robot: RobotDescription, ends: Array) -> float:
     """The distance, m, that a polyline with these ends can keep from everything. It is at most the distance
-    that the ends keep.
+    that the ends themselves keep.
     """
     margin_m = robot.collision.margin_m
     nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)
@@ -179,7 +186,7 @@ def _failure(request: MotionRequest, goals: Array) -> str:
 
 
 class _Motions(base.MotionValidator):  # type: ignore[misc]
-    """OMPL's check whether a straight joint motion, its goal included, is free."""
+    """OMPL's check whether a straight joint motion, including its goal, is collision-free."""
 
     def __init__(self, information: base.SpaceInformation, clearance: Clearance) -> None:
         super().__init__(information)
@@ -190,7 +197,7 @@ class _Motions(base.MotionValidator):  # type: ignore[misc]
 
 
 class _Search:
-    """One planning problem, set up for OMPL."""
+    """One planning problem, prepared for OMPL."""
 
     def __init__(
         self, robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, algorithm: Algorithm

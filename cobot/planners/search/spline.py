@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 SAMPLES = 192
-"""Places at which a path is checked for collisions before it is timed. Only the timed motion is proven free,
-because two proofs take longer than the few times that are computed for nothing."""
+"""Places at which a path is checked for collisions before it is timed. Only the timed motion is proven
+collision-free. A second proof before would take longer than the few timings that it saves.
+"""
 LOOKS = 4
 """Samples per piece at which constraints are checked before the path is timed."""
 
@@ -33,13 +34,13 @@ def smooth_motion(
 ) -> Trajectory:
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
-    The points are the control polygon of a clamped B-spline. The path stays within their hull, therefore
-    within the position limits. It has the exact start and end, and four continuous derivatives. Points are
-    added along the polyline until the path touches nothing and keeps the constraints as well as the polyline
-    does.
+    The points are the control polygon of a clamped B-spline. The path stays within the hull of these points,
+    therefore within the position limits. It begins and ends exactly at the ends of the polyline, with four
+    continuous derivatives. Points are added along the polyline until the path touches nothing and keeps the
+    constraints as well as the polyline does.
 
     Raises:
-        CollisionError: it still touches something with `LAST_POINTS` points.
+        CollisionError: the path still touches something with `LAST_POINTS` points.
     """
     points = FIRST_POINTS
     while True:
@@ -80,7 +81,9 @@ def control_spline(points: Array) -> BSpline:
 
 
 def smooth_curve(points: Array) -> tuple[JointCurve, Array]:
-    """The curve of `control_spline`, and its pieces as Bezier curves, shape (n, degree + 1, dof)."""
+    """The curve of `control_spline`, and its pieces as Bezier curves, with control points of shape (n, degree
+    + 1, dof).
+    """
     unit = _unit(len(points))
     windows = points[unit.windows]
     powers = np.ascontiguousarray((unit.powers @ windows).transpose(0, 2, 1))
@@ -89,7 +92,7 @@ def smooth_curve(points: Array) -> tuple[JointCurve, Array]:
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
-    """What all curves with a number of control points share.
+    """Data that all curves with the same number of control points share.
 
     Attributes:
         greville: the Greville abscissae, shape (count,).

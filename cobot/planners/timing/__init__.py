@@ -1,1 +1,1 @@
-"""Joint curves and their time parameterization, and points that come with times."""
+"""Joint curves and their time parameterization, and motions through points that clients send with times."""

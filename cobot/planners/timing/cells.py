@@ -1,7 +1,8 @@
-"""Splines of the time parameterization: a cubic one for s(τ), a quadratic one for the square of the rate
-dτ/dt.
+"""Splines of the time parameterization: a cubic spline for s(τ), and a quadratic spline for the square of the
+rate dτ/dt.
 
-Both have their knots at integer τ; the cells are between the knots. x is the position in a cell, from 0 to 1.
+Both splines have their knots at integer τ. The cells are the intervals between the knots. x is the position
+in a cell, from 0 to 1.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ MIDDLE = 0.5
 
 
 def basis(x: float) -> Array:
-    """A quadratic B-spline and its two derivatives, per control point of the cell, shape (3, 3)."""
+    """A quadratic B-spline and its two derivatives at `x`, one column for each control point of the cell,
+    shape (3, 3).
+    """
     return np.array(
         [
             [0.5 * (1.0 - x) ** 2, 0.5 + x * (1.0 - x), 0.5 * x**2],
@@ -28,16 +31,17 @@ def basis(x: float) -> Array:
 
 
 def bases(x: float, count: int) -> Array:
-    """`basis` for each of `count` cells, shape (count, 3, 3)."""
+    """The result of `basis` for each of `count` cells, shape (count, 3, 3)."""
     return np.broadcast_to(basis(x), (count, 3, 3))
 
 
 @lru_cache(maxsize=32)
 def acceleration_stations(cells: int) -> tuple[Array, Array]:
-    """The places where accelerations are limited: the beginning and middle of each cell, and the end.
+    """The places where accelerations are limited: the beginning and the middle of each cell, and the end of
+    the last.
 
     Returns:
-        The cell of each place, shape (n,), and its basis, shape (n, 3, 3).
+        The cell of each place, shape (n,), and the basis there, shape (n, 3, 3).
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
@@ -46,8 +50,8 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
-    """The places where jerks are limited: both ends of each cell, and the middle of the first and last
-    `ending` cells. Returns the cell of each place and its basis.
+    """The places where jerks are limited: both ends of each cell, and the middle of each of the first and the
+    last `ending` cells. Returns the cell of each place and the basis there.
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])
@@ -56,7 +60,7 @@ def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def duration_stations(cells: int) -> tuple[Array, Array, Array]:
-    """Cells and bases: at the beginning, middle and end of each cell, and Simpson's weights, shape (n, 1)."""
+    """Cells and bases at the beginning, middle and end of each cell, and Simpson's weights, shape (n, 1)."""
     weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
     base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
     return np.tile(np.arange(cells), 3), base, weights
@@ -64,11 +68,13 @@ def duration_stations(cells: int) -> tuple[Array, Array, Array]:
 
 NODES, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))
 AT_NODES = np.stack([basis(0.5 + node)[0] for node in NODES], axis=1)
-"""Gauss and Legendre's rule for the time that a cell takes."""
+"""Spline basis at the nodes of the Gauss-Legendre rule, which computes the time that a cell takes."""
 
 
 def cubic_basis(x: float) -> Array:
-    """A cubic B-spline and its three derivatives, by the cell's four control points, shape (4, 4)."""
+    """A cubic B-spline and its three derivatives at `x`, one column for each of the cell's four control
+    points, shape (4, 4).
+    """
     y = 1.0 - x
     return np.array(
         [
@@ -84,13 +90,16 @@ CUBIC = np.array([cubic_basis(x) for x in (0.0, MIDDLE, 1.0)])
 
 
 def cubics(points: Array) -> Array:
-    """A cubic B-spline and its three derivatives at the beginning, in the middle and at the end of each cell,
-    shape (3, 4, cells)."""
+    """A cubic B-spline and its three derivatives at the beginning, the middle and the end of each cell, shape
+    (3, 4, cells).
+    """
     return np.asarray(CUBIC @ np.array([points[:-3], points[1:-2], points[2:-1], points[3:]]))
 
 
 def times_of(rate: Array) -> tuple[Array, Array, Array]:
-    """The time, s, the squared rate and its slope at each knot, shape (cells + 1,) each."""
+    """The time, s, the squared rate and the slope of the squared rate at each knot, shape (cells
+    + 1,) each.
+    """
     squares = AT_NODES.T @ np.array([rate[:-2], rate[1:-1], rate[2:]])
     times = np.zeros(len(rate) - 1)
     np.cumsum(WEIGHTS @ (1.0 / np.sqrt(squares)), out=times[1:])
@@ -100,8 +109,8 @@ def times_of(rate: Array) -> tuple[Array, Array, Array]:
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
-    """Quintics through positions and their derivatives with respect to τ at the knots, shape (n, dof)
-    each.
+    """Quintics through the positions at the knots, with their first and second derivatives with respect to τ,
+    shape (n, dof) each.
     """
     return from_hermite(times, *states(positions, first, second, squares, slopes))
 

@@ -1,4 +1,6 @@
-"""The limited quantities along a path, of joints and TCP, and their derivatives by the path parameter."""
+"""The limited quantities of the joints and the TCP along a path, and their derivatives by the
+path parameter.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,14 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, CartesianLimits, JointLimits
 
 LOOKS = 33
-"""Number of places of the path that decide the directions in which the TCP's motion is limited."""
+"""Number of places of the path. The TCP motion at these places decides the directions in which it
+is limited.
+"""
 STILL, STILL_BESIDE = 1e-9, 1e-4
-"""If the linear or angular motion of the TCP is below these values (per unit of the path, and relative to the
-other motion, rad per m), it is only the deviation of the joint path from the line. Then only its speed is
-limited."""
+"""Values for the linear and the angular motion of the TCP: the first is per unit of the path, the second is
+relative to the other of the two motions, rad per m. A motion below these values is only the deviation of the
+joint path from the line. Then only its speed is limited.
+"""
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
 """A vector is limited along these directions, rad from its tangent: an octagon within the circle. The octagon
 is exact at its corners, on the tangent and the normal. In between it is up to 8 % too strict."""
@@ -30,15 +35,15 @@ class Zones:
 
     Attributes:
         ends: path parameter at the end of each zone, shape (n,).
-        shares: shape (3, n, dof + 2): shares of the path's velocity, acceleration and jerk limits, for each
-            joint and for the TCP's linear and angular motion.
+        shares: shares of the path's velocity, acceleration and jerk limits, for each joint and for the linear
+            and the angular motion of the TCP, shape (3, n, dof + 2).
     """
 
     ends: Array
     shares: Array
 
     def at(self, places: Array) -> Array:
-        """The shares, shape (3, len(places), dof + 2)."""
+        """The shares at these places, shape (3, len(places), dof + 2)."""
         return np.asarray(self.shares[:, np.searchsorted(self.ends[:-1], places)])
 
 
@@ -47,7 +52,7 @@ class Coordinates:
 
     Attributes:
         path, limits: the path and the joint limits.
-        max_acceleration, max_jerk: limits of each coordinate, shape (m,), per s² and s³.
+        max_acceleration, max_jerk: limits of each coordinate, shape (m,), per s² and per s³.
     """
 
     def __init__(
@@ -96,9 +101,12 @@ class Coordinates:
         )
 
     def at(self, places: Array) -> tuple[Array, Array, Array]:
-        """At places of the path: the joints and their derivatives by s, shape (4, n, dof); the derivatives of
-        all coordinates, (3, n, m); and the shortest time per s, shape (n,), that the velocity limits
-        allow."""
+        """Evaluate the path at places.
+
+        Returns:
+            The joints and their derivatives by s, shape (4, n, dof); the derivatives of all coordinates,
+            shape (3, n, m); and the shortest time per s that the velocity limits allow, shape (n,).
+        """
         joints = self.path.derivatives(places)
         fastest = np.empty((len(places), len(self._max_velocity)))
         fastest[:] = self._max_velocity
@@ -113,23 +121,25 @@ class Coordinates:
         return 1 if self._zones is None else len(self._zones.ends)
 
     def shares(self, places: Array) -> Array:
-        """Shares of the velocity, acceleration and jerk limits at places, for each coordinate, shape (3, n,
-        m)."""
+        """Shares of the velocity, acceleration and jerk limits for each coordinate at these places, shape (3,
+        n, m).
+        """
         if self._zones is None:
             return np.ones((3, len(places), len(self._columns)))
         return np.asarray(self._zones.at(places)[:, :, self._columns])
 
 
 PARTS = 2
-"""The TCP's linear and angular motion."""
+"""Number of parts of the TCP's motion: the linear and the angular motion."""
 
 
 class _Tcp:
     """The linear or angular motion of the TCP: a vector whose length is limited.
 
     Attributes:
-        directions: directions in which it is limited, rad from its tangent towards its normal.
-        velocity, acceleration, jerk: limits; the latter two in each of these directions.
+        directions: directions in which the vector is limited, rad from its tangent towards its normal.
+        velocity, acceleration, jerk: limits. The limits of acceleration and jerk hold in each of these
+            directions.
     """
 
     def __init__(

@@ -24,17 +24,17 @@ PRESENT = "the current position"
 BLEND_SHARE = 0.05
 """Share of each limit that blending out an offset may use, if the motion is long enough."""
 TELL_RAD = 1e-6
-"""Smaller offsets at the start are not reported: no encoder shows them."""
+"""Offsets at the start that are smaller than this are not reported: no encoder can measure them."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaypointCourse:
-    """The points as arrays, including the current position if it is one of them.
+    """The points as arrays. The current position is one of them if it had to be added.
 
     Attributes:
         times_s, positions: shape (n,), and (n, dof), rad.
-        labels: name of each point in error messages.
-        points: the points, for their velocities and accelerations.
+        labels: name of each point for error messages.
+        points: the points of the request, which may specify velocities and accelerations.
         changes: the offset that was blended out.
     """
 
@@ -45,7 +45,7 @@ class WaypointCourse:
     changes: Changes = UNCHANGED
 
     def motion(self) -> Trajectory:
-        """The curve: quintics between the points."""
+        """The curve through the points, with a quintic between any two neighbours."""
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")
@@ -78,7 +78,7 @@ def course_of(
     start_tolerance_rad: float,
     ways: WaysOut = REST,
 ) -> WaypointCourse:
-    """The course of these points; arguments and errors as in `through`."""
+    """Make the course of these points. Arguments and errors are the same as for `through`."""
     labels = labels_of(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
@@ -99,9 +99,10 @@ def through(
 ) -> tuple[Trajectory, list[str]]:
     """Quintics through the points at their times, from rest to rest.
 
-    A first point at time 0 must be where the arm is; a small offset is blended out over the first points. If
-    the first time is later, the current position is added as a point at time 0. Velocities and accelerations
-    that a point does not give are those of the clamped cubic spline through all points.
+    If the first point is at time 0, it must be the current position of the arm. A small offset is blended out
+    over the first points. If the first time is later, the current position is added as a point at time 0. If
+    a point does not specify its velocity or acceleration, the clamped cubic spline through all points defines
+    it.
 
     Returns:
         The trajectory, and a name for each of its breakpoints.
@@ -114,7 +115,9 @@ def through(
 
 
 def _blended(course: WaypointCourse, start: Array, limits: JointLimits) -> WaypointCourse:
-    """The course from where the arm is: the offset is blended out by the quintic with the least jerk."""
+    """The course from the current position of the arm. The quintic with the least jerk blends out
+    the offset.
+    """
     offset = start - course.positions[0]
     off = np.abs(offset)
     if not off.any():

@@ -19,23 +19,24 @@ if TYPE_CHECKING:
 
 DEGREE = ORDER - 1
 SWUNG = 1.0
-"""A piece whose control points are outside by this angle, rad, counts as outside without computing its
-extrema.
+"""If a control point of a piece is outside the limits by this angle, rad, the piece counts as outside, and
+its extrema are not computed.
 """
 POINTS_ALONG = 200
-"""Number of a trajectory's points through which its path is taken."""
+"""Number of points of a trajectory through which its path is computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCurve:
-    """A curve of all joints over a parameter s, of any unit, that is twice continuously differentiable.
+    """A twice continuously differentiable curve of all joints over a parameter s, which can have any unit.
 
     Attributes:
-        breakpoints: shape (n+1,), of s, strictly increasing, starting at 0.
-        coefficients: shape (n, dof, 6), rad, in ascending powers of s since the piece's start.
+        breakpoints: values of s, strictly increasing from 0, shape (n+1,).
+        coefficients: polynomials in s, measured from the start of each piece, in ascending powers, shape (n,
+            dof, 6), rad.
 
     Raises:
-        InputError: other shapes, parameters that do not increase, values that are not finite.
+        InputError: wrong shapes, parameters that do not increase, or values that are not finite.
     """
 
     breakpoints: Array
@@ -66,12 +67,14 @@ class JointCurve:
 
     @classmethod
     def through(cls, parameters: Array, points: Array) -> JointCurve:
-        """Through points, shape (n, dof), at parameters, shape (n,), with four continuous derivatives."""
+        """The curve through points, shape (n, dof), at parameters, shape (n,), with four continuous
+        derivatives.
+        """
         return cls.of_spline(spline_through(parameters, points))
 
     @classmethod
     def through_even(cls, points: Array) -> JointCurve:
-        """`through` at even parameters from 0 to 1."""
+        """The curve of `through` for evenly spaced parameters from 0 to 1."""
         breakpoints, units = _even_units(len(points))
         return cls(breakpoints, np.einsum("nmk,md->ndk", units, points))
 
@@ -112,7 +115,7 @@ class JointCurve:
         return control_points(self.coefficients, np.diff(self.breakpoints))
 
     def places_outside(self, low: Array, high: Array) -> Array:
-        """The starts of all pieces whose extrema are outside [low, high], shape (dof,) each."""
+        """The starts of all pieces that leave the range from `low` to `high`, shape (dof,) each."""
         hull = self.bezier()
         if (hull >= low).all() and (hull <= high).all():
             return np.empty(0)
@@ -129,7 +132,7 @@ class JointCurve:
 
 
 def spline_through(parameters: Array, points: Array) -> BSpline:
-    """The splines that `JointCurve.through` is made of."""
+    """The splines from which `JointCurve.through` makes its curve."""
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(parameters, points, k=min(DEGREE, len(points) - 1), check_finite=False)
@@ -137,7 +140,9 @@ def spline_through(parameters: Array, points: Array) -> BSpline:
 
 @lru_cache(maxsize=8)
 def _even_units(count: int) -> tuple[Array, Array]:
-    """Breakpoints and coefficients, shape (pieces, count, 6), of the splines that are 1 at one of `count`
-    even places and 0 at the others; every spline through these places is a sum of them."""
+    """Breakpoints and coefficients, shape (pieces, count, 6), of `count` splines over evenly spaced places.
+    Each spline is 1 at one of the places and 0 at the others, so every spline through these places is a sum
+    of them.
+    """
     path = JointCurve.through(np.linspace(0.0, 1.0, count), np.eye(count))
     return path.breakpoints, path.coefficients

@@ -9,7 +9,7 @@ from cobot.findings import Finding
 
 
 def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
-    """Solve a problem.
+    """Solve a problem of Ruckig.
 
     Raises:
         PlanningError: Ruckig finds no profile, for example because limits are almost 0.
@@ -17,7 +17,7 @@ def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
     solution = ruckig.Trajectory(problem.degrees_of_freedom)
     try:
         result = ruckig.Ruckig(problem.degrees_of_freedom).calculate(problem, solution)
-    except (ruckig.RuckigError, ValueError):  # ValueError: a result unknown to its binding
+    except (ruckig.RuckigError, ValueError):  # ValueError: Ruckig's binding does not know the result
         result = None
     if result in (ruckig.Result.Working, ruckig.Result.Finished):
         return solution

@@ -1,9 +1,10 @@
-"""Removal of rounding from points with few decimals and short steps, whose jerk it would spoil.
+"""Removal of rounding from points that have few decimals and short time steps, because the rounding would
+spoil their jerk.
 
 At 2 ms, half a unit of the sixth decimal is a jerk of hundreds of rad/s³. The smoothest curve within one unit
-of every point represents the rounded numbers as well as the points themselves. It is Whittaker's: it
-minimises the sum of squared deviations and of squared fourth differences, so that a motion with constant jerk
-is unchanged.
+of every point represents the rounded numbers as well as the points themselves. The method is Whittaker's
+smoothing. It minimises the sum of the squared deviations and the squared fourth differences, so that a motion
+with constant jerk is unchanged.
 
 Source: Eilers, "A perfect smoother", Analytical Chemistry 75, 2003, equations 4 to 6.
 """
@@ -26,7 +27,9 @@ MAX_STEP_S = 0.02
 UNEVEN = 0.01
 """Share by which time steps may differ."""
 WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)
-"""Numbers of points over which the curve is smoothed; the largest that stays within the rounding is used."""
+"""Numbers of points over which the curve is smoothed. The largest number that keeps the curve within the
+rounding is used.
+"""
 ORDER = 4
 REST = 1e4
 """Weight of starting and ending at rest, relative to the differences."""
@@ -41,8 +44,8 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
         positions: shape (n, dof), rad; the motion is at rest at both ends.
 
     Returns:
-        Positions of the same shape, at most one unit from the given ones, and that unit, rad. None if the
-        points are not rounded like this.
+        Positions of the same shape, which differ from the given ones by at most one unit of the last decimal,
+        and this unit, rad. None if the points are not rounded to few decimals.
     """
     steps_s = np.diff(times_s)
     if len(times_s) < MIN_POINTS or steps_s.max() > MAX_STEP_S or np.ptp(steps_s) > UNEVEN * steps_s.max():
@@ -58,7 +61,7 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
 
 
 def _unit(positions: Array) -> float | None:
-    """The last decimal of the numbers, if they have few."""
+    """The unit of the last decimal of the values, if they have few decimals; otherwise None."""
     for decimals in DECIMALS:
         if np.abs(np.round(positions, decimals) - positions).max() < 1e-3 * 10.0**-decimals:
             return float(10.0**-decimals)
@@ -66,7 +69,8 @@ def _unit(positions: Array) -> float | None:
 
 
 def _change(positions: Array, weight: float) -> Array:
-    """The change of each row by smoothing; solving for the change is far more accurate than for the sum.
+    """The change that smoothing makes to each row. Solving for the change is far more accurate than solving
+    for the smoothed rows.
 
     Args:
         weight: weight of the differences; variations with a period below 2 π weight^(1/8) rows are removed.
@@ -77,7 +81,7 @@ def _change(positions: Array, weight: float) -> Array:
     away = positions - positions[0]
     differences = sum(c * away[k : count - ORDER + k] for k, c in enumerate(DIFFERENCE))
     pull = np.zeros_like(away)
-    band = np.zeros((ORDER + 1, count))  # the matrix's upper half, its main diagonal in the last row
+    band = np.zeros((ORDER + 1, count))  # the matrix's upper half; its main diagonal is the last row
     for k, c in enumerate(DIFFERENCE):
         pull[k : count - ORDER + k] -= weight * c * differences
         for j in range(k, ORDER + 1):
@@ -92,8 +96,9 @@ def _change(positions: Array, weight: float) -> Array:
 
 
 def _rest(band: Array, pull: Array, positions: Array, rows: range, weight: float) -> None:
-    """Move the points at one end to the positions of a motion from rest with constant jerk, whose distances
-    are in the ratio 1 : 8 : 27."""
+    """Move the points at one end to the positions of a motion that starts from rest with constant jerk. Their
+    distances are in the ratio 1 : 8 : 27.
+    """
     end, *near, far = rows
     for number, row in enumerate(near, start=1):
         share = (number / (len(rows) - 1)) ** 3

@@ -40,15 +40,16 @@ from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimit
 
 MIN_CELLS, MAX_CELLS = 64, 1000
 CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
-"""Cells per time in which a full acceleration builds up; the second value is for a path that changes within a
-few of them."""
+"""Number of cells for the time in which a full acceleration builds up. The second number is for a path that
+changes within a few cells of the first size.
+"""
 PLACES = 100
 """Minimum number of places of a path that the first timing checks."""
 GAP = 5e-4
 """The optimisation ends when at most this share of the duration is left to gain."""
 ITERATIONS = 60
 MAX_DURATION_S = 1e9
-"""Longest duration, about thirty years: powers of longer times overflow."""
+"""Longest duration, about thirty years, because powers of longer times overflow."""
 ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
 """A motion is optimised again if it must be stretched by more than `TIGHT` to keep its limits. It is
@@ -58,8 +59,9 @@ COARSE = 1.02
 """A motion that must be stretched by more than this to keep its limits is divided into more cells."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
-"""At both ends of the path the jerk is also limited in the middle of this many cells: from rest it changes
-most."""
+"""Number of cells at each end of the path in whose middle the jerk is limited too, because it changes most
+when the motion starts from rest.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ class Timed:
     Attributes:
         trajectory: the motion from rest to rest.
         make_progress: computes `progress`, which most callers do not need.
-        stretched: factor by which its true extrema made it longer.
+        stretched: factor by which the motion was made longer to keep its limits at its true extrema.
     """
 
     trajectory: Trajectory
@@ -89,12 +91,13 @@ def time_optimal(
     tcp_limits: CartesianLimits | None = None,
     zones: Zones | None = None,
 ) -> Timed:
-    """Time a path from rest to rest, close to the optimum under the limits of the joints, of the TCP if
-    given, and of the drives' efforts with the model's load.
+    """Time a path from rest to rest, close to the time optimum.
 
-    At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, whatever `limits` are. Of the
-    efforts, what `cobot.planners.effort_reserve` allows is used; they take part in the optimisation only if
-    the motion without them needs more than `PLANNED_EFFORT`. `zones` are parts of the path with lower limits.
+    The limits of the joints apply, those of the TCP if given, and the effort limits of the drives with the
+    model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, even if `limits`
+    are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`. Efforts take
+    part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`. `zones` are
+    parts of the path with lower limits.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or the limits are too
@@ -135,8 +138,8 @@ def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
 def _solve_laws(
     robot: RobotDescription, coordinates: Coordinates, laws: Iterator[tuple[Array, Array]]
 ) -> Timed:
-    """The fastest motion with the first of these timings. If its cells are too coarse, the next timing is
-    used, which has more cells.
+    """The fastest motion, starting from the first of these timings. If its cells are too coarse, the next
+    timing, which has more cells, is used.
     """
     limits = coordinates.limits
     with np.errstate(all="ignore"):
@@ -179,8 +182,9 @@ class _Law:
 
 
 class _Problem:
-    """One optimisation: the first timing and all limited quantities at its knots and in the middle of its
-    cells."""
+    """One optimisation: the first timing, and all limited quantities at the knots and in the middle of the
+    cells.
+    """
 
     def __init__(
         self, robot: RobotDescription, coordinates: Coordinates, points: Array, widths: Array
@@ -219,7 +223,7 @@ class _Problem:
         self._tightened = self._shares[1:].copy()
 
     def refine(self, best: _Law) -> _Law:
-        """Solve again, with limits tightened where extrema exceed them, until this gains nothing."""
+        """Solve again, with tighter limits where extrema exceed them, until this gains nothing."""
         for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
@@ -240,7 +244,9 @@ class _Problem:
         return self._make_motion(rate)
 
     def _stations(self) -> list[Stations]:
-        """The places at which accelerations, velocities and efforts are limited, and those of jerks."""
+        """The places at which accelerations, velocities and efforts are limited, and the places at which
+        jerks are limited.
+        """
         first, second, third = self._jerks
         accelerations, jerks = self._bounds()
         places, jerk_places = acceleration_stations(self._cells), jerk_stations(self._cells, ENDING_CELLS)
@@ -289,7 +295,9 @@ class _Problem:
         self._bounded = []
 
     def _make_motion(self, rate: Array) -> _Law:
-        """The motion as quintics that match path and rate in value and two derivatives at the knots."""
+        """The motion as quintics. At the knots, they match the path and the rate in value and two
+        derivatives.
+        """
         times, squares, slopes = times_of(rate)
         first, second, _ = chained(self._at_knots[1:], self._knots)
         first[[0, -1]] = second[[0, -1]] = 0.0  # exactly at rest, despite rounding
@@ -301,7 +309,7 @@ class _Problem:
         stretched = max(float((used.max(axis=(1, 2)) ** (1.0 / np.arange(1, 4))).max()), 1.0)
         if stretched > TIGHT:  # tighten the limits of cells whose true extrema exceed them
             self._tightened[:, :, : self._path.dof] /= np.maximum(used[1:], 1.0)
-        # Slowed down evenly, just enough to keep the rate limits of each cell.
+        # The motion is slowed down evenly, just enough to keep the rate limits of each cell.
         place, *rates = self._knots[:3, :, None]
         squares, slopes = squares / stretched**2, slopes / stretched**2
         progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
@@ -310,8 +318,11 @@ class _Problem:
 
 @lru_cache(maxsize=32)
 def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
-    """Among the beginnings of all cells, their middles and the end: indices of the knots, indices at which
-    the jerk is limited, and the cells in whose middle it is limited too.
+    """The checked places are the beginnings and the middles of all cells, and the end.
+
+    Returns:
+        The indices of the knots among these places; the indices at which the jerk is limited; and the cells
+        in whose middle the jerk is limited too.
     """
     knots = np.append(np.arange(cells), 2 * cells)
     ending = np.append(np.arange(ENDING_CELLS), np.arange(cells - ENDING_CELLS, cells))
@@ -320,14 +331,14 @@ def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
 
 @lru_cache(maxsize=32)
 def _duration(cells: int) -> Stations:
-    """Simpson's rule for the duration."""
+    """Simpson's rule for the duration of the motion."""
     index, base, weights = duration_stations(cells)
     none = np.zeros_like(weights)
     return Stations(index, base, none, none, None, none, weights)
 
 
 def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
-    """Check that the efforts suffice to hold the arm. places: shares of the path, shape (n,)."""
+    """Check that the efforts suffice to hold the arm at `places`, shares of the path, shape (n,)."""
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
     if share[place, joint] >= MAX_HOLDING_EFFORT:

@@ -1,4 +1,5 @@
-"""Fitting timed motions of clients, which ignore jerk or are rounded, to motions that an arm can follow.
+"""Fitting of timed motions from clients that ignore jerk or are rounded: the result is a motion that an arm
+can follow.
 
 Planners that limit only velocity and acceleration jump in acceleration; files contain rounded numbers. Both
 mean deviations of milliradians, but unbounded jerk. Slowing the whole motion down until the jerk limit holds
@@ -25,20 +26,31 @@ from cobot.types import Array, JointLimits
 STEPS_TO_FULL_ACCELERATION = 10
 MIN_STEPS, MAX_STEPS = 40, 60_000
 MUCH_SLOWER = 1.5
-"""If the whole motion must be slower by this factor, the steps are chosen for its expected duration."""
+"""If the whole motion must be slower by at least this factor, the steps are chosen for its
+expected duration.
+"""
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
-"""Widths of the moving averages in steps: the first is applied once, the second twice."""
+"""Widths of the moving averages, in steps. The first average of each pair is applied once, the
+second twice.
+"""
 TOO_FAR = 1.5
 """If a moving average exceeds the corridor by this factor, longer averages are not tried."""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
-"""Maximum number of rounds, of turns per round, and of turns times control points in total."""
+"""Maximum number of rounds; maximum number of turns per round; and maximum of the turns multiplied by the
+control points, in total.
+"""
 USUAL_ROUNDS, MIN_TURNS = 8, 30
-"""A long motion gets fewer turns per round, so that several rounds remain possible."""
+"""Usual number of rounds, and minimum number of turns per round. A long motion gets fewer turns per round, so
+that several rounds remain possible.
+"""
 PER_DEVIATION = 0.08
-"""Exponent of the excess over the corridor. The result is the factor by which time is stretched there. It is
-small because the remaining turns reduce most of the excess."""
+"""Exponent that turns the excess over the corridor into the factor by which time is stretched there. It is
+small because the remaining turns reduce most of the excess.
+"""
 INNER, MIN_INNER = 0.85, 0.2
-"""Share of the corridor that the fit's control points may use, less the part that noise takes."""
+"""Share of the corridor that the control points of the fit may use, reduced by the part that noise takes, and
+the minimum of this share.
+"""
 AS_ASKED = 1.002
 """A motion that takes no longer than this multiple of the requested duration is not improved."""
 NEAR, SMOOTH = 7, 3.0
@@ -47,7 +59,9 @@ NEAR, SMOOTH = 7, 3.0
 """
 ROUNDING_RAD = 1e-9
 HASTE = 0.97
-"""Factor per round by which time is regained where no bound is exceeded, down to the requested duration."""
+"""Factor per round by which the motion becomes faster again where no bound is exceeded, down to the requested
+duration.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +79,7 @@ class Fitted:
 
 
 def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: float) -> Fitted | None:
-    """The shortest motion found that keeps the limits and stays in the corridor around the requested one.
+    """Find a short motion that keeps the limits and stays in the corridor around the requested motion.
 
     It is never shorter than the requested motion.
 
@@ -87,11 +101,11 @@ def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: f
 
 
 class _Fitting:
-    """Successively better motions along one curve.
+    """A series of motions along one curve, each better than the previous one.
 
     Attributes:
         best: the shortest motion in the corridor so far.
-        least_s: lower bound of the duration, from the velocity limits.
+        least_s: lower bound of the duration, computed from the velocity limits.
     """
 
     def __init__(self, asked: Trajectory, limits: JointLimits, corridor: Array) -> None:
@@ -118,7 +132,9 @@ class _Fitting:
         yield from self._rounds()
 
     def _sample(self) -> tuple[Array, Array]:
-        """The curve's averages over each step, and their times, with rest at both ends."""
+        """The averages of the curve over each step, and their times. At both ends the curve is continued at
+        rest.
+        """
         curve = self._curve
         rows_s = np.linspace(0.0, curve.duration_s, len(curve.positions))
         means, times_s = (
@@ -145,7 +161,7 @@ class _Fitting:
         belongs_s, share, work = grid_s, most, 0
         for _ in range(ROUNDS):
             if MIN_TURNS * float(slowness.mean()) * curve.duration_s > WORK * self._step_s:
-                return  # an excessive request would take all memory
+                return  # an excessive request would take all the memory
             times_s, step_s = self._clock(grid_s, slowness)
             turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), MIN_TURNS, TURNS))
             work += turns * len(times_s)
@@ -172,7 +188,7 @@ class _Fitting:
         return np.interp(step_s * np.arange(-1.0, steps + AT_REST - 1), clock_s, grid_s), step_s
 
     def _first_slowness(self, grid_s: Array) -> Array:
-        """The slowness that the velocity and acceleration limits need, without noise."""
+        """The slowness that the velocity and acceleration limits need, computed without noise."""
         from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
         velocity = self._curve.towards(grid_s)
@@ -199,7 +215,7 @@ class _Fitting:
     def _stretch_to_bounds(
         self, control: Array, times_s: Array, step_s: float | None = None
     ) -> tuple[Array, float]:
-        """Stretch the motion until it keeps its bounds, and keep it if it is the best so far.
+        """Stretch the motion until it keeps its bounds, and store it if it is the best so far.
 
         Returns:
             The factor by which the time around each control point must be stretched, shape (n,), so that

@@ -1,9 +1,9 @@
 """Motions as uniform cubic B-splines, whose control points show whether limits hold.
 
 With control points c at a step h, the velocity is in the hull of Δc / h, the acceleration is linear from one
-Δ²c / h² to the next, and the jerk is Δ³c / h³ from knot to knot. Bounds of these differences therefore hold
-everywhere, not only at samples. Knot k is at (c[k] + 4 c[k+1] + c[k+2]) / 6; three equal control points at an
-end mean rest.
+Δ²c / h² to the next, and the jerk is Δ³c / h³ from knot to knot. If these differences are within bounds, the
+motion is therefore within them everywhere, not only at samples. Knot k is at (c[k] + 4 c[k+1] + c[k+2]) / 6.
+Three equal control points at an end mean that the motion is at rest there.
 
 Source: de Boor, "A Practical Guide to Splines", chapter X.
 """
@@ -16,11 +16,13 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits
 
 AT_REST = 3
-"""Number of equal control points at each end, where the spline is at rest."""
+"""Number of equal control points at each end that make the spline begin and end at rest."""
 
 
 def stretch_needed(control: Array, step_s: float, limits: JointLimits) -> Array:
-    """The factor by which the time around each control point must be stretched, shape (n,)."""
+    """The factor by which the time around each control point must be stretched to keep the limits, shape
+    (n,).
+    """
     found = np.zeros(len(control))
     difference = control
     for order, bound in enumerate((limits.max_velocity, limits.max_acceleration, limits.max_jerk), start=1):
@@ -50,7 +52,7 @@ def spline_motion(control: Array, step_s: float) -> Trajectory:
 
 
 def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Array]:
-    """Position and velocity at some times, shape (m, dof) each."""
+    """Position and velocity at these times, shape (m, dof) each."""
     place = times_s / step_s
     index = np.clip(place.astype(np.intp), 0, len(control) - 4)
     t = (place - index)[:, None]
@@ -72,8 +74,8 @@ def moving_average(values: Array, count: int) -> Array:
     """The moving average over `count` rows, as if the values were at rest before the first and after the last
     row. It has `count` - 1 rows more than the values.
 
-    Bounds of the values' differences also hold for those of the average. Differences of one order higher are
-    divided by `count`.
+    If the differences of the values are within bounds, those of the average are too. Differences of one order
+    higher are divided by `count`.
     """
     if count <= 1:
         return values

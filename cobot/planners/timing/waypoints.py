@@ -29,9 +29,9 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""Factor by which a motion may take longer than its points specify without the client's permission."""
+"""Factor by which a motion may take longer than its points specify, without permission from the client."""
 ASIDE = 0.1
-"""Share of the delay at each end that the reported slow interval leaves out."""
+"""Share of the delay at each end that is left out when the slow interval is reported."""
 FEW = 5_000
 """With more points than this, slowing down evenly is not tried first, because it takes long."""
 
@@ -45,7 +45,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     slowed down evenly too.
 
     Raises:
-        InputError: the points do not define a motion, see `through`.
+        InputError: the points do not define a motion; see `through`.
         LimitError: a limit is exceeded; names the points, or the place of an excessive effort.
         CollisionError: as `CollisionChecker.check_trajectory`.
     """
@@ -78,7 +78,7 @@ def _within_limits(course: WaypointCourse, limits: JointLimits, request: Waypoin
     """The motion through the points if it keeps the limits, otherwise the nearest motion that does.
 
     Raises:
-        LimitError: there is none that the request permits.
+        LimitError: no motion that the request permits keeps the limits.
     """
     asked = motion = course.motion()
     excess = _excess(motion, limits, course.labels)
@@ -167,7 +167,7 @@ def _follow(
     excess: LimitError,
 ) -> Trajectory:
     """The requested motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
-    inside = in_range(cleaned, limits)  # slowing down does not bring a joint back into its range
+    inside = in_range(cleaned, limits)  # slowing down cannot bring a joint back into its range
     even = _slow_evenly(cleaned, limits) if asked.segments <= FEW else None
     if even is not None and inside and even.duration_s <= AS_ASKED * asked.duration_s:
         return even
@@ -198,7 +198,7 @@ def _slow_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
 
 
 def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
-    """The motion that was slowed down evenly, with a note about this."""
+    """The motion that was slowed down evenly, with a note that reports it."""
     asked_s = motion.duration_s / motion.changes.stretch
     changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
@@ -207,7 +207,8 @@ def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Tr
 
 def _slow_interval(found: Fitted, duration_s: float) -> tuple[float, float] | None:
     """The interval in which the motion falls behind the times of the points, without a small part at each
-    end. None if it is not late."""
+    end. None if the motion is not late.
+    """
     late_s = found.motion.duration_s - duration_s
     if late_s <= (AS_ASKED - 1.0) * duration_s:
         return None
@@ -224,7 +225,9 @@ def _with_note(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
 def _with_advice(
     excess: LimitError, asked_s: float, possible: Trajectory | None, request: WaypointRequest
 ) -> LimitError:
-    """The error with advice, and the duration that the motion would then have."""
+    """The error with advice on how to keep the limits, and with the duration that the motion
+    would then have.
+    """
     sentence = str(excess)
     if f"between {PRESENT} and" in sentence and request.approach is None and not request.retime:
         return LimitError(f"{sentence}; {request.ways.start}")
