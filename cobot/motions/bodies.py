@@ -262,8 +262,9 @@ KINDS = {"name": NAMED, "named": NAMED, "joints": JOINT, "angle": ARC}
 
 
 def kind_of(value: Any) -> str:
-    """The tag of a motion, one of `MOTION_TAGS`: that of the first key of `KINDS` in the motion, else
-    `POSE`."""
+    """The tag of a motion, one of `MOTION_TAGS`. The first key of `KINDS` that occurs in the motion decides;
+    without such a key the tag is `POSE`.
+    """
     keys = value if isinstance(value, dict) else vars(value) if isinstance(value, BaseModel) else ()
     return next((tag for key, tag in KINDS.items() if key in keys), POSE)
 

@@ -12,10 +12,10 @@ class ChangeOver:
     """The remaining part of a motion whose goal has been changed. Picklable.
 
     Attributes:
-        trajectory: equal to the current one, bit for bit, until the change.
-        offset_s: path time of the current trajectory at which this one begins.
-        begin_s, end_s: path times of this trajectory: the arm leaves the current path at the first, and from
-            the second on only the new motion counts.
+        trajectory: the new trajectory, which equals the current one bit for bit until the change.
+        offset_s: path time of the current trajectory at which the new one begins.
+        begin_s, end_s: path times of the new trajectory. At the first, the arm leaves the current path; from
+            the second on, only the new motion counts.
     """
 
     trajectory: Trajectory

@@ -1,6 +1,6 @@
-"""Checks of requests for motions: the fields that each planner uses, and their values.
+"""Checks of requests for motions: which fields each planner uses, and the values of the fields.
 
-`check_request` needs no robot; each `MotionRequest` calls it when it is made.
+`check_request` does not need a robot. Each `MotionRequest` calls it when it is made.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ MIN_AXIS_LENGTH = 1e-3
 
 
 def check_request(request: MotionRequest) -> None:
-    """Require the fields to fit the planner and each other.
+    """Require the fields to match the planner and each other.
 
     Raises:
-        InputError: names the field, its value and what is possible.
+        InputError: a field does not match; names the field, its value and what is possible.
     """
     traits = PLANNERS[request.planner]
     if traits.way is Way.PATH and not isinstance(request.goal, Pose):
@@ -55,7 +55,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
     """Require the number of end joints and the speed of the TCP to be possible for a robot.
 
     Raises:
-        InputError: names the field, its value and what is possible.
+        InputError: a value is not possible; names the field, its value and what is possible.
     """
     end, dof = request.end_joints, robot.limits.dof
     if end is not None and len(end) != dof:
@@ -73,7 +73,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
 
 
 def _is_given(request: MotionRequest, field: str) -> bool:
-    """Whether a request gives an optional field. `cyclic` false counts as not given."""
+    """Whether a request gives an optional field. If `cyclic` is false, it counts as not given."""
     value = getattr(request, field)
     if value is None or value is False or isinstance(value, np.ndarray):
         return isinstance(value, np.ndarray)
@@ -90,7 +90,7 @@ def _named(request: MotionRequest, field: str) -> str:
 
 
 def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]) -> None:
-    """Require exactly one of the fields of which the planner needs one."""
+    """Require that the request gives exactly one of the fields of which the planner needs one."""
     needed = [field for field in traits.needs if field in given]
     if traits.needs and not needed:
         raise InputError(traits.missing)
@@ -100,7 +100,7 @@ def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]
 
 
 def _check_arc(arc: Arc) -> None:
-    """Require an arc to turn, about a direction."""
+    """Require that an arc has an angle other than 0 and an axis that gives a direction."""
     if arc.angle_rad == 0.0:
         raise InputError("angle: is 0 rad, so there is no arc, even with a rise; for a line use lin")
     if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
@@ -112,7 +112,9 @@ def _check_arc(arc: Arc) -> None:
 
 
 def _check_free_axes(free: Sequence[str]) -> None:
-    """Require one free axis, or all three, because two of them together make the third."""
+    """Require that one axis or all three are free, because a free rotation about two axes also frees the
+    third.
+    """
     valid = ", ".join(FREE_AXES)
     for index, axis in enumerate(free):
         if axis not in FREE_AXES:

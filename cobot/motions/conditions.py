@@ -50,5 +50,5 @@ class StepCondition(InputTest):
         return self
 
     def as_json(self) -> dict[str, Any]:
-        """The condition as in the document."""
+        """The condition as it is written in the document."""
         return self.model_dump(by_alias=True, exclude_none=True)

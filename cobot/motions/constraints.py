@@ -1,4 +1,4 @@
-"""Path constraints, which a whole motion keeps in addition to the limits."""
+"""Path constraints, which apply to a whole motion in addition to the limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ class Cone:
     Attributes:
         axis: shape (3,), unit length, in the TCP's frame.
         within_rad: the largest angle between axis and direction.
-        direction: shape (3,), unit length, in the base frame; None: the axis's direction at the start.
+        direction: shape (3,), unit length, in the base frame; None means the direction that the axis has at
+            the start.
     """
 
     axis: Array
@@ -24,7 +25,9 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Keeps the TCP in a box aligned with the base frame: its lowest and highest corner, shape (3,), m."""
+    """Keeps the TCP in a box aligned with the base frame. The box is given by its lowest and its highest
+    corner, shape (3,) each, m.
+    """
 
     low: Array
     high: Array
@@ -32,10 +35,11 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Constraints:
-    """A motion keeps all constraints that are given.
+    """The constraints of a motion, which must keep all of them that are given.
 
     Attributes:
-        joints: joint index, lowest and highest position, rad (m for a slide).
+        joints: for each constrained joint its index, its lowest and its highest position, rad (m for a linear
+            joint).
     """
 
     cone: Cone | None = None

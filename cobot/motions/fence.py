@@ -1,7 +1,7 @@
-"""Limits for the motions of unattended programs: a space for the TCP and a maximum speed.
+"""Limits for the motions of unattended programs: a space for the TCP, and a maximum speed.
 
-The service checks the whole motion before it begins. In each cycle, rtloop checks the TCP's current and next
-position.
+The service checks the whole motion before it begins. In each cycle, rtloop checks the current and the next
+position of the TCP.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
 STEP_S = 0.005
-"""Time between the samples that the service checks; rtloop checks each cycle."""
+"""Time between the samples of a motion that the service checks. rtloop checks the TCP in each cycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +35,12 @@ class Fence:
     speed_m_s: float
 
     def values(self) -> list[float]:
-        """The values in shared memory: low, high, speed."""
+        """The values as they are written to shared memory: low, high, speed."""
         return [*self.low, *self.high, self.speed_m_s]
 
     def breach(self, trajectory: Trajectory, chain: Chain) -> str:
-        """A sentence on the place where a motion first leaves the fence; "" if it stays inside.
+        """A sentence that names the place where a motion first leaves the fence; "" if the motion stays
+        inside.
 
         Args:
             chain: the arm's kinematics up to the TCP.
@@ -55,7 +56,9 @@ class Fence:
         return f"{times_s[first]:.2f} s into the motion {found}" if found else ""
 
     def beyond(self, place: Array, speed_m_s: float) -> str:
-        """A sentence if a TCP position, shape (3,), m, or a speed violates the fence; "" if neither does."""
+        """A sentence that reports a violation of the fence by a TCP position, shape (3,), m, or by a speed;
+        "" if there is none.
+        """
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:
                 return f"the TCP would be at {axis} = {value:.4f} m, the fence is from {low:g} to {high:g} m"

@@ -24,7 +24,7 @@ HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
 
 def example(body: Any) -> ConfigDict:
-    """Return the example that Swagger shows: a request that works unedited, or an answer."""
+    """Return an example for the Swagger page: a request that works without changes, or an answer."""
     return ConfigDict(json_schema_extra={"examples": [body]})
 
 
@@ -34,7 +34,9 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """Bounds of a number. The error recognises a value in another unit: see `cobot.units`."""
+    """Bounds of a number. If the number is out of bounds, the error recognises a value in a different unit;
+    see `cobot.units`.
+    """
 
     require: Callable[[float, float], float]
     most: float
@@ -59,7 +61,7 @@ Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 10
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """A word from a table, with the same schema and error as a `Literal`."""
+    """A word from a table. Its schema and its error are the same as for a `Literal`."""
 
     words: tuple[str, ...]
 

@@ -101,7 +101,7 @@ class GripperRequest:
             valid: the permitted names.
 
         Raises:
-            InputError: there is no such command, or its fields are wrong.
+            InputError: the command does not exist, or its fields are wrong.
         """
         name = fields.get("command")
         if not isinstance(name, str) or name not in valid:

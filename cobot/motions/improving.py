@@ -15,7 +15,7 @@ class PlanQuality(StrEnum):
     """How far a motion has been improved.
 
     FIRST: the first motion that has passed all checks.
-    IMPROVED: a faster one than the first; further planning time may find a faster one still.
+    IMPROVED: a motion that is faster than the first. Further planning time may find an even faster one.
     FINAL: further planning time finds no motion that is noticeably faster.
     """
 
@@ -32,11 +32,11 @@ class Improving:
         best: the fastest motion so far. It has passed all checks.
         first_duration_s: duration of the first motion, s.
         goals: joint positions at which the motion may end, shape (n, dof), rad.
-        lower_bounds_s: for each of them, the time that the slowest joint needs alone; no motion to them is
-            faster.
-        tries, improvements: number of tries so far, and of those that found a faster motion.
-        spent_s: time spent on them, s.
-        done: whether a further try finds nothing noticeably faster.
+        lower_bounds_s: for each goal, the time, s, that the slowest joint needs by itself. No motion to this
+            goal is faster.
+        tries, improvements: number of tries so far, and number of tries that found a faster motion.
+        spent_s: time spent on the tries, s.
+        done: whether a further try would find no noticeably faster motion.
         points: number of control points of the curves that are tried.
         step_rad: size of the random changes.
         change: the change that made the last motion faster, shape (points, dof), rad; None: there is none to
@@ -69,12 +69,12 @@ class Improving:
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """How good a planned motion is.
+    """The quality of a planned motion.
 
     Attributes:
         tries, improvements: see `Improving`.
         first_duration_s: duration of the first motion that passed all checks, s.
-        lower_bound_s: see `Improving`; None: not computed.
+        lower_bound_s: see `Improving`; None if it was not computed.
     """
 
     quality: PlanQuality
@@ -85,7 +85,9 @@ class Planned:
 
     @classmethod
     def of(cls, request: MotionRequest, found: Trajectory | Improving | None) -> Planned:
-        """The quality of what was planned for a request; None: the arm is already at the goal."""
+        """The quality of the motion that was planned for a request; None if the arm is already at the
+        goal.
+        """
         if isinstance(found, Improving):
             return cls(
                 found.quality, found.first_duration_s, found.tries, found.improvements, found.lower_bound_s

@@ -24,14 +24,16 @@ class PlannerName(StrEnum):
 
 
 class Way(Enum):
-    """The kind of way to the goal. It determines the arguments with which the planner's function is called.
+    """The kind of way that a planner takes to the goal. It determines the arguments of the planner's
+    function.
 
     PATH: the TCP follows the path of the request, whose goal is a pose, never joint angles.
         `function(robot, request)` returns None if the arm is already at the goal.
-    DIRECT: the joints move to the nearest joint angles of the goal. Called as `function(robot, request,
-        joints)`.
+    DIRECT: the joints move to the nearest joint angles of the goal. The function is called as
+        `function(robot, request, joints)`.
     SEARCH: the planner finds a way around obstacles to any joint angles of the goal, and first leaves a start
-        in collision. Called as `function(robot, request, goals)`, the nearest goal first.
+        in collision. The function is called as `function(robot, request, goals)`, where the nearest goal is
+        the first.
     """
 
     PATH = "path"
@@ -48,12 +50,12 @@ class PlannerTraits:
             `Way`. Empty for auto, which calls other planners.
         way: the kind of way to the goal.
         summary: the motion in a few words, for schemas.
-        fields: the optional fields of `MotionRequest` that it uses; a request with other optional fields is
-            rejected.
+        fields: the optional fields of `MotionRequest` that the planner uses. A request with any other
+            optional field is rejected.
         needs: fields of which the request must give exactly one.
-        missing: the error if the request gives none of them, with advice.
-        one_piece: whether what remains of its path after a stop cannot be planned as a separate motion. For a
-            line it can.
+        missing: the error, with advice, if the request gives none of the fields in `needs`.
+        one_piece: whether the rest of a path after a stop cannot be planned as a separate motion. For a line
+            it can be.
         alternative: the planner to try if this one finds no motion.
     """
 
@@ -68,7 +70,7 @@ class PlannerTraits:
 
 
 TCP_PATH = frozenset({"tcp_speed", "cyclic", "end_joints"})
-"""The fields that each planner of a path of the TCP uses."""
+"""The fields that all planners of TCP paths use."""
 
 PLANNERS: dict[PlannerName, PlannerTraits] = {
     PlannerName.PTP: PlannerTraits(
@@ -137,7 +139,7 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 
 
 ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if traits.way is not Way.PATH)
-"""The planners that go to joint angles as well as to a pose."""
+"""The planners that can move to joint angles as well as to a pose."""
 PATHS = tuple(name for name, traits in PLANNERS.items() if traits.way is Way.PATH)
 """The planners that follow a path of the TCP to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
@@ -145,12 +147,12 @@ GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs
 
 
 def users_of(field: str) -> str:
-    """The planners that use a field of `MotionRequest`, in words: "lin, circ and polyline"."""
+    """The planners that use a field of `MotionRequest`, as text: "lin, circ and polyline"."""
     return in_words([name for name, traits in PLANNERS.items() if field in traits.fields])
 
 
 def in_words(names: Iterable[str], conjunction: str = "and") -> str:
-    """A list for people: "lin, circ and polyline"."""
+    """The names as a list for people: "lin, circ and polyline"."""
     *others, last = names
     return f"{', '.join(others)} {conjunction} {last}" if others else str(last)
 

@@ -1,4 +1,4 @@
-"""Timed points, and the checks that they pass before they become a motion."""
+"""Timed points, and the checks that they must pass before they become a motion."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
 MIN_INTERVAL_S, MAX_TIME_S = 1e-9, 1e6
-"""Minimum time between two points, and maximum time of the last point. They only prevent overflow."""
+"""Minimum time between two points, and maximum time of the last point. They only prevent a numeric
+overflow.
+"""
 MAX_NUMBER = 1e6
-"""Largest absolute position, velocity or acceleration of a point. It prevents overflow."""
+"""Maximum absolute value of a position, velocity or acceleration of a point. It prevents a numeric
+overflow.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +51,10 @@ FOLLOW_JOINT_TRAJECTORY = WaysOut(
 def check_first(
     point: Waypoint, start: Array, limits: JointLimits, tolerance_rad: float, *, within_limits: bool
 ) -> None:
-    """Check the first point before the others are read: see `WaypointRequest`.
+    """Check the first point before the other points are read; see `WaypointRequest`.
 
     Raises:
-        InputError: the first point is at time 0 and is not where the arm is.
+        InputError: the first point is at time 0 but is not the current position of the arm.
         LimitError: the point is beyond the position limits.
     """
     (label,) = labels_of([point], limits.dof)
@@ -62,7 +66,7 @@ def check_first(
 
 
 def require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: list[str]) -> None:
-    """Check all positions in one comparison, because there may be many."""
+    """Check all positions in a single comparison, because there may be many."""
     positions = np.array([point.positions for point in points], dtype=np.float64)
     within = (limits.min_position <= positions) & (positions <= limits.max_position)
     for index in np.flatnonzero(~within.all(axis=1))[:1]:
@@ -70,7 +74,7 @@ def require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: l
 
 
 def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
-    """The name of each point in error messages.
+    """The name of each point for error messages.
 
     Raises:
         InputError: there are no points, or a point does not have one number per joint.
@@ -90,7 +94,7 @@ def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
     """Check that no number exceeds `MAX_NUMBER`, even if the limits are not checked.
 
     Raises:
-        InputError: naming the first point that does.
+        InputError: a number exceeds it; names the first point with such a number.
     """
     for name in ("positions", "velocities", "accelerations"):
         given = [(label, getattr(point, name)) for label, point in zip(labels, points, strict=True)]
@@ -106,7 +110,7 @@ def require_order(times: Array, labels: list[str]) -> None:
     """Check that times are within 0 to `MAX_TIME_S` and increase by at least `MIN_INTERVAL_S`.
 
     Raises:
-        InputError: naming the first point that violates this.
+        InputError: a time violates this; names the first point with such a time.
     """
     if times[0] < 0.0:
         raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
@@ -118,7 +122,7 @@ def require_order(times: Array, labels: list[str]) -> None:
         raise InputError(
             f"{labels[index]}: time_from_start is {times[index]} s, may be up to {MAX_TIME_S:g} s"
         )
-    late = np.flatnonzero(np.diff(times) < MIN_INTERVAL_S / 2.0)  # half of it: large times are rounded
+    late = np.flatnonzero(np.diff(times) < MIN_INTERVAL_S / 2.0)  # half, because large times are rounded
     if len(late):
         index = int(late[0]) + 1
         raise InputError(

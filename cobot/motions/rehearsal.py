@@ -26,15 +26,15 @@ class Flaw:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedRun:
-    """The real-time loop's execution of a motion in a dry run.
+    """How the real-time loop executed a motion in a dry run.
 
     Attributes:
         times_s: times of the rows since the motion began, shape (n,).
-        positions: measured, shape (n, dof), rad.
-        effort: maximum of each joint as a share of its limit, shape (dof,).
+        positions: measured joint positions, shape (n, dof), rad.
+        effort: maximum effort of each joint, as a share of its limit, shape (dof,).
         off_rad: maximum distance of each joint from its commanded position, shape (dof,), rad.
-        duration_s: time until the motion settled or ended otherwise.
-        flaw: the first problem; None if the motion arrived and settled without an intervention.
+        duration_s: time until the motion settled, or ended for a different reason, s.
+        flaw: the first problem; None if the motion reached its goal and settled without an intervention.
     """
 
     times_s: Array
@@ -47,7 +47,7 @@ class SimulatedRun:
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """A dry run, with the shortest distances.
+    """A dry run together with its shortest distances.
 
     Attributes:
         closest_self, closest_environment: shortest distances at the measured positions; see

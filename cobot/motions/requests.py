@@ -1,4 +1,6 @@
-"""Requests to the planners and the result of blending. All are picklable and travel to planning processes."""
+"""Requests to the planners, and the result of blending. All of them are picklable, because they are sent to
+planning processes.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,11 @@ class Arc:
     """An arc that is defined without a point on it.
 
     Attributes:
-        centre: shape (3,), m in the base frame.
-        axis: shape (3,), any length, in the base frame. The arc turns about it by the right-hand rule. None:
-            the shorter arc to the goal.
-        angle_rad: angle of the arc, which may be more than one turn. None: the arc ends at the goal.
+        centre: centre of the arc in the base frame, shape (3,), m.
+        axis: vector of any length in the base frame, shape (3,). The arc turns about it by the right-hand
+            rule. None means the shorter arc to the goal.
+        angle_rad: angle of the arc, rad, which may be more than one turn. None means that the arc ends at the
+            goal.
         rise_m: distance of the TCP along the axis during the arc, for a helix.
         turns_tool: whether the tool turns with the arc instead of keeping its orientation. Needs an angle.
     """
@@ -61,7 +64,7 @@ ANY_SPEED = TcpSpeed()
 
 
 NO_START = np.empty(0)
-"""The start of a motion that begins at the position that the arm will have then."""
+"""The value of `start` for a motion that will begin at a position that is not known yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,30 +75,30 @@ class MotionRequest:
     A goal is a request whose start is not known yet: its `start` is `NO_START`.
 
     Attributes:
-        start: shape (dof,), rad.
+        start: joint angles at the start, shape (dof,), rad.
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
-        planner: its name; `cobot.motions.planners` lists the fields that each planner uses.
-        via: shape (3,), m in the base frame: a point on the arc.
+        planner: name of the planner. `cobot.motions.planners` lists the fields that each planner uses.
+        via: a point on the arc in the base frame, shape (3,), m.
         seed: seed for planners that draw random samples.
         timeout_s: time limit of a search.
-        budget_s: time for planning; what the first motion leaves of it is used for faster ones. 0: the first
-            motion is the answer.
+        budget_s: time for planning, s. The time that remains after the first motion is used to find faster
+            ones. 0 means that the first motion is the result.
         algorithm: algorithm of planner ompl.
         synchronization: synchronization of the joints.
-        arc: replaces `via`. An arc with an angle ignores the goal.
+        arc: definition of the arc, which replaces `via`. If it gives an angle, the goal is ignored.
         through: poses on the way to the goal.
         radius_m: blend radius at these poses; 0: the TCP stops there.
         tcp_speed: maximum speed of the TCP.
         constraints: path constraints; None: only the limits apply.
-        free_axes: rotations of the TCP about its own axes that its poses leave free: none, one or all three.
-        cyclic: whether a closed path of the TCP ends at the joint angles at which it began. None: full
+        free_axes: axes of the TCP about which its rotation is free: none, one or all three.
+        cyclic: whether a closed path of the TCP ends at the joint angles at which it began. With None, full
             circles do so if possible, and other paths end at the joint angles that follow from the path.
         end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None: any.
-        signals: actions on its path and conditions; planners do not use them.
+        signals: actions on the path, and conditions. Planners do not use them.
         in_tool: whether all poses and points are in the TCP's frame at the start instead of the base frame.
 
     Raises:
-        InputError: fields do not fit the planner or each other.
+        InputError: fields do not match the planner or each other.
     """
 
     start: Array
@@ -124,12 +127,12 @@ class MotionRequest:
 
     @property
     def traits(self) -> PlannerTraits:
-        """The traits of its planner."""
+        """The traits of the requested planner."""
         return PLANNERS[self.planner]
 
     @property
     def is_by_angle(self) -> bool:
-        """Whether the end is given by the angle of an arc."""
+        """Whether the angle of an arc determines the end."""
         return self.arc is not None and self.arc.angle_rad is not None
 
     @property
@@ -138,7 +141,7 @@ class MotionRequest:
         return self.in_tool or self.is_by_angle
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
-        """The joint limits, scaled by the request."""
+        """The joint limits, scaled as the request demands."""
         scaling = self.scaling
         return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
 
@@ -150,13 +153,14 @@ class WaypointRequest:
     Attributes:
         start: joint positions of the arm, shape (dof,), rad.
         points: the timed points.
-        start_tolerance_rad: largest distance of a first point at time 0 from `start`.
-        check_limits: check position, velocity, acceleration and jerk limits; collisions are always checked.
-        retime: slow the motion down until it keeps the rate limits, instead of rejecting it.
+        start_tolerance_rad: maximum distance between `start` and a first point at time 0, rad.
+        check_limits: whether the position, velocity, acceleration and jerk limits are checked. Collisions are
+            always checked.
+        retime: whether the motion is slowed down until it keeps the rate limits, instead of being rejected.
         corridor_rad: maximum deviation of each joint from the curve through the points if it violates the
             limits, shape (dof,) or one value for all joints. 0: the curve is kept, and the whole motion is
             slowed down.
-        longest_s: maximum duration after `retime`, without `approach`.
+        longest_s: maximum duration after `retime`, s, without `approach`.
         approach: scaling of a ptp motion to the first point; None: the first point must be at `start`.
         ways: advice for error messages.
     """
@@ -174,7 +178,7 @@ class WaypointRequest:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """The limits of all motions, which may be tighter than the robot's."""
+    """Limits that apply to all motions. They may be lower than those of the robot."""
 
     limits: JointLimits
     cartesian: CartesianLimits
@@ -185,10 +189,10 @@ class RatedMove:
     """A motion whose velocity and acceleration are given in units, not as shares of the limits. Picklable.
 
     Attributes:
-        request: the motion. Its `scaling` applies too; the lower limit counts.
-        velocity, acceleration: limits of the fastest joint, rad/s and rad/s². On a TCP path those of the TCP,
-            m/s and m/s², and its rotation is limited in proportion.
-        envelope: the limits.
+        request: the motion. Its `scaling` also applies; the lower limit counts.
+        velocity, acceleration: limits of the fastest joint, rad/s and rad/s². For a TCP path they are the
+            limits of the TCP, m/s and m/s², and its rotation is limited in proportion.
+        envelope: the limits that apply to all motions.
         duration_s: if above 0, the duration of the motion; velocity and acceleration are ignored then.
     """
 
@@ -204,10 +208,10 @@ class Blended:
     """Several motions joined into one.
 
     Attributes:
-        ends_s: the time at which each motion ends and the next begins: the middle of their blend.
+        ends_s: the time, s, at which each motion ends and the next begins. It is the middle of their blend.
         blended: for each corner, whether the arm passes it without a stop.
-        used_m: for each corner, the distance from it at which the TCP leaves its path; at most the blend
-            radius.
+        used_m: for each corner, the distance from the corner at which the TCP leaves the path, m. It is at
+            most the blend radius.
     """
 
     trajectory: Trajectory

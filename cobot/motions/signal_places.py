@@ -26,13 +26,16 @@ if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
 SAMPLE_S = 0.002
-"""Period at which the path of the TCP is sampled, s. With it, the chords are exact to a millionth."""
+"""Period at which the path of the TCP is sampled, s. It is so short that the chords are exact to a
+millionth.
+"""
 MAX_SAMPLES = 100_000
 MIN_LENGTH_M = 1e-4
-"""If the TCP moves by less than this, m, it only turns, and fractions of its path are fractions of its
-time."""
+"""If the TCP moves by less than this, m, it only turns. Fractions of its path are then fractions of its
+time.
+"""
 REST_S = 0.01
-"""Duration of a motion whose goal is already reached, but that has actions or conditions, s."""
+"""Duration, s, of a motion that has actions or conditions but whose goal is already reached."""
 
 
 class TcpWay:
@@ -75,7 +78,7 @@ class TcpWay:
         return float(np.interp(length_m, *self._increasing()))
 
     def _increasing(self) -> tuple[Array, Array]:
-        """Lengths and times, except those at which the TCP stands still."""
+        """Lengths and times of the path, without those at which the TCP does not move."""
         grows = np.concatenate([[True], np.diff(self._lengths_m) > 0.0])
         return self._lengths_m[grows], self._times_s[grows]
 
@@ -93,9 +96,9 @@ def place_signals(
     Args:
         segments: the signals of each motion.
         ends_s: the path time at which each motion ends.
-        begin_s: the path time at which the first one begins.
-        is_cut: whether a blend may have cut off the ends of a motion. An action in a cut part is then placed
-            at the end.
+        begin_s: the path time at which the first motion begins.
+        is_cut: whether a blend may have cut off the end of a motion. An action in the part that was cut off
+            is placed at the end.
 
     Raises:
         InputError: an action is beyond the end of its motion, there are too many, or a condition is given for
@@ -131,7 +134,9 @@ def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str,
 def _path_time_s(
     action: Action, prefix: str, part_s: tuple[float, float], way: TcpWay, *, is_cut: bool
 ) -> float:
-    """The path time of an action's place within the part of the way between two path times."""
+    """The path time of an action. Its place is within the part of the way between the two path times in
+    `part_s`.
+    """
     place, (begin_s, end_s) = action.place, part_s
     begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)
     by_time = place.unit == "time_s" or (place.unit == "fraction" and end_m - begin_m < MIN_LENGTH_M)
@@ -149,7 +154,7 @@ def _path_time_s(
     there = end - ahead if place.from_end else begin + ahead
     if by_time:
         return there
-    if there >= end_m:  # the TCP may turn on the spot, or stand still, at the end
+    if there >= end_m:  # at the end, the TCP may only turn, or not move at all
         return end_s
     return min(max(way.path_time_s(there), begin_s), end_s)
 
@@ -161,7 +166,8 @@ def rest_of(
 
     Args:
         times_s: the path time of each action.
-        now_s, end_s: path times at which the arm rests, and at which the motion would have ended.
+        now_s, end_s: the path time at which the arm has stopped, and the path time at which the motion would
+            have ended.
     """
     left_m, left_s = way.length_m(end_s) - way.length_m(now_s), end_s - now_s
     by_time = left_m < MIN_LENGTH_M
@@ -181,8 +187,9 @@ def rest_of(
 
 
 def resting(joints: Array) -> Trajectory:
-    """A motion at rest for an arm that is already at its goal, so that its actions and conditions are
-    executed."""
+    """A motion without movement for an arm that is already at its goal, so that the actions and conditions
+    are executed.
+    """
     coefficients = np.zeros((1, len(joints), 6))
     coefficients[0, :, 0] = joints
     return Trajectory(np.array([0.0, REST_S]), coefficients)

@@ -1,7 +1,7 @@
 """Actions at places on the path of a motion, and conditions for its start, its progress and its end.
 
-A request names places; `cobot.motions.signal_places` converts them to path times of a trajectory. rtloop uses
-only path times.
+A request specifies places. `cobot.motions.signal_places` converts them to path times of a trajectory, because
+rtloop uses only path times.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class PathPlace:
     """A place on the path of a motion.
 
     Attributes:
-        unit: unit of `value`: the length of the path of the TCP, m; path time, s; or the share of that
-            length.
-        from_end: whether it is measured back from the end of the path.
+        unit: meaning of `value`: a length along the path of the TCP, m; a path time, s; or a share of the
+            path's length.
+        from_end: whether the place is measured back from the end of the path.
     """
 
     unit: Unit
@@ -43,9 +43,9 @@ class Action:
 
     Attributes:
         field: the action's field in the request, for errors.
-        output, value: the output to set; "" for none.
-        event: the text of the event; "" for none.
-        gripper: the command of the gripper, as in the request; None for none.
+        output, value: the output to set, and its value; "" if the action sets none.
+        event: the text of the event; "" if the action reports none.
+        gripper: the gripper command as in the request; None if there is none.
         stops_on_failure: whether the motion stops if the device rejects it.
     """
 
@@ -70,8 +70,8 @@ class Quantity(IntEnum):
 
     NONE = 0  # there is no condition
     INPUT = 1
-    FORCE = 2  # that the surroundings exert at the TCP, N
-    TORQUE = 3  # the same, N·m
+    FORCE = 2  # force that the surroundings exert at the TCP, N
+    TORQUE = 3  # torque that the surroundings exert at the TCP, N·m
     JOINT = 4  # torque that the surroundings exert on a joint, N·m
 
 
@@ -86,8 +86,9 @@ class Condition:
         direction: direction of a force or torque, unit length; None: the magnitude in any direction.
         in_tool: whether the direction turns with the tool.
         joint: index of the joint.
-        zero: value that is subtracted from the measured one: force and torque at the TCP, shape (6,), or the
-            torque of the joint. None: the value measured when the condition starts to be watched.
+        zero: value that is subtracted from the measured value: force and torque at the TCP, shape (6,), or
+            the torque of the joint. None means the value that is measured when rtloop begins to evaluate the
+            condition.
     """
 
     quantity: Quantity
@@ -102,7 +103,7 @@ class Condition:
 
     @property
     def words(self) -> str:
-        """The condition for people."""
+        """The condition as a text for people."""
         if self.quantity is Quantity.INPUT:
             where, unit = f"input {self.name}", ""
         elif self.quantity is Quantity.JOINT:
@@ -126,7 +127,7 @@ class Condition:
 
 
 TRUE, FALSE = BOOLEANS = ((0.5, math.inf), (-math.inf, 0.5))
-"""The bounds for a boolean input that is true, and for one that is false."""
+"""The bounds for a boolean input that must be true, and for one that must be false."""
 
 
 SLOWLY = Scaling(0.1)
@@ -137,8 +138,8 @@ class Until:
     """A condition that ends a motion.
 
     Attributes:
-        fast: whether each joint stops as fast as its limits permit, which leaves the path; else the arm stops
-            on its path.
+        fast: whether each joint stops as fast as its limits permit, so that the arm leaves its path;
+            otherwise the arm stops on its path.
         retract_m: distance by which the TCP then moves back, m.
         is_required: whether the motion fails if it reaches its goal before the condition is met.
         from_zero: whether forces are relative to the zero of `POST /robot/force/zero`.
@@ -188,8 +189,8 @@ class Placed:
 
     Attributes:
         actions: the actions in the order of their path times.
-        pause_s: path times between which `pause_while` is watched.
-        until_s: path time from which on `until` is watched.
+        pause_s: path times between which `pause_while` is evaluated.
+        until_s: path time from which `until` is evaluated.
     """
 
     actions: tuple[PlacedAction, ...] = ()
@@ -215,7 +216,9 @@ NO_PLACED = Placed()
 
 
 class HasConditions(Protocol):
-    """Interface of a motion with conditions, in any form; None for those that it does not have."""
+    """Interface of a motion that can have conditions, in any form. A condition that the motion does not have
+    is None.
+    """
 
     @property
     def start_when(self) -> object: ...
@@ -226,7 +229,7 @@ class HasConditions(Protocol):
 
 
 def require_conditions(motions: Sequence[HasConditions], prefixes: Sequence[str]) -> None:
-    """Check which of the motions in one trajectory have conditions.
+    """Check that only motions which can have conditions have them. All motions are parts of one trajectory.
 
     Args:
         prefixes: prefix of the fields of each motion, for errors.

@@ -1,5 +1,6 @@
-"""Stretches: motions that the arm executes as one, with the data for extending them, for planning
-processes."""
+"""Stretches, for planning processes: motions that the arm executes as one, and the data that is needed to
+extend them.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +13,11 @@ from cobot.types import CartesianLimits, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A motion from rest to rest, with the limits of its plan; `tcp` is None if the TCP has no limits.
+    """A motion from rest to rest, with the limits with which it was planned.
 
     Attributes:
-        constraints: path constraints, relative to its start.
+        tcp: limits of the TCP; None if there are none.
+        constraints: path constraints, relative to the start of the motion.
     """
 
     motion: Trajectory
@@ -27,7 +29,8 @@ class Leg:
 @dataclass(frozen=True, slots=True)
 class Corner:
     """A blend: a curve that replaces the last part of one path, of length `before`, and the first part of the
-    next, of length `after`."""
+    next path, of length `after`.
+    """
 
     curve: Trajectory
     before: float
@@ -37,20 +40,20 @@ class Corner:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Motions as one trajectory, with the data for extending it. Picklable.
+    """Motions as one trajectory, and the data that is needed to extend it. Picklable.
 
     Attributes:
         trajectory: the motion from rest at the start of the first motion, or from a place on the trajectory
             that it replaces.
-        ends_s: the time at which each motion ends and the next begins; of completed motions only the last
-            ones.
-        used_m: for the latest motions, the used blend radius of the corner before each; 0: the arm stops or
-            starts there.
+        ends_s: the time at which each motion ends and the next begins; of the completed motions, only the
+            last ones are listed.
+        used_m: for each of the latest motions, the blend radius that is used at the corner before it, m; 0 if
+            the arm stops or starts there.
         legs, radii_m, corners: legs, blend radii and corners since the last stop. Each radius belongs to the
             end of a motion.
-        progress: path parameter over the time since `since_s`, valid from `valid_s` on; None if no motion can
-            follow without a stop.
-        offset_s: path time of the replaced trajectory at which this one begins.
+        progress: path parameter over the time since `since_s`, valid from `valid_s` on; None if the arm must
+            stop before a further motion.
+        offset_s: path time of the replaced trajectory at which the new one begins.
     """
 
     trajectory: Trajectory

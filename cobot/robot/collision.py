@@ -1,5 +1,6 @@
-"""Collision checks of the arm with itself and its surroundings, from exact distances, also for whole
-motions."""
+"""Collision checks of the arm with itself and with its surroundings. They are based on exact distances and
+can check whole motions.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ RESOLUTION_M = 5e-4
 """A motion that passes the check keeps at least the margin minus this distance from everything."""
 
 MAX_TRAVEL_RAD = 20_000.0
-"""Longest checked motion, which takes some seconds; a longer one is a mistake."""
+"""Maximum length of a motion that is checked; the check takes some seconds. A longer motion is a mistake."""
 DEEPEST_SAMPLES = 300
-"""Samples for the deepest contact of a rejected motion; only the error message needs it."""
+"""Number of samples that locate the deepest contact of a rejected motion. Only the error message uses
+them.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,7 @@ class FirstContact:
     """The first contact of a motion.
 
     Attributes:
-        free_s: the motion is free before this time, s.
+        free_s: time before which the motion is proven free of collisions, s.
         time_s: time of the contact, s.
     """
 
@@ -58,14 +61,14 @@ class FirstContact:
 
 
 class CollisionChecker:
-    """Checks configurations of one robot. Not thread safe, because it has one scratch memory.
+    """Checks configurations of one robot. Not thread safe, because all calls use one scratch memory.
 
     The model's own rules decide which pairs of geoms may touch: contact types and affinities, excluded pairs,
     parent and child.
 
     Attributes:
         margin_m: a smaller distance counts as a collision.
-        clearance: the distances; it requires the margin.
+        clearance: computes the distances, and requires the margin.
         scene: the objects around the arm that are not in its model.
         tool: the tool on the flange, with its shapes.
     """
@@ -88,7 +91,7 @@ class CollisionChecker:
         """Change the scene around the arm, and the tool on its flange unless `tool` is None.
 
         Raises:
-            InputError: MuJoCo rejects them; nothing has changed.
+            InputError: MuJoCo rejects the scene or the tool; nothing has changed.
         """
         tool = tool or self.tool
         mj = self._model.among(scene, tool, by_voxels=True)
@@ -108,15 +111,16 @@ class CollisionChecker:
         self._proven: Trajectory | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
-        """Copy the scene, the tool and the distances from another checker of the same arm, without computing
-        them."""
+        """Copy the scene, the tool and the distances from a different checker of the same arm, without
+        computing them again.
+        """
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
         self._nearest, self._in_boxes = None, other._in_boxes
         self._proven = None
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
-        """A checker of the same arm in another scene or with another tool; raises the same errors as
+        """A checker of the same arm in a different scene or with a different tool. Raises the same errors as
         `surround`.
         """
         other = copy.copy(self)
@@ -124,7 +128,9 @@ class CollisionChecker:
         return other
 
     def twin(self) -> CollisionChecker:
-        """A checker of the same arm, scene and tool with a memory of its own, for another thread."""
+        """A checker of the same arm, scene and tool for use in a different thread: it uses a scratch memory
+        of its own.
+        """
         other = copy.copy(self)
         other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M, self.clearance.clouds)
         other.clearance.require(self.margin_m)
@@ -133,8 +139,8 @@ class CollisionChecker:
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
-        """Yield the clearance, which requires `least_m` instead of the margin until the context ends.
-        `least_m` is one value for all pairs, or one per pair, m.
+        """Yield the clearance. Until the context ends, it requires `least_m` instead of the margin. `least_m`
+        is one value for all pairs, or one per pair, m.
         """
         self.clearance.require(least_m)
         self._proven = None
@@ -149,7 +155,7 @@ class CollisionChecker:
         return self.clearance.is_free(joints)
 
     def contacts(self, joints: Array) -> list[Contact]:
-        """All pairs of bodies closer than the margin, the deepest first."""
+        """All pairs of bodies closer than the margin, sorted from the deepest contact on."""
         distances = self.clearance.distances(np.asarray(joints)[None], max(self.margin_m, 0.0))[0]
         found: dict[tuple[str, str], float] = {}
         for index in np.flatnonzero(distances < self.margin_m):
@@ -163,7 +169,9 @@ class CollisionChecker:
         return self.name(first), self.name(second)
 
     def is_own(self, pair: int) -> bool:
-        """Whether both bodies of a pair are parts of the robot: they have the same root body."""
+        """Whether both bodies of a pair are parts of the robot, which means that their root body is the
+        same.
+        """
         roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
         stands = {name for name, each in self.scene.objects.items() if not each.attached}
         return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
@@ -177,13 +185,14 @@ class CollisionChecker:
 
     @property
     def mj(self) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the tool's shapes. For each standing point cloud it has
-        only the box around all its voxels."""
+        """MuJoCo's model with the scene's objects and the tool's shapes. Each point cloud that is not
+        attached is only the box around all its voxels.
+        """
         return self._mj
 
     @property
     def mj_in_boxes(self) -> mujoco.MjModel:
-        """The same model with the boxes of the point clouds, as streams check them, for pictures."""
+        """The same model with each point cloud as boxes, as streams check it. Used for pictures."""
         mj, known = self._mj, self._in_boxes
         if known is None or known[0] is not mj:  # a thread may draw the scene before this one
             has_clouds = bool(self.clearance.clouds)
@@ -198,7 +207,9 @@ class CollisionChecker:
         return list(dict.fromkeys([*names, *self.tool.shapes]))
 
     def name(self, geom: int) -> str:
-        """The name of a geom for messages: its body's, or its own if it is part of the world."""
+        """The name of a geom for messages: the name of its body, or the geom's own name if it is part of the
+        world.
+        """
         return body_or_geom(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
@@ -224,11 +235,11 @@ class CollisionChecker:
         )
 
     def first_contact(self, trajectory: Trajectory) -> FirstContact | None:
-        """Where a motion fails `check_trajectory`; None if it passes. The motion that passed last is not
+        """Find where a motion fails `check_trajectory`; None if it passes. The motion that passed last is not
         proven again.
 
         Raises:
-            InputError: as `check_trajectory`.
+            InputError: see `check_trajectory`.
         """
         if self.has_proven(trajectory):
             return None
@@ -253,7 +264,9 @@ class CollisionChecker:
         return FirstContact(time_s if is_first else 0.0, time_s, Contact(*self.names(pair), distance_m))
 
     def refusal(self, trajectory: Trajectory, found: FirstContact) -> CollisionError:
-        """The error of `check_trajectory` for a motion, with its first contact and the deepest one."""
+        """The error of `check_trajectory` for a motion, which reports its first contact and its deepest
+        contact.
+        """
         time_s, contact = found.time_s, found.contact
         joints = trajectory.sample([time_s])[0]
         times = np.linspace(0.0, trajectory.duration_s, DEEPEST_SAMPLES)
@@ -272,13 +285,13 @@ class CollisionChecker:
         )
 
     def check_position(self, joints: Array, what: str, share: float | None = None) -> None:
-        """Reject a configuration that is not free.
+        """Reject a configuration that is in collision.
 
         Args:
-            share: its place in a motion: 0 at the start, 1 at the goal.
+            share: place of the configuration in a motion: 0 at the start, 1 at the goal.
 
         Raises:
-            CollisionError: naming `what` and the bodies.
+            CollisionError: the configuration is in collision; names `what` and the bodies.
         """
         if self.is_free(joints):
             return
@@ -309,7 +322,7 @@ def _shown(joints: Array) -> str:
 
 
 def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """The pairs of geoms that collide in MuJoCo: by its filter, or because a <pair> names them."""
+    """The pairs of geoms that can collide in MuJoCo: its filter includes them, or a <pair> names them."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
     body_of = model.geom_bodyid.tolist()
     weld_of = model.body_weldid[model.geom_bodyid].tolist()

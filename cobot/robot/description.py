@@ -18,11 +18,11 @@ from cobot.types import CartesianLimits, JointLimits, NamedPosition, vector
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """Everything that planning needs. Not thread safe, because the model has one scratch memory.
+    """Everything that planning needs. Not thread safe, because all calls use one scratch memory.
 
     Attributes:
-        model_file: the file of the model, whose folder has the visuals of the links; None if it was made in
-            memory.
+        model_file: the file of the model, whose folder contains the visuals of the links; None if the model
+            was made in memory.
     """
 
     name: str
@@ -35,7 +35,7 @@ class RobotDescription:
     model_file: Path | None = None
 
     def rename(self, positions: dict[str, NamedPosition]) -> None:
-        """Replace the named positions, for every user of this description."""
+        """Replace the named positions, for all users of this description."""
         self.positions.clear()
         self.positions.update(positions)
 
@@ -58,8 +58,8 @@ def load_robot(settings: Settings) -> RobotDescription:
     """Read the model, limits and named positions that the settings refer to.
 
     Raises:
-        ConfigError: a file is missing or invalid, files do not fit each other, or the simulation cannot drive
-            the model's actuators because they take no torques.
+        ConfigError: a file is missing or invalid, the files do not match each other, or the simulation cannot
+            drive the model's actuators because they do not accept torques.
     """
     with naming("web.joint_limits"):
         limits = load_joint_limits(settings.web.joint_limits)

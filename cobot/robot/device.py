@@ -1,4 +1,4 @@
-"""Descriptions of the device between the control cycle and an arm: its capabilities and its status."""
+"""Descriptions of the device that connects the control cycle to an arm: its capabilities and its status."""
 
 from __future__ import annotations
 
@@ -11,35 +11,41 @@ from cobot.ipc.state_fields import MEASURED_NAMES
 DEFAULT_MEASURED = frozenset(
     ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
 )
-"""Quantities that a device measures if its capabilities do not list any. New quantities are not added here,
-so that no existing backend claims to measure them."""
+"""Quantities that a device measures if its capabilities do not list any. A new quantity must not be added
+here, because existing backends would then claim to measure it.
+"""
 LESS = "the device permits less than the model"
-"""Beginning of messages about tighter limits of the device."""
+"""Beginning of messages about limits of the device that are lower than those of the model."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
-"""IEC 60204-1: 0 removes power at once, 1 after the arm has stopped, 2 keeps power on after the stop."""
+"""Stop categories of IEC 60204-1. 0 removes power at once. 1 removes power after the arm has stopped. 2 keeps
+the power on after the stop.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """The capabilities of a device. A request that needs a missing one is rejected, naming it.
+    """The capabilities of a device. A request that needs a missing capability is rejected; the error names
+    the capability.
 
     Attributes:
         periods_s: cycle periods with which the device can be driven, s; empty: any.
-        measured: attributes of `rtloop.backends.Measured` that the device fills in, of `MEASURED_NAMES`. The
-            others are zeros.
+        measured: names from `MEASURED_NAMES`: the attributes of `rtloop.backends.Measured` that the device
+            fills in. All others are zeros.
         impedance: the drives accept a commanded stiffness and damping.
         torque: the arm follows streamed torques.
-        wrench: accepts a force at the TCP in addition to positions.
+        wrench: the device accepts a force at the TCP in addition to positions.
         freedrive: the arm can be guided by hand.
-        guides: the device itself releases the arm for that; otherwise springs and measured torques serve.
+        guides: the device itself releases the arm for hand guiding; otherwise cobot guides the arm with
+            springs and measured torques.
         brakes: brakes can be commanded separately from the drives.
-        payload: accepts the payload.
-        io: has inputs and outputs.
-        trajectories: accepts only whole motions, which it executes by itself; nothing can be streamed to it.
+        payload: the device accepts the payload.
+        io: the device has inputs and outputs.
+        trajectories: the device accepts only whole motions and executes them by itself; nothing can be
+            streamed to it.
         stops: stop categories that cobot can command, each with whether the device itself confirms it.
-        hardware: drives a real arm.
+        hardware: the device drives a real arm.
     """
 
     periods_s: tuple[float, ...] = ANY_PERIOD
@@ -59,7 +65,7 @@ class Capabilities:
     def __post_init__(self) -> None:
         """
         Raises:
-            ValueError: an unknown row, an invalid stop category or an invalid period.
+            ValueError: a name in `measured` is unknown, or a stop category or a period is invalid.
         """
         unknown = sorted(self.measured - set(MEASURED_NAMES))
         if unknown:
@@ -81,9 +87,9 @@ class Capabilities:
         """The reason why a request is rejected for lack of a capability; "" if the device has it.
 
         Args:
-            backend: its name, for people.
+            backend: name of the device, for people.
             what: the request, as the beginning of a sentence.
-            names: names of `FLAGS`; one of them suffices.
+            names: names from `FLAGS`; the device needs only one of these capabilities.
         """
         if any(getattr(self, name) for name in names):
             return ""
@@ -142,18 +148,18 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class DeviceStatus:
-    """The status of a device as it reports it; "" and None for what it does not report.
+    """The status of a device as it reports it. Values that it does not report are "" or None.
 
     Attributes:
         connection: state of the connection, for example "connected", or the state of its session.
         quality: quality of the connection.
         operation_mode: T1 (manual, reduced speed), T2 (manual) or AUT.
-        safety_stop: the reason why it cannot move, "" for none.
+        safety_stop: the reason why the arm cannot move; "" if there is none.
         drives, brakes: their states, for example "on", "released".
         speed_scaling: the device's own speed override, from 0 to 1, which the path clock follows.
-        packets_lost: since the connection was opened.
-        device_time_s: time of its own clock.
-        text: any other sentence that a user should read.
+        packets_lost: number of packets lost since the connection was opened.
+        device_time_s: time of the device's own clock, s.
+        text: a further sentence that a user should read.
     """
 
     connection: str = ""

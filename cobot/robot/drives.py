@@ -1,4 +1,4 @@
-"""Checks that a model's actuators and ranges fit the joint limits, as the simulation needs."""
+"""Checks that a model's actuators and ranges match the joint limits, which the simulation requires."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cobot.units import MILLIMETRES_FROM_M
 TOLERANCE = 1e-6
 """Tolerance for positions, rad or m, because files are rounded."""
 MILLIMETRES_PER_S_FROM = 20.0
-"""A speed limit of a slide above this, m/s, was written in mm/s, because no arm is that fast."""
+"""A speed limit of a linear joint above this value, m/s, was written in mm/s, because no arm is that fast."""
 MILLIMETRES_FROM_RATIO = 100.0
-"""Limits that exceed the model's by this factor are in another unit."""
+"""If limits exceed those of the model by this factor, they were written in a different unit."""
 UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
 
 
 def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject a model that has not exactly one motor per joint, in the order of the joints.
+    """Reject a model that does not have exactly one motor per joint, in the order of the joints.
 
     Raises:
-        ConfigError: names the actuator and a remedy.
+        ConfigError: the motors do not match the joints; names the actuator and a remedy.
     """
     for index in range(mj.nu):
         name = mj.actuator(index).name or f"number {index}"
@@ -54,7 +54,7 @@ def check_passive_forces(mj: mujoco.MjModel) -> None:
     its path, because planning and drives ignore them.
 
     Raises:
-        ConfigError: names the first of them and a remedy.
+        ConfigError: there is such a force; names the first one and a remedy.
     """
     found = [f"stiffness of joint {mj.joint(each).name}" for each in np.flatnonzero(mj.jnt_stiffness)]
     found += [f"tendon {mj.tendon(each).name}" for each in range(mj.ntendon)]
@@ -70,10 +70,11 @@ def check_passive_forces(mj: mujoco.MjModel) -> None:
 
 
 def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject efforts beyond those of the model's drives, which the simulation would silently cut off.
+    """Reject effort limits beyond those of the model's drives, because the simulation would silently cut the
+    efforts off.
 
     Raises:
-        ConfigError: names the joint, both efforts and a remedy.
+        ConfigError: an effort limit is too high; names the joint, both efforts and a remedy.
     """
     for index, (name, effort) in enumerate(zip(limits.names, limits.max_effort.tolist(), strict=True)):
         bounds = [
@@ -95,10 +96,10 @@ def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
 
 
 def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject position limits wider than the model's, and limits of slides in millimetres.
+    """Reject position limits wider than the model's, and limits of linear joints in millimetres.
 
     Raises:
-        ConfigError: names the joint, both ranges and a remedy.
+        ConfigError: a range is too wide; names the joint, both ranges and a remedy.
     """
     for index, name in enumerate(limits.names):
         low, high = limits.min_position[index], limits.max_position[index]

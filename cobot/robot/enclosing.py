@@ -1,4 +1,4 @@
-"""Convex bodies around the geoms of a model, and the tree of spheres around each; see `covers.pyx`."""
+"""Convex bodies around the geoms of a model, and the tree of spheres around each body; see `covers.pyx`."""
 
 from __future__ import annotations
 
@@ -15,30 +15,33 @@ from cobot.robot.covers import cover
 from cobot.types import Array
 
 LOSS_M = 0.008
-"""Maximum error of the spheres, m: the geom may be farther away than its spheres by this distance."""
+"""Maximum error of the spheres, m: a geom may be farther away than its spheres by this distance."""
 FLOOR_M = 0.004
-"""A sphere is not divided further below this radius."""
+"""Radius below which a sphere is not divided further."""
 SIDES = 24
-"""Number of faces around a cylinder."""
+"""Number of faces of the prism around a cylinder."""
 NO_DEPTH = -1.0
-"""Inner radius where the depth of a centre is not known."""
+"""Value of the inner radius if the depth of the centre inside the body is not known."""
 _BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 _Geom = mujoco.mjtGeom
 
 
 Shape = tuple[Callable[..., Array], *tuple[Any, ...]]
-"""A function that returns the spheres around a shape, and its arguments."""
+"""A function that returns the spheres around a shape, followed by the arguments of this function."""
 
 
 def tree_around(mj: mujoco.MjModel, geom: int) -> Array:
-    """The spheres around a geom in its own frame, rows as those of `cover`. They must not be changed."""
+    """The spheres around a geom, in the geom's own frame, as rows of the same form as those of `cover`. The
+    caller must not change them.
+    """
     tree, *arguments = _shape(mj, geom)
     return tree(*arguments)
 
 
 def nodes_around(mj: mujoco.MjModel, geom: int, turn: Array, offset: Array) -> npt.NDArray[np.float32]:
-    """The same spheres as `lane_nodes`, turned by a matrix and moved by an offset. They must not be
-    changed. An arm in another scene gets those that were computed before.
+    """The same spheres in the form of `lane_nodes`, turned by a matrix and moved by an offset.
+
+    The caller must not change them, because an arm in a different scene uses the same array again.
     """
     return _nodes(_shape(mj, geom), turn.tobytes(), offset.tobytes())
 
@@ -65,7 +68,7 @@ def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _hull(mj: mujoco.MjModel, mesh: int) -> tuple[bytes, bytes] | None:
-    """Vertices of a mesh and MuJoCo's graph of its convex hull; None if it has none."""
+    """The vertices of a mesh, and MuJoCo's graph of its convex hull; None if the mesh has no hull."""
     first = int(mj.mesh_graphadr[mesh])
     if first < 0:
         return None
@@ -91,7 +94,9 @@ def _box_tree(x: float, y: float, z: float) -> Array:
 
 
 def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
-    """The spheres around the box that bounds another shape: its middle, and half of its size."""
+    """The spheres around the bounding box of a different shape. The box is given by its middle and its half
+    sizes.
+    """
     tree = _box_tree(*half).copy()
     tree[:, :3] += (x, y, z)
     tree[:, 4] = NO_DEPTH
@@ -100,8 +105,9 @@ def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
 
 @lru_cache(maxsize=256)
 def _cylinder_tree(radius_m: float, half_m: float) -> Array:
-    """The prism around a cylinder. The depth in it is larger than that in the cylinder by at most the last
-    term."""
+    """The spheres around the prism that encloses a cylinder. Depths in the prism are reduced by the most that
+    they can exceed those in the cylinder.
+    """
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     ring = radius_m / np.cos(np.pi / SIDES) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     corners = np.vstack([np.column_stack([ring, np.full(SIDES, end)]) for end in (-half_m, half_m)])
@@ -113,7 +119,9 @@ def _cylinder_tree(radius_m: float, half_m: float) -> Array:
 
 @lru_cache(maxsize=256)
 def _capsule_tree(radius_m: float, half_m: float) -> Array:
-    """One sphere around a capsule, and below it a row of spheres from one end of its axis to the other."""
+    """One sphere around a capsule. Its children are a row of spheres from one end of the axis to the
+    other.
+    """
     if half_m == 0.0:
         return np.array([[0.0, 0.0, 0.0, radius_m, radius_m, 1.0, 0.0]])
     step_m = 2.0 * np.sqrt(LOSS_M * (LOSS_M + 2.0 * radius_m))

@@ -14,18 +14,22 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""A value may exceed its limit by this share of the limit, because motions of clients are rounded."""
+"""Share of a limit by which a value may exceed it, because clients round their motions."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000
-"""Efforts are not polynomials, so they are sampled: at least the first number of times per segment, with
-steps of at most the second, s. Longer steps are used if there would be more than `MAX_EFFORT_STEPS`."""
+"""Sampling of efforts, which are not polynomials: minimum number of samples per segment, and maximum step, s.
+The steps are longer if there would be more than `MAX_EFFORT_STEPS` of them.
+"""
 EFFORT_TOLERANCE = 1e-3
-"""Share by which an effort may exceed its limit between two samples, if accelerations take 0.1 s to build
-up."""
+"""Share of its limit by which an effort may exceed the limit between two samples, if accelerations take 0.1 s
+to build up.
+"""
 
 PLACES = 33
-"""Samples that locate the extremum in the segment that exceeds a limit; only the error message needs it."""
+"""Number of samples that locate the extremum in the segment that exceeds a limit. Only the error message uses
+them.
+"""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 
@@ -43,7 +47,8 @@ def check_limits(
         tolerance: share of a limit (of the range, for positions) by which it may be exceeded.
 
     Raises:
-        LimitError: the first violation in time, with place, joint, quantity, value and limit.
+        LimitError: a limit is exceeded; reports the earliest violation with its place, joint, quantity, value
+            and limit.
     """
     if _keeps(trajectory, limits, tolerance):
         return
@@ -71,17 +76,17 @@ def check_limits(
 
 
 def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: int, below: bool) -> float:
-    """Where in a segment a joint exceeds a limit most, as a share of the motion's duration."""
+    """The place in a segment where a joint exceeds a limit most, as a share of the motion's duration."""
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
     times = np.linspace(begin, end, PLACES)
-    # The end belongs to the next segment, which may have another jerk.
+    # The end belongs to the next segment, whose jerk may differ.
     inside = np.append(times[:-1], np.nextafter(times[-1], 0.0))
     values = trajectory.sample(inside, derivative)[:, joint]
     return float(times[int(values.argmin() if below else values.argmax())] / trajectory.duration_s)
 
 
 def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
-    """Whether all limits hold, from the exact extrema of all pieces."""
+    """Whether all limits hold. Uses the exact extrema of all pieces."""
     rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk]) * (1.0 + tolerance)
     durations = np.diff(trajectory.breakpoints_s)
     if not (greatest_rates(trajectory.coefficients, durations, rates[:, None]) <= rates[:, None]).all():
@@ -95,7 +100,7 @@ def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """The trajectory, slowed down evenly by just enough to keep all rate limits."""
+    """The trajectory, slowed down evenly just enough to keep all rate limits."""
     bounds = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
     durations = np.diff(trajectory.breakpoints_s)
     peaks = greatest_rates(trajectory.coefficients, durations, bounds[:, None]).max(axis=1)
@@ -113,10 +118,10 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times, shape (n,), s, and the drives' efforts there, shape (n, dof), N·m, without friction.
+    """Times, s, shape (n,), and the drives' efforts at these times without friction, N·m, shape (n, dof).
 
-    The model keeps the samples of the last trajectory, because a planner and the check after it need the
-    same. The trajectory may have got another note in between; its arrays cannot be changed.
+    The model keeps the samples of the last trajectory, because a planner and the check after it need the same
+    samples. In between, only the note of the trajectory may change; its arrays are read-only.
     """
     if model.last_efforts is not None:
         last, times, efforts = model.last_efforts
@@ -146,7 +151,8 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     """Reject a motion that needs more effort than a drive has, including the load of the model.
 
     Raises:
-        LimitError: names the place, the joint, the needed effort and the limit.
+        LimitError: a drive's effort is not enough; names the place, the joint, the needed effort and the
+            limit.
     """
     times, efforts = effort_samples(model, trajectory)
     share = np.abs(efforts) / limits.max_effort
@@ -165,9 +171,9 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
 
 
 def stretch_to_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> Trajectory | None:
-    """The trajectory, slowed down evenly by just enough for all drives.
+    """The trajectory, slowed down evenly just enough for all drives.
 
-    The effort for moving falls with the square of the duration; the effort for holding stays.
+    The effort for moving falls with the square of the duration; the effort for holding does not change.
 
     Returns:
         None if slowing down does not help, because somewhere on the path the drives cannot even hold the arm.

@@ -1,4 +1,4 @@
-"""Checks of a robot's file in addition to MuJoCo's."""
+"""Checks of a robot's file that MuJoCo does not make."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Speed limits of a robot's file, which MuJoCo ignores, and the check that the joint limits keep them."""
+"""Speed limits in a robot's file, which MuJoCo ignores, and the check that the joint limits do not exceed
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,18 @@ from cobot.xml_file import number, parse, where
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints that a drive can move."""
 VELOCITY_OF = "max_velocity "
-"""Prefix of the <numeric> with a joint's velocity limit in a model.xml, before the joint's name."""
+"""Prefix of the name of a <numeric> element in a model.xml that gives a joint's velocity limit. The joint's
+name follows.
+"""
 TOLERANCE = 1e-4
 """Relative difference below which values count as equal, because MuJoCo writes six digits."""
 
 
 def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject velocities beyond those of the model's file. A file without velocities allows any.
+    """Reject velocity limits beyond those in the model's file. A file without velocities allows any.
 
     Raises:
-        ConfigError: names the joint, both velocities and a remedy.
+        ConfigError: a velocity limit is too high; names the joint, both velocities and a remedy.
     """
     allowed = _velocities(file, mj)
     for index, name in enumerate(limits.names):
@@ -49,7 +53,7 @@ def _velocities(file: Path, mj: mujoco.MjModel) -> dict[str, float]:
 
 
 def urdf_rates(file: Path, root: Element) -> dict[str, tuple[float, float]]:
-    """Velocity and effort of each joint that has a limit; 0 for unknown.
+    """Velocity and effort limit of each joint with a <limit> element; 0 if a value is unknown.
 
     Raises:
         ConfigError: a limit is not a number, a velocity or effort is negative, or a lower limit is above the

@@ -14,14 +14,14 @@ from cobot.robot import quaternion as quaternions
 from cobot.types import Array, Pose, vector
 
 GIMBAL_LOCK_RAD = 1e-7
-"""A B this close to ±π/2 counts as ±π/2."""
+"""A value of B this close to ±π/2 counts as ±π/2."""
 
 
 def quaternion_from_abc(a: float, b: float, c: float) -> Array:
-    """(w, x, y, z) for KUKA angles in rad.
+    """Convert KUKA angles, rad, to a quaternion (w, x, y, z).
 
     Raises:
-        InputError: they are not finite.
+        InputError: an angle is not finite.
     """
     a, b, c = vector([a, b, c], 3, name="angles").tolist()
     about_z = (cos(0.5 * a), 0.0, 0.0, sin(0.5 * a))
@@ -31,7 +31,8 @@ def quaternion_from_abc(a: float, b: float, c: float) -> Array:
 
 
 def abc_from_quaternion(quaternion: Array) -> Array:
-    """(A, B, C) in rad, B in [−π/2, π/2]; at B = ±π/2, where A and C are not unique, C is 0.
+    """Convert a quaternion to KUKA angles (A, B, C), rad, with B in [−π/2, π/2]. At B = ±π/2, where A and C
+    are not unique, C is 0.
 
     Source: E. Bernardes, S. Viollet, "Quaternion to Euler angles conversion: A direct, general and
     computationally efficient method", PLoS ONE 17(11), 2022. Unlike a conversion by the rotation matrix, A +
@@ -48,10 +49,12 @@ def abc_from_quaternion(quaternion: Array) -> Array:
 
 
 def pose_from_abc(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
-    """A pose from metres and KUKA angles in rad."""
+    """Make a pose from a position in metres and KUKA angles in rad."""
     return Pose(np.array([x, y, z]), quaternion_from_abc(a, b, c))
 
 
 def angle_between(first: Array, second: Array) -> float:
-    """The angle in rad of the rotation that takes one (w, x, y, z) orientation to the other."""
+    """The angle, rad, of the rotation that takes one orientation to the other. Both are quaternions (w, x, y,
+    z).
+    """
     return hypot(*quaternions.between(first.tolist(), second.tolist()))

@@ -1,4 +1,6 @@
-"""Checks that the drives can hold the arm: gravity torques against max_effort, in one or in all postures."""
+"""Checks that the drives can hold the arm, in one posture or in all: they compare gravity torques with
+max_effort.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,15 @@ from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, vector
 
 SAMPLES = 2000
-"""Random postures from which the search for the hardest one to hold starts."""
+"""Number of random postures. The search for the posture that is hardest to hold starts from the hardest of
+them.
+"""
 STARTS, ROUNDS, STEPS = 2, 4, 15
 """Number of the hardest postures that are improved, number of rounds, and number of values that are tried for
-each joint."""
+each joint in a round.
+"""
 PAYLOAD_SHARE = 0.9
-"""Share of an effort that holding the payload may take; the rest is for moving it."""
+"""Share of an effort limit that holding the payload may take. The rest is for moving the payload."""
 TOLERANCE = 1e-6
 
 Demand = Callable[[Array], Array]
@@ -34,7 +39,9 @@ Demand = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True)
 class HoldingEffort:
-    """The effort that a joint needs to hold the arm in a posture, and its limit; N·m, or N for slides."""
+    """The effort that a joint needs to hold the arm in a posture, and its limit; N·m, or N for linear
+    joints.
+    """
 
     joint: str
     needed: float
@@ -58,7 +65,9 @@ class HoldingEffort:
 
 
 def held(model: RobotModel, limits: JointLimits, joints: Array) -> HoldingEffort:
-    """The joint that needs the greatest share of its effort in a posture, including the load of the model."""
+    """The joint that needs the greatest share of its effort limit in a posture, including the load of the
+    model.
+    """
     torques = np.abs(model.gravity_torques(joints))
     return _hold(model, limits, joints, int((torques / limits.max_effort).argmax()))
 
@@ -67,7 +76,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
     """Reject a start position in which the simulated drives cannot hold the arm with its tool.
 
     Raises:
-        LimitError: as `check_holds`.
+        LimitError: see `check_holds`.
         ConfigError: the tool file is invalid.
     """
     if settings.robot.backend.type != "mujoco":
@@ -98,7 +107,8 @@ def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str
     """Reject a posture that the drives cannot hold.
 
     Raises:
-        LimitError: names `what`, the joint, the needed effort and the limit.
+        LimitError: the drives cannot hold the posture; names `what`, the joint, the needed effort and the
+            limit.
     """
     hold = held(model, limits, joints)
     if hold.share > 1.0 + TOLERANCE:
@@ -112,10 +122,11 @@ def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """How well the drives hold the arm in all its postures.
+    """How well the drives can hold the arm in all its postures.
 
     Attributes:
-        hardest: for each joint the posture that needs most of its effort, the greatest share first.
+        hardest: for each joint the posture that needs the greatest share of its effort limit, sorted from the
+            greatest share on.
         share: share of random collision-free postures that the drives can hold.
     """
 
@@ -124,7 +135,7 @@ class Holding:
 
     @property
     def percent(self) -> str:
-        """The share as text. It is below "100 %" if a single posture fails."""
+        """The share as text. It is below "100 %" if even one posture fails."""
         percent = 100.0 * self.share
         if percent > 99.0 and not self.everywhere:
             return "more than 99 %"
@@ -157,12 +168,12 @@ def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits)
 def payload(
     model: RobotModel, collision: CollisionChecker, limits: JointLimits
 ) -> tuple[float, HoldingEffort]:
-    """The largest payload, and the joint that limits it.
+    """Find the largest payload, and the joint that limits it.
 
     Returns:
-        The mass at the TCP, kg, that the drives hold in every posture with `PAYLOAD_SHARE` of their efforts:
-        infinite if no drive feels it, 0 if the arm alone is too heavy. Then the effort that the limiting
-        joint needs in the hardest posture without this mass.
+        The mass at the TCP, kg, that the drives hold in every posture with `PAYLOAD_SHARE` of their effort
+        limits. It is infinite if no drive carries it, and 0 if the arm alone is too heavy. Second, the effort
+        that the limiting joint needs in the hardest posture without this mass.
     """
     efforts, loaded = PAYLOAD_SHARE * limits.max_effort, _with_one_kg(model)
 
@@ -204,7 +215,7 @@ def _gravity(dynamics: Dynamics, rows: Array) -> Array:
 
 
 def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
-    """Random collision-free postures; all random ones if none is free."""
+    """Random collision-free postures. If none is collision-free, all random postures are returned."""
     size = (SAMPLES, limits.dof)
     postures = np.random.default_rng(0).uniform(limits.min_position, limits.max_position, size)
     free = np.array([collision.is_free(joints) for joints in postures])
@@ -212,7 +223,7 @@ def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
 
 
 def _hardest(demand: Demand, postures: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
-    """The hardest posture found by coordinate ascent from the hardest of the given ones."""
+    """Search for the hardest posture to hold, by coordinate ascent from the hardest of the given postures."""
     order = np.argsort(-demand(postures))[:STARTS]
     climbed = np.array([_maximise(demand, postures[index], collision, limits) for index in order])
     return np.asarray(climbed[int(demand(climbed).argmax())])

@@ -12,17 +12,15 @@ from cobot.foreign import bounded, plain_text
 from cobot.strict import shown
 
 MAX_DIGITAL = 2**53 - 1
-"""Maximum value of a digital input or output: the largest integer up to which all integers are exact as
-doubles.
-"""
+"""Maximum value of a digital input or output. Up to this value, a double represents every integer exactly."""
 ANALOG_SHARE = 1e-3
-"""Tolerance of an analog output's reported value, because converters are inexact."""
+"""Tolerance for the value that a device reports for an analog output, because converters are inexact."""
 
 
 MAX_POINTS = 1000
-"""Maximum number of points that a device may report; fewer are published."""
+"""Maximum number of points in a device's report. The service publishes fewer."""
 MAX_POINT_NAME = 1000
-"""Maximum number of characters of a name that a device may report; a shorter one is published."""
+"""Maximum number of characters of a name in a device's report. The service publishes a shorter name."""
 
 
 class IoKind(StrEnum):
@@ -33,7 +31,7 @@ class IoKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class IoPoint:
-    """An input or output with the value that the device reports; 0.0 or 1.0 for a boolean."""
+    """An input or output, with the value that the device reports. The value of a boolean is 0.0 or 1.0."""
 
     name: str
     kind: IoKind
@@ -42,7 +40,7 @@ class IoPoint:
 
     @property
     def shown(self) -> bool | int | float | None:
-        """The value in the type of its kind; None if the device reports an invalid number."""
+        """The value in the type of the point's kind; None if the device reports an invalid number."""
         if not math.isfinite(self.value):
             return None
         if self.kind is IoKind.BOOLEAN:
@@ -54,7 +52,7 @@ class IoPoint:
         return "output" if self.is_output else "input"
 
     def has(self, number: float) -> bool:
-        """Whether the device reports that value."""
+        """Whether the device reports the value `number`."""
         if self.kind is IoKind.ANALOG:
             return math.isclose(self.value, number, rel_tol=ANALOG_SHARE, abs_tol=ANALOG_SHARE)
         return self.value == number
@@ -64,7 +62,8 @@ def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
     """Check a device's report, which may contain anything.
 
     Raises:
-        InputError: too many points, an object of another type, or a name that is not printable.
+        InputError: the report contains too many points, an object of the wrong type, or a name that is not
+            printable.
     """
     points = bounded(reported, MAX_POINTS, "inputs and outputs")
     for point in points:
@@ -82,11 +81,11 @@ def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
 
 
 def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
-    """The output of this name.
+    """The output with this name.
 
     Raises:
-        NotFoundError: it does not exist; lists the outputs.
-        InputError: it is an input.
+        NotFoundError: there is no point with this name; lists the outputs.
+        InputError: the point is an input.
     """
     point = next((each for each in points if each.name == name), None)
     if point is None:
@@ -101,8 +100,8 @@ def number_of(point: IoPoint, value: float) -> float:
     """Convert a value for an output into a number.
 
     Raises:
-        InputError: it does not fit the output's kind.
-        LimitError: it is out of range.
+        InputError: the value does not match the output's kind.
+        LimitError: the value is out of range.
     """
     if point.kind is IoKind.BOOLEAN:
         if not isinstance(value, bool):
@@ -120,10 +119,10 @@ def number_of(point: IoPoint, value: float) -> float:
 
 
 def require_number(point: IoPoint, number: float) -> None:
-    """Check that an output can have this number.
+    """Check that an output can have this value.
 
     Raises:
-        LimitError: it cannot.
+        LimitError: the value is out of range.
     """
     if point.kind is IoKind.BOOLEAN and number not in (0, 1):
         raise LimitError(f"{point.name} is boolean: 0 or 1, got {number:g}")

@@ -1,5 +1,5 @@
-"""A document on disk that is replaced atomically: if the process is killed meanwhile, the old or the new one
-remains. Only its owner may read it.
+"""A document on disk that is replaced atomically. If the process is killed meanwhile, either the old or the
+new document remains. Only the owner of the file may read it.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from cobot.logs.files import make_private
 
 
 def keep(path: Path, content: bytes, what: str) -> None:
-    """Replace the file; it is on disk when this returns.
+    """Replace the file. The new content is on disk when this returns.
 
     Args:
-        what: the content, for the message, such as "the scene".
+        what: name of the content for the message, such as "the scene".
 
     Raises:
-        UnavailableError: no space or no permission; the old file is unchanged.
+        UnavailableError: there is no space or no permission; the old file is unchanged.
     """
     new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        new.unlink(missing_ok=True)  # from a killed process, or another user's file
+        new.unlink(missing_ok=True)  # left by a killed process, or another user's file
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(new, flags, 0o600), "wb") as file:
             file.write(content)
@@ -43,24 +43,24 @@ def keep(path: Path, content: bytes, what: str) -> None:
 
 
 def read_kept(path: Path) -> bytes:
-    """Read a document that `keep` has written, and make it readable by its owner only.
+    """Read a document that `keep` has written, and make the file readable by its owner only.
 
     Raises:
         FileNotFoundError: there is no file.
-        OSError: it cannot be read, or is not a regular file.
+        OSError: the file cannot be read, or is not a regular file.
     """
     # Reading a pipe or a device could block forever.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "is not a regular file")
-        with contextlib.suppress(OSError):  # on a read-only disk
+        with contextlib.suppress(OSError):  # the disk may be read-only
             make_private(descriptor)
         return file.read()
 
 
 def _settle(folder: Path) -> None:
-    """Flush a folder's entries to disk."""
+    """Flush the entries of a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -69,7 +69,9 @@ def _settle(folder: Path) -> None:
 
 
 def size_of(folder: Path) -> int:
-    """Total size of all files in a folder, in bytes. Files that disappear meanwhile do not count."""
+    """Total size of all files in a folder, in bytes. Files that disappear while it is computed do not
+    count.
+    """
     found = 0
     for path in folder.rglob("*"):
         with contextlib.suppress(OSError):

@@ -24,16 +24,18 @@ _KEYS = (
 )
 
 MAX_POSITION, MAX_RATE = 1e3, 1e6
-"""All positions (rad or m) and all velocities, accelerations, jerks and efforts are below these."""
+"""Upper bounds for the values in a file: for positions, rad or m, and for velocities, accelerations, jerks
+and efforts.
+"""
 
 
 def load_joint_limits(path: Path) -> JointLimits:
-    """Read the limits, in the order of the file.
+    """Read the joint limits, in the order of the file.
 
     Every joint needs all limits: without an acceleration limit the stopping distance of a robot is unknown.
 
     Raises:
-        ConfigError: names the file, the joint, the key and what is valid.
+        ConfigError: a value is missing or invalid; names the file, the joint, the key and the valid values.
     """
     content = read_yaml(path)
     joints = content.get("joint_limits") if isinstance(content, dict) else None
@@ -46,7 +48,7 @@ def load_joint_limits(path: Path) -> JointLimits:
 
 
 def streamed(limits: JointLimits, section: StreamingSection) -> JointLimits:
-    """The limits of joints that follow a stream of joint positions."""
+    """The limits that apply to joints which follow streamed joint positions."""
     return replace(
         limits,
         max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
@@ -60,10 +62,10 @@ def check_positions(
     """Reject joint positions beyond the limits.
 
     Args:
-        share: their place in a motion: 0 at the start, 1 at the goal.
+        share: place of the positions in a motion: 0 at the start, 1 at the goal.
 
     Raises:
-        LimitError: names every joint beyond its limits, its value and its range.
+        LimitError: a joint is beyond its limits; names every such joint with its value and its range.
     """
     ranges = zip(limits.names, joints, limits.min_position, limits.max_position, strict=True)
     beyond = [
@@ -87,7 +89,7 @@ def check_positions(
 
 
 def _mistaken(limits: JointLimits, joints: Array) -> str:
-    """Advice if the values look like another unit; "" otherwise."""
+    """Advice if the values look as if they were in a different unit; otherwise ""."""
     slides = np.array(limits.slides or (False,) * limits.dof)
     angles, ways = np.abs(joints[~slides]), np.abs(joints[slides])
     if len(ways) and ways.max() > MILLIMETRES_FROM_M:
@@ -98,7 +100,7 @@ def _mistaken(limits: JointLimits, joints: Array) -> str:
 
 
 def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
-    """(min position, max position, max velocity, acceleration, jerk, effort) of one entry."""
+    """The limits of one entry: min position, max position, max velocity, acceleration, jerk and effort."""
     where = f"{path}: joint_limits.{name}"
     if not isinstance(entry, dict):
         raise ConfigError(f"{where}: must contain {', '.join(_KEYS)}")

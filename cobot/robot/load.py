@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from cobot.robot.model import RobotModel
 
 FARTHEST_M = 1.0
-"""Greatest distance of the flange from a mass that is added to a tool."""
+"""Maximum distance from the flange of a mass that is added to a tool."""
 
 
 def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
-    """The tool with the masses of the attached objects, as the drives carry it.
+    """The tool together with the masses of the attached objects. This is the load that the drives carry.
 
-    Its version is the sum of the tool's version and `Scene.loads`: both only increase, so successive loads
+    Its version is the sum of the tool's version and `Scene.loads`. Both only increase, so successive loads
     never have the same version.
     """
     tcp = Pose.from_numbers(tcp_in_flange)
@@ -44,9 +44,10 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
 
 
 def beyond(tool: Tool, mounted: Tool) -> Tool:
-    """The difference between a tool and the mounted tool, as a tool; BARE if the tool is not heavier.
+    """The difference between a tool and the mounted tool, expressed as a tool; BARE if the tool is not
+    heavier than the mounted one.
 
-    The TCP stays where it is. A mass that would be farther than `FARTHEST_M` from the flange is left out,
+    The TCP does not change. The mass is left out if it would be farther than `FARTHEST_M` from the flange,
     because the two tools then have nothing in common.
     """
     mass = tool.mass - mounted.mass
@@ -70,7 +71,8 @@ def check_load(
     """Check that the arm may carry a load, and that its drives can hold it in the current posture.
 
     Raises:
-        InputError, LimitError: as `check_tool`; names the joint, the needed effort and its limit.
+        InputError, LimitError: see `check_tool`. If the drives cannot hold the load, the error names the
+            joint, the needed effort and its limit.
     """
     whole = carrying(tool, scene, model.tcp_in_flange(tool))
     held = "".join(f", with {name} of {each.mass:g} kg" for name, each in scene.load.items())
@@ -97,12 +99,14 @@ def check_load(
 
 
 def moved(mass: float, arm: Array) -> Array:
-    """The inertia of a point mass at a distance, shape (3, 3), kg·m²."""
+    """The inertia of a point mass that is away from the centre by the vector `arm`, shape (3, 3), kg·m²."""
     return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
 
 def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
-    """Mass, centre, and inertia about the centre along the flange's axes, of an object at a pose."""
+    """Mass, centre and inertia of an object at a pose. The inertia is about the centre, along the flange's
+    axes.
+    """
     turn = pose.rotation
     middle, inertia = homogeneous(each)
     if each.centre is not None:
@@ -113,7 +117,8 @@ def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
 
 
 def homogeneous(each: SceneObject) -> tuple[Array, Array]:
-    """Centre, and inertia about it, of a solid with uniform density, in its own frame: shapes (3,), (3, 3).
+    """Centre, shape (3,), and inertia about the centre, shape (3, 3), of a solid with uniform density, in its
+    own frame.
 
     These are the standard formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of
     the radius from their flat side.
@@ -128,14 +133,14 @@ def homogeneous(each: SceneObject) -> tuple[Array, Array]:
 
 
 def _of_box(box: Array) -> tuple[float, Array, Array]:
-    """Volume, centre, and inertia about it for density 1."""
+    """Volume, centre, and inertia about the centre for density 1."""
     volume = float(np.prod(box[3:]))
     squares = np.square(box[3:])
     return volume, box[:3], volume / 12.0 * np.diag(squares.sum() - squares)
 
 
 def _of_hull(corners: Array) -> tuple[float, Array, Array]:
-    """Volume, centre and inertia of a convex solid, computed by MuJoCo."""
+    """Volume, centre and inertia of a convex solid. MuJoCo computes them."""
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="hull", uservert=corners.ravel().tolist())
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
@@ -160,7 +165,7 @@ def _squares(each: SceneObject) -> Array:
     length = each.size[1]
     across, along = radius**2 / 4.0 + length**2 / 12.0, radius**2 / 2.0
     if each.shape == "capsule":
-        ends = 4.0 * radius / (4.0 * radius + 3.0 * length)  # their share of the volume
+        ends = 4.0 * radius / (4.0 * radius + 3.0 * length)  # share of the ends in the volume
         offset = 0.5 * length * (0.5 * length + 0.75 * radius)
         across = (1.0 - ends) * across + ends * (0.4 * radius**2 + offset)
         along = (1.0 - ends) * along + ends * 0.4 * radius**2

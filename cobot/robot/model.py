@@ -28,12 +28,12 @@ from cobot.types import Array, FreeAxis, JointLimits, Numbers7, Pose
 class RobotModel:
     """Forward kinematics, Jacobian, mass matrix and gravity of the arm.
 
-    Not thread safe, because it has one scratch memory. Joint vectors are shape (dof,), rad, in the order
-    of the limits; poses and Jacobians are those of the TCP in the base frame.
+    Not thread safe, because all calls use one scratch memory. Joint vectors have shape (dof,), rad, in the
+    order of the limits. Poses and Jacobians describe the TCP in the base frame.
 
     Attributes:
         mj: MuJoCo's model.
-        limits: the joint limits, in the order of the joints, with those of slides marked.
+        limits: the joint limits, in the order of the joints; linear joints are marked.
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, also for compiled code.
@@ -88,8 +88,8 @@ class RobotModel:
         """Read an MJCF or URDF file.
 
         Raises:
-            ConfigError: the file is missing or cannot be loaded, a URDF lacks masses, the joints differ from
-                those of the limits, or the base or TCP does not exist.
+            ConfigError: the file is missing or cannot be loaded, a URDF lacks masses, the joints are not the
+                same as in the limits, or the base or the TCP does not exist.
             UnavailableError: there is not enough memory.
         """
         if not path.is_file():
@@ -115,22 +115,24 @@ class RobotModel:
 
     @property
     def name(self) -> str:
-        """The model's name in its file."""
+        """The name that the model's file gives to the model."""
         return bytes(self.mj.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
     def flange_in_tcp(self) -> Pose:
-        """The pose of the site `flange` in the TCP's frame. Without that site, the TCP of the model file is
-        the flange.
+        """The pose of the site `flange` in the TCP's frame. In a model without this site, the flange is the
+        TCP of the model file.
         """
         return Pose.from_numbers(self.tcp_in_flange()).inverse()
 
     def tcp_in_file_tcp(self, tool: Tool | None = None) -> Pose:
-        """The pose of the TCP with this tool, or the current one, in the frame of the model file's TCP."""
+        """The pose of the TCP in the frame of the model file's TCP, with the given tool or the current
+        one.
+        """
         file_tcp = Pose.from_numbers(self.file_tcp_in_flange)
         return file_tcp.inverse() @ Pose.from_numbers(self.tcp_in_flange(tool))
 
     def tcp_in_flange(self, tool: Tool | None = None) -> Numbers7:
-        """The pose of the TCP with this tool, or the current one, in the flange's frame."""
+        """The pose of the TCP in the flange's frame, with the given tool or the current one."""
         tcp = (tool or self.tool).tcp
         return self._carrier.tcp_in_flange if tcp is None else tcp
 
@@ -145,9 +147,10 @@ class RobotModel:
         return np.asarray(self.chain.base_rotation.T @ self._carrier.gravity)
 
     def carry(self, tool: Tool, scene: Scene | None = None) -> None:
-        """Replace the tool on the flange and the attached objects: mass, TCP and gravity, for all users of
-        this model's `mj`, `chain` and `dynamics`. Without a scene nothing is attached. Shapes belong to the
-        collision checker. Takes about 200 µs, during which nothing else may use the model.
+        """Replace the tool on the flange and the attached objects. This changes mass, TCP and gravity for all
+        users of this model's `mj`, `chain` and `dynamics`. Without a scene, no objects are attached. The
+        collision checker handles shapes. The call takes about 200 µs, during which nothing else may use the
+        model.
         """
         self.attached = scene or Scene()
         self.carried = carrying(tool, self.attached, self.tcp_in_flange(tool))
@@ -162,7 +165,7 @@ class RobotModel:
 
     @cached_property
     def fixed_frames(self) -> dict[str, Pose]:
-        """Poses in the base frame of the world and of all bodies and sites that no joint moves."""
+        """Poses, in the base frame, of the world and of all bodies and sites that no joint moves."""
         data = mujoco.MjData(self.mj)
         mujoco.mj_kinematics(self.mj, data)
         turn = data.xmat[self._base].reshape(3, 3).T
@@ -179,7 +182,7 @@ class RobotModel:
         return frozenset(name for name, *_ in self._frames(mujoco.MjData(self.mj)))
 
     def _frames(self, data: mujoco.MjData) -> Iterator[tuple[str, int, Array, Array]]:
-        """Name, body, position and rotation matrix of each named site and body."""
+        """Name, body, position and rotation matrix of each site and body that has a name."""
         for index in range(self.mj.nsite):
             if name := self.mj.site(index).name:
                 yield name, self.mj.site_bodyid[index], data.site_xpos[index], data.site_xmat[index]
@@ -188,14 +191,14 @@ class RobotModel:
                 yield name, index, data.xpos[index], data.xmat[index]
 
     def among(self, scene: Scene, tool: Tool | None = None, *, by_voxels: bool = False) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the tool's shapes, for distances only. `tool` defaults
-        to the current one.
+        """MuJoCo's model with the scene's objects and the tool's shapes. It is only for computing distances.
+        The default of `tool` is the current tool.
 
         Args:
             by_voxels: see `cobot.robot.scene.compiled`.
 
         Raises:
-            InputError: MuJoCo rejects them.
+            InputError: MuJoCo rejects the scene or the tool.
         """
         tool = tool or self.tool
         if not scene.objects and not tool.shapes:
@@ -244,16 +247,18 @@ class RobotModel:
         return Pose(out[:3], out[3:])
 
     def forward_into(self, joints: Array, out: Array) -> None:
-        """Write `forward` as x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
+        """Write the result of `forward` into `out`, shape (7,), as x, y, z (m) and w, x, y, z."""
         self.chain.forward_into(joints, out)
 
     def jacobian(self, joints: Array) -> Array:
-        """The Jacobian of the TCP in the base frame, shape (6, dof): rows vx vy vz (m/s), wx wy wz (rad/s)
-        per rad/s."""
+        """The Jacobian of the TCP in the base frame, shape (6, dof). Its rows are vx, vy, vz (m/s) and wx,
+        wy, wz (rad/s), per rad/s of each joint.
+        """
         return self.forward_and_jacobian(joints)[2].copy()
 
     def forward_and_jacobian(self, joints: Array) -> tuple[Array, Array, Array]:
-        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof), for solvers.
+        """The position, shape (3,), the rotation matrix, shape (3, 3), and the Jacobian, shape (6, dof), of
+        the TCP, for solvers.
 
         The Jacobian is overwritten by the next call.
         """
@@ -261,20 +266,22 @@ class RobotModel:
         return position.copy(), rotation.copy(), jacobian
 
     def poses(self, joints: Array) -> Array:
-        """The TCP's poses in the base frame, shape (n, 7), x, y, z (m) and w, x, y, z, at joints (n, dof)."""
+        """The TCP's poses in the base frame, shape (n, 7): x, y, z (m) and w, x, y, z. `joints` has shape (n,
+        dof).
+        """
         return self.chain.poses(joints)
 
     def mass_matrix(self, joints: Array) -> Array:
-        """Joint-space inertia, shape (dof, dof), kg·m², including the drives' inertia (armature)."""
+        """Joint-space inertia, shape (dof, dof), kg·m². It includes the inertia of the drives (armature)."""
         return self.dynamics.mass_matrix(joints)
 
     def gravity_torques(self, joints: Array) -> Array:
-        """The torques that hold the arm, shape (dof,), N·m."""
+        """The torques that hold the arm against gravity, shape (dof,), N·m."""
         return self.bias_torques(joints, np.zeros(self.dof))
 
     def bias_torques(self, joints: Array, velocity: Array) -> Array:
-        """The torques for motion without acceleration, shape (dof,), N·m: gravity, Coriolis and centrifugal
-        forces, without friction.
+        """The torques for a motion without acceleration, shape (dof,), N·m. They compensate gravity, Coriolis
+        and centrifugal forces, but not friction.
         """
         return self.dynamics.bias_torques(joints, velocity)
 
@@ -285,7 +292,7 @@ class RobotModel:
 
 
 def _advice(path: Path, said: str) -> str:
-    """Advice for files that come from ROS."""
+    """Advice for users whose files come from ROS."""
     if path.suffix == ".xacro":
         return f"; it is xacro: convert it with `cobot new-robot {path.name}`"
     if "package:" in said:
@@ -296,9 +303,8 @@ def _advice(path: Path, said: str) -> str:
 def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     """Read a model file, and complete a URDF.
 
-    A URDF has no sites, and MuJoCo would fuse its fixed links: they are kept, and the TCP may be a link. It
-    has no
-    actuators either: each joint gets a motor.
+    A URDF contains no sites, and MuJoCo would fuse its fixed links. Here these links are kept, and the TCP
+    may be a link. A URDF contains no actuators either, so each joint gets a motor.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.fusestatic = False

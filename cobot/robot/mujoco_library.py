@@ -1,8 +1,8 @@
 """Makes the C interface of MuJoCo available to compiled modules.
 
-They are not linked against the library, because its path is known only at import and differs between a
-checkout and an installation. A package whose compiled modules call MuJoCo imports this module in its
-`__init__`, because Python resolves all symbols of a module when it opens the file.
+The compiled modules are not linked against the library, because its path is known only at import and differs
+between a checkout and an installation. A package whose compiled modules call MuJoCo imports this module in
+its `__init__`, because Python resolves all symbols of a module when it opens the file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ log = logging.getLogger("cobot.mujoco")
 
 
 def _library() -> Path:
-    """The library file that `import mujoco` has loaded. A second copy could not share its models."""
+    """The library file that `import mujoco` has loaded. A second copy of the library could not share models
+    with the first.
+    """
     folder = Path(mujoco.__file__).parent
     found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib")])
     if not found:
@@ -25,8 +27,8 @@ def _library() -> Path:
     return found[0]
 
 
-# It is already loaded, but only for its own bindings. Opening it again makes its symbols visible to all
-# modules.
+# The library is already loaded, but only its own bindings can see its symbols. Opening it again makes the
+# symbols visible to all modules.
 LIBRARY = ctypes.CDLL(str(_library()), mode=ctypes.RTLD_GLOBAL)
 
 # Without a handler MuJoCo appends its warnings to a file in the current folder.

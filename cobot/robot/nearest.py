@@ -1,4 +1,6 @@
-"""The nearest parts of an arm, to each other and to its surroundings, with their nearest points."""
+"""The nearest parts of an arm to each other and to its surroundings, and the nearest points of these
+parts.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,10 @@ if TYPE_CHECKING:
     from cobot.robot.collision import CollisionChecker
 
 FARTHEST_M = 1.0
-"""Largest distance that is computed; farther objects do not matter."""
+"""Largest distance that is computed. Objects farther away do not matter."""
 TURNS = 17
-"""Number of angles at which a pair that one joint moves is compared. It is a prime, so few symmetric shapes
-look the same at all of them.
+"""Number of angles at which the distance of a pair is compared if only one joint moves the pair. It is a
+prime, so that few symmetric shapes look the same at all of these angles.
 """
 SAME_M = 1e-6
 
@@ -29,8 +31,8 @@ class Nearest:
     """Two parts and the distance between them.
 
     Attributes:
-        distance_m: negative if they overlap.
-        points: the nearest points of the first and of the second one, in the base frame, m.
+        distance_m: distance of the parts; negative if they overlap.
+        points: the nearest points of the first and of the second part, in the base frame, m.
         row: index of the configuration among those that were given.
     """
 
@@ -44,8 +46,8 @@ class Nearest:
 class NearestParts:
     """Finds the nearest parts, for one scene and one tool. Not thread safe.
 
-    Pairs whose distance no joint changes, such as a turret over a floor, are left out: their distance says
-    nothing about a motion, and it would hide the others.
+    Pairs whose distance no joint changes, such as a turret over a floor, are left out. Their distance says
+    nothing about a motion, and it would hide the distances of other pairs.
     """
 
     def __init__(self, checker: CollisionChecker, base: str) -> None:
@@ -66,8 +68,8 @@ class NearestParts:
         return self._checker.clearance.distances(rows, farthest_m)
 
     def among(self, rows: Array) -> tuple[Nearest | None, Nearest | None]:
-        """The nearest parts of the robot itself, and those of the robot and its surroundings, at rows of
-        joints, shape (n, dof); None in place of each pair that is farther apart than `FARTHEST_M`.
+        """The nearest parts of the robot itself, and the nearest parts of the robot and its surroundings,
+        over all rows of joints, shape (n, dof). A pair that is farther apart than `FARTHEST_M` is None.
         """
         return self._least(rows, self._own), self._least(rows, self._around)
 
@@ -88,7 +90,7 @@ class NearestParts:
         within_m = distance_m + SAME_M + FARTHEST_M
         cube = self._checker.clearance.nearest_cube(joints, pair, within_m)
         if cube is not None:
-            other += 1  # the geom that is one cube, see `Clearance`
+            other += 1  # the geom that represents one cube, see `Clearance`
             data.geom_xpos[other] = cube
         mujoco.mj_geomDistance(mj, data, geom, other, within_m, ends)
         base = data.body(self._base)
@@ -108,12 +110,12 @@ class NearestParts:
             low, high = mj.jnt_range[joint] if mj.jnt_limited[joint] else (-np.pi, np.pi)
             rows[:, joint] = np.linspace(float(low), float(high), TURNS)
             distances = self.distances(rows)[:, alone]
-            # What is far away at all these angles may be nearer between them.
+            # A pair that is far apart at all these angles may be nearer at angles between them.
             changes[alone] = (np.ptp(distances, axis=0) > SAME_M) | (distances.min(axis=0) >= FARTHEST_M)
         return changes
 
     def _joints_between(self, first: int, second: int) -> set[int]:
-        """The joints that move one of two shapes and not the other one."""
+        """The joints that move only one of two shapes."""
         bodies = self._checker.mj.geom_bodyid
         return self._joints_of(int(bodies[first])) ^ self._joints_of(int(bodies[second]))
 

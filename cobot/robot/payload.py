@@ -1,6 +1,6 @@
-"""Adds a tool's mass to the body that carries the TCP, in the memory of MuJoCo's model.
+"""Adds the mass of a tool to the body that carries the TCP, in the memory of MuJoCo's model.
 
-All users of that model see the change at once, because nothing is allocated; a simulation continues with the
+All users of the model see the change at once, because no memory is allocated. A simulation continues with the
 same data. The mass becomes part of the body's inertia by the parallel axis theorem (Siciliano, Sciavicco,
 Villani, Oriolo, "Robotics", 2009, equation B.61).
 """
@@ -18,7 +18,7 @@ from cobot.types import Array, Numbers7
 
 
 class Carrier:
-    """The body that carries the tool, and its properties without one.
+    """The body that carries the tool, and the properties of this body without a tool.
 
     Attributes:
         tcp_in_flange: the TCP of the model file in the flange's frame.
@@ -43,7 +43,7 @@ class Carrier:
         self.tcp_in_flange: Numbers7 = (*place.tolist(), *from_matrix(tcp.ravel().tolist()))
 
     def _find_flange(self) -> tuple[Array, Array]:
-        """Position and rotation of the flange in the body that carries the TCP."""
+        """Position and rotation of the flange in the frame of the body that carries the TCP."""
         mj, flange = self._mj, mujoco.mj_name2id(self._mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
         if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[self._body]:
             return self._tcp.copy(), matrix_of(self._tcp_turn)
@@ -65,14 +65,14 @@ class Carrier:
         """Replace the tool. Call `Dynamics.settle` and `Chain.reach` afterwards.
 
         Args:
-            gravity: gravity in the world, m/s²; None means that of the model file.
+            gravity: gravity in the world frame, m/s²; None means the gravity of the model file.
         """
         mj, body, site = self._mj, self._body, self._site
         mj.opt.gravity[:] = self.gravity if gravity is None else gravity
         mass, centre, turn, moments = self._with(tool)
         mj.body_mass[body], mj.body_ipos[body] = mass, centre
         mj.body_iquat[body], mj.body_inertia[body] = turn, moments
-        # Otherwise MuJoCo would use the body's frame for the inertia, as may be right without a tool.
+        # Otherwise MuJoCo would use the body's frame for the inertia, which can only be right without a tool.
         mj.body_sameframe[body] = self._sameframe if tool.mass == 0.0 else 0
         mj.geom_sameframe[mj.geom_bodyid == body] = 0
         mj.site_sameframe[mj.site_bodyid == body] = 0
@@ -84,7 +84,7 @@ class Carrier:
             mj.site_quat[site] = from_matrix(tip.ravel().tolist())
 
     def _with(self, tool: Tool) -> tuple[float, Array, Array, Array]:
-        """Mass, centre, principal axes and moments of the body and the tool together."""
+        """Mass, centre, principal axes and principal moments of the body and the tool together."""
         if tool.mass == 0.0:
             return self._mass, self._centre, self._turn, self._moments
         place = self._flange + self._flange_turn @ tool.centre

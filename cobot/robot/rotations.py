@@ -1,4 +1,4 @@
-"""Rotation matrices for code that runs once, when a robot is read."""
+"""Rotation matrices for code that runs only once, when a robot's files are read."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from cobot.types import Array
 
 
 def matrix_of(quaternion: Array) -> Array:
-    """The rotation of a unit quaternion (w x y z), shape (3, 3)."""
+    """The rotation matrix of a unit quaternion (w, x, y, z), shape (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
 
 
 def with_z_along(axis: Array) -> Array:
-    """A rotation whose last column is the direction of the axis, shape (3, 3)."""
+    """A rotation matrix whose last column is the direction of the axis, shape (3, 3)."""
     axis = axis / np.linalg.norm(axis)
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)

@@ -1,6 +1,8 @@
-"""The scene: objects around the arm, attached objects and named frames. One versioned document in one file.
+"""The scene: objects around the arm, attached objects and named frames. The scene is one versioned document
+in one file.
 
-The file is replaced atomically: a process that is killed while writing leaves the old or the new one.
+The file is replaced atomically. If a process is killed while it writes, either the old or the new file
+remains.
 """
 
 from __future__ import annotations
@@ -40,24 +42,24 @@ class SceneObject:
     """A solid object.
 
     Attributes:
-        size: m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie along z: radius
-            and length, which for a capsule excludes its round ends. All others: edges of the bounding box,
-            for people.
+        size: dimensions, m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie
+            along z: radius and length; the length of a capsule excludes its round ends. All others: edges of
+            the bounding box, for people.
         pose: pose of the object's middle, in the base frame, or in the TCP's frame if it is attached.
-        touch: bodies and objects that it may touch while it is attached.
-        mass: kg; the arm carries it only while it is attached.
-        centre: centre of mass in its own frame, m; None: that of a solid with uniform density.
-        inertia: about the centre of mass, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: that of a
-            solid with uniform density.
-        boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along its own axes, m.
-            Those of a point cloud contain all its voxels. Streams, pictures and masses use them; planners use
-            the voxels, unless the object is attached.
+        touch: bodies and objects that the object may touch while it is attached.
+        mass: mass, kg. The arm carries it only while the object is attached.
+        centre: centre of mass in the object's frame, m; None: the centre of a solid with uniform density.
+        inertia: inertia about the centre of mass, along the object's axes, kg·m²: xx, xy, xz, yy, yz, zz;
+            None: the inertia of a solid with uniform density.
+        boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along the object's
+            axes, m. The boxes of a point cloud contain all its voxels. Streams, pictures and masses use them;
+            planners use the voxels, unless the object is attached.
         hulls: the convex parts of a mesh that are not boxes: corners of each.
-        tolerance: how far the solids of a mesh may reach beyond it, or the boxes of a point cloud beyond its
-            voxels, m. 0: exact.
-        cells: the voxels of a point cloud, as text of `cobot.robot.geometry.cells.packed`.
+        tolerance: how far the solids of a mesh may reach beyond the mesh, or the boxes of a point cloud
+            beyond its voxels, m; 0 if they are exact.
+        cells: the voxels of a point cloud, as text from `cobot.robot.geometry.cells.packed`.
         voxel: edge of these voxels, m.
-        voxels: their number.
+        voxels: number of these voxels.
     """
 
     shape: Shape
@@ -88,12 +90,12 @@ class SceneObject:
 
 @checked(frozen=True, config=_STRICT)
 class Scene:
-    """A scene. Immutable: each change makes a new one with the next version.
+    """A scene. It is immutable: each change makes a new scene with the next version.
 
     Attributes:
-        version: 0 is the empty scene before any change.
+        version: number of the version; 0 is the empty scene before any change.
         objects: the objects by name.
-        frames: named frames in the base frame.
+        frames: poses of the named frames, in the base frame.
         allowed: pairs of bodies or objects that may touch.
         loads: how often `load` has changed.
     """
@@ -106,7 +108,7 @@ class Scene:
 
     @property
     def load(self) -> dict[str, SceneObject]:
-        """The attached objects with a mass, which the arm carries."""
+        """The attached objects that have a mass. The arm carries this mass."""
         return {name: each for name, each in self.objects.items() if each.attached and each.mass > 0.0}
 
     def without(self, names: Collection[str]) -> Scene:
@@ -132,20 +134,20 @@ class SceneFile:
     """The file with the scene of one robot.
 
     Attributes:
-        fixed: objects that are in every scene of this robot, but not in the file: the fixtures of a cell.
-            With them the first scene has version 1: version 0 is the empty one, with which every process
-            begins.
+        fixed: the fixtures of a cell, which are objects in every scene of this robot but not in the file. If
+            there are any, the first scene has version 1, because version 0 is the empty scene with which
+            every process begins.
     """
 
     path: Path
     fixed: dict[str, SceneObject] = field(default_factory=dict)
 
     def read(self, *, by_voxels: bool = True) -> Scene:
-        """Read the scene; without a file it has only the fixed objects.
+        """Read the scene. Without a file, it contains only the fixed objects.
 
         Args:
-            by_voxels: check the voxels of point clouds too, which takes up to 0.1 s. Without them, only the
-                boxes may be used.
+            by_voxels: also check the voxels of point clouds, which takes up to 0.1 s. Without this check, the
+                caller may only use the boxes.
 
         Raises:
             ConfigError: the file cannot be read or is invalid.
@@ -166,10 +168,10 @@ class SceneFile:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def write(self, scene: Scene) -> None:
-        """Replace the file; it is on disk when this returns.
+        """Replace the file. The new content is on disk when this returns.
 
         Raises:
-            UnavailableError: no space or no permission; the old file is unchanged.
+            UnavailableError: there is no space or no permission; the old file is unchanged.
         """
         own = {name: each for name, each in scene.objects.items() if name not in self.fixed}
         keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
@@ -179,7 +181,7 @@ def scene_in(text: bytes, *, by_voxels: bool = True) -> Scene:
     """The scene in the text of a file; see `SceneFile.read`.
 
     Raises:
-        ValidationError: it is not a scene.
+        ValidationError: the text is not a scene.
         InputError: the voxels of a point cloud are damaged, or its boxes do not contain them.
     """
     scene = _FILE.validate_json(text)
@@ -192,7 +194,7 @@ def scene_in(text: bytes, *, by_voxels: bool = True) -> Scene:
 
 
 def _require_whole(each: SceneObject, by_voxels: bool) -> None:
-    """Check a point cloud in a file: planners use its voxels, and streams its boxes."""
+    """Check a point cloud in a file, because planners use its voxels and streams use its boxes."""
     if each.cells and not each.boxes:
         raise InputError("boxes: are missing; put the point cloud again")
     if by_voxels and each.tree and not each.tree.is_within(np.array(each.boxes)):
@@ -208,20 +210,21 @@ def symmetric(six: Numbers6) -> Array:
 def compiled(
     spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str, *, by_voxels: bool = False
 ) -> mujoco.MjModel:
-    """The model with the objects, each a body of its own name on the base or on the body with the TCP.
+    """The model with the objects. Each object is a body with the object's name, on the base or on the body
+    that carries the TCP.
 
     Args:
-        by_voxels: a standing point cloud is one box around all its voxels instead of its boxes; see
-            `clouds_in`.
+        by_voxels: a point cloud that is not attached becomes one box around all its voxels, instead of its
+            boxes; see `clouds_in`.
 
     Raises:
-        InputError: MuJoCo rejects it, with the reason.
+        InputError: MuJoCo rejects the model; gives the reason.
     """
     spec = spec.copy()
     site = spec.site(tcp)
     for name, each in scene.objects.items():
         parent = spec.body(base)
-        if each.attached:  # a site cannot have children, so a body at the same place has them
+        if each.attached:  # a site cannot have children, so they are on a body at its place
             parent = site.parent.add_body(pos=site.pos, quat=site.quat)
         body = parent.add_body(name=name, pos=list(each.pose[:3]), quat=list(each.pose[3:]))
         tree = each.tree if by_voxels and not each.attached else None
@@ -238,14 +241,19 @@ def compiled(
 
 
 def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
-    """The voxels of the standing point clouds, by their geoms in a model of `compiled` by voxels."""
+    """The voxels of the point clouds that are not attached, by their geoms in a model that `compiled` has
+    made with `by_voxels`.
+    """
     trees = {name: each.tree for name, each in scene.objects.items() if not each.attached}
     return {int(mj.body_geomadr[mj.body(name).id]): tree for name, tree in trees.items() if tree is not None}
 
 
 def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
-    """Add the box around all voxels, and one voxel, which `Clearance` moves. MuJoCo would discard it from
-    the model of a URDF if it had no contact type, so those who list the pairs leave it out."""
+    """Add the box around all voxels, and one voxel, which `Clearance` moves.
+
+    Without a contact type, MuJoCo would discard the voxel from the model of a URDF. Code that lists the pairs
+    must therefore leave it out.
+    """
     bounds = tree.bounds.tolist()
     rule = {"mass": 0.0, "type": _GEOMS["box"], "pos": bounds[:3], "contype": 1, "conaffinity": 1}
     body.add_geom(size=[0.5 * edge for edge in bounds[3:]], **rule)
@@ -253,7 +261,7 @@ def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
 
 
 def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObject) -> None:
-    """Add an object's geoms to its body."""
+    """Add the geoms of an object to its body."""
     rule = {"mass": 0.0, "contype": 1, "conaffinity": 1}
     if each.shape not in COMPOUND:
         body.add_geom(type=_GEOMS[each.shape], size=_half(each), **rule)
@@ -266,7 +274,7 @@ def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObjec
 
 
 def _half(each: SceneObject) -> list[float]:
-    """The size for MuJoCo: radii and half lengths, always three numbers."""
+    """The size in MuJoCo's form: radii and half lengths, always three numbers."""
     if each.shape == "box":
         return [0.5 * edge for edge in each.size]
     if each.shape == "sphere":

@@ -1,6 +1,6 @@
-"""Values that were sent to the outputs of a device and that it has not reported yet.
+"""Values that were sent to the outputs of a device and that the device has not reported yet.
 
-So a value that takes effect late, for example after a lost connection, is noticed.
+With them, cobot notices a value that takes effect late, for example after a lost connection.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cobot.robot.io_points import ANALOG_SHARE
 @dataclass(slots=True, eq=False)
 class SentOutput:
     """Attributes:
-    is_late: whether it was reported as not confirmed.
+    is_late: whether cobot has reported that the device did not confirm the value in time.
     """
 
     value: float
@@ -24,10 +24,12 @@ class SentOutput:
 
 
 class SentOutputs:
-    """The newest value of each output, until the device reports it."""
+    """The newest value that was sent to each output, until the device reports it."""
 
     def __init__(self, timeout_s: float) -> None:
-        """timeout_s: timeout for the report of a value, s."""
+        """Args:
+        timeout_s: time within which the device must report a value, s.
+        """
         self._timeout_s = timeout_s
         self._sent: dict[str, SentOutput] = {}
 
@@ -35,7 +37,7 @@ class SentOutputs:
         return bool(self._sent)
 
     def add(self, name: str, value: float, now_s: float) -> SentOutput:
-        """A value that is sent now. It replaces an earlier one."""
+        """Store a value that is sent now. It replaces an earlier value of the same output."""
         self._sent[name] = sent = SentOutput(value, now_s)
         return sent
 
@@ -50,8 +52,10 @@ class SentOutputs:
         return sent is not None and (sent.is_late or now_s - sent.sent_s > self._timeout_s)
 
     def explain(self, reported: Mapping[str, float], now_s: float) -> str:
-        """Compare with the values that the device reports now. Returns a sentence about a value that it has
-        not reported in time, or reports late; "" if there is nothing new.
+        """Compare the sent values with those that the device reports now.
+
+        Returns a sentence about a value that the device has not reported in time, or has reported late; "" if
+        there is nothing new.
         """
         problem = ""
         for name, sent in list(self._sent.items()):

@@ -14,11 +14,11 @@ from cobot.xml_file import is_printable, shown
 
 
 def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -> dict[str, NamedPosition]:
-    """The named positions of a planning group, by name, in the order of the file.
+    """The named positions of a planning group by their names, in the order of the file.
 
     Raises:
-        ConfigError: the file is unreadable, the group is missing, a state lacks a joint or has an unknown
-            one, a value is not a finite number, or a name occurs twice.
+        ConfigError: the file is unreadable, the group is missing, a state lacks a joint or contains an
+            unknown one, a value is not a finite number, or a name occurs twice.
     """
     root = _parse(path)
     groups = [str(element.get("name")) for element in root.iter("group")]
@@ -59,7 +59,9 @@ def write_srdf(
     positions: Mapping[str, Array],
     pairs: Iterable[tuple[str, str]],
 ) -> None:
-    """The text of a group with named positions for these joints, and the pairs of links that may touch."""
+    """Write the text of an SRDF with a planning group, named positions for these joints, and the pairs of
+    links that may touch.
+    """
     root = ElementTree.Element("robot", name=group_name)
     group = ElementTree.SubElement(root, "group", name=group_name)
     for name in names:

@@ -1,4 +1,4 @@
-"""The TCP of a tool from poses in which its tip touches one fixed point."""
+"""Computation of a tool's TCP from poses in which the tip of the tool touches one fixed point."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from cobot.types import Array
 
 MIN_POSES, MAX_POSES = 4, 20
 MIN_SPREAD = 0.1
-"""Minimum spread of the flange's orientations. Below it an error of the poses grows tenfold in the TCP."""
+"""Minimum spread of the flange's orientations. Below it, an error in the poses causes a tenfold error in the
+TCP.
+"""
 MIN_TILT_DEG = 20.0
-"""Tilt between poses that the messages ask for. It is more than `MIN_SPREAD` needs."""
+"""Tilt between the poses that messages recommend. It is larger than the tilt that `MIN_SPREAD` requires."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +42,20 @@ class TcpFit:
 
 
 def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
-    """Find the TCP by least squares: of all points of the flange's frame, the one that moves least.
+    """Find the TCP by least squares: the point in the flange's frame that moves least between the poses.
 
     Args:
         flanges: poses of the flange in the base frame, in each of which the tip touches the same point.
 
     Raises:
-        InputError: too few or too many poses, or their orientations do not determine the TCP.
+        InputError: there are too few or too many poses, or their orientations do not determine the TCP.
     """
     if not MIN_POSES <= len(flanges) <= MAX_POSES:
         raise InputError(f"points: {len(flanges)} are given, needed are {MIN_POSES} to {MAX_POSES}")
     rotations = np.array([each.rotation for each in flanges])
     positions = np.array([each.position for each in flanges])
-    # rotation @ tcp + position = point in each pose. The mean of these equations removes the point.
+    # In each pose, rotation @ tcp + position = point. Subtracting the mean of these equations removes the
+    # point.
     turned = (rotations - rotations.mean(axis=0)).reshape(-1, 3)
     moved = (positions - positions.mean(axis=0)).ravel()
     _, spreads, directions = np.linalg.svd(turned / math.sqrt(len(flanges)), full_matrices=False)
@@ -63,7 +66,7 @@ def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
         )
     if spreads[2] < MIN_SPREAD:
         axis = directions[2] * np.sign(directions[2][np.argmax(np.abs(directions[2]))])
-        x, y, z = np.round(axis, 2) + 0.0  # without a -0
+        x, y, z = np.round(axis, 2) + 0.0  # avoids a -0
         raise InputError(
             f"points: the flange turns about one axis only, ({x:.2f}, {y:.2f}, {z:.2f}) in its own frame, so "
             f"they do not determine the TCP along it; turn the flange by {MIN_TILT_DEG:g}° or more about "

@@ -1,7 +1,8 @@
 """The tool on the flange (mass, TCP, shapes), and the direction of gravity.
 
-They are one versioned document in one file, which the service writes and rtloop reads at start. Positions are
-in the flange's frame: the model's site `flange`, or without such a site the TCP of the model file.
+Both are stored in one versioned document in one file, which the service writes and rtloop reads at start.
+Positions are in the flange's frame. The flange is the model's site `flange`, or without such a site the TCP
+of the model file.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 @checked(frozen=True, config=_STRICT)
 class Tool:
-    """A tool. Immutable: each change makes a new one with the next version.
+    """A tool. It is immutable: each change makes a new tool with the next version.
 
     Attributes:
-        version: 0 is the model's own tool before any change.
-        mass: mass of tool and load, kg, in addition to the model file's.
+        version: number of the version; 0 is the model's own tool before any change.
+        mass: mass of the tool and the load, kg, in addition to the masses in the model file.
         centre: centre of that mass, m.
-        inertia: about the centre of mass, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz; None: point
-            mass.
-        tcp: pose of the TCP; None: that of the model file.
+        inertia: inertia about the centre of mass, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz;
+            None for a point mass.
+        tcp: pose of the TCP; None means the TCP of the model file.
         shapes: solids for the collision checks, by name.
-        gravity: acceleration of free fall in the base frame, m/s²; None: that of the model file.
+        gravity: acceleration of free fall in the base frame, m/s²; None means the gravity of the model file.
     """
 
     version: int = 0
@@ -76,8 +77,8 @@ def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
         gravity: gravity of the model file in the base frame, m/s².
 
     Raises:
-        InputError: an invalid quaternion or inertia.
-        LimitError: a limit is exceeded; with the value and the limit.
+        InputError: the quaternion or the inertia is invalid.
+        LimitError: a limit is exceeded; gives the value and the limit.
     """
     if not 0.0 <= tool.mass <= max_payload_kg:
         raise LimitError(
@@ -101,10 +102,10 @@ GRAVITY_TOLERANCE = 0.1
 
 
 def check_gravity(gravity: Numbers3, present: Array) -> None:
-    """Check that gravity only differs in direction from that of the model file, as for a tilted base.
+    """Check that gravity differs from that of the model file only in its direction, as for a tilted base.
 
     Raises:
-        LimitError: its magnitude differs.
+        LimitError: the magnitude differs.
     """
     size, wanted = math.hypot(*gravity), float(np.linalg.norm(present))
     if not abs(size - wanted) <= GRAVITY_TOLERANCE:
@@ -118,7 +119,7 @@ def check_inertia(name: str, inertia: Array, mass: float) -> None:
     """Check that a body of this mass can have this inertia, shape (3, 3), kg·m².
 
     Raises:
-        InputError, LimitError: no body can.
+        InputError, LimitError: no body of this mass can have this inertia.
     """
     moments = np.linalg.eigvalsh(inertia)
     shown = ", ".join(f"{moment:.4g}" for moment in moments)
@@ -157,8 +158,8 @@ class ToolFile:
     """The file with the tool of one robot.
 
     Attributes:
-        default: the tool as long as there is no file. Version 0 is the bare flange, with which every process
-            begins; any other has version 1.
+        default: the tool that is used while there is no file. Its version is 0 if it is the bare flange, with
+            which every process begins, and 1 otherwise.
     """
 
     path: Path
@@ -183,10 +184,10 @@ class ToolFile:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def read_checked(self, max_payload_kg: float, gravity: Array) -> Tool:
-        """Read the tool and check it, see `check_tool`.
+        """Read the tool and check it with `check_tool`.
 
         Raises:
-            ConfigError: the check fails; also as `read`.
+            ConfigError: the file cannot be read or is invalid, or the check fails.
         """
         tool = self.read()
         try:
@@ -196,9 +197,9 @@ class ToolFile:
         return tool
 
     def write(self, tool: Tool) -> None:
-        """Replace the file; it is on disk when this returns.
+        """Replace the file. The new content is on disk when this returns.
 
         Raises:
-            UnavailableError: no space or no permission; the old file is unchanged.
+            UnavailableError: there is no space or no permission; the old file is unchanged.
         """
         keep(self.path, _FILE.dump_json(tool, indent=1), "the tool")

@@ -22,9 +22,9 @@ SHAPES = {
 }
 SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 NO_COLOUR = [0.5, 0.5, 0.5, 1.0]
-"""Default colour of MuJoCo. A geometry that has it uses the colour of its material."""
+"""Default colour of MuJoCo. A geometry of this colour uses the colour of its material instead."""
 COLORS = {"tool": [0.1, 0.55, 0.6, 1.0], "scene": [0.45, 0.5, 0.62, 1.0]}
-"""Colours of parts that the model does not have."""
+"""Colours of the parts that do not belong to the robot's model."""
 Version = tuple[int, int, bytes]
 Mesh = tuple[Array, npt.NDArray[np.int32]]
 
@@ -35,8 +35,8 @@ class BodyJoint:
 
     Attributes:
         index: index in the robot's order of joints.
-        slides: true: it slides along its axis; false: it turns about its axis.
-        axis, anchor: direction, and a point of the axis, in the body's frame.
+        slides: true if the joint slides along its axis, false if it turns about its axis.
+        axis, anchor: direction of the axis, and a point on it, in the body's frame.
         reference: joint position for which the pose of the body is given, rad or m.
     """
 
@@ -53,12 +53,12 @@ class Shape:
 
     Attributes:
         kind: one of `SHAPES`.
-        size: m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Ellipsoid: three radii.
-            Plane: edges (0: infinite). Mesh: empty.
+        size: dimensions, m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Ellipsoid:
+            three radii. Plane: edges (0: infinite). Mesh: empty.
         pose: pose in the body's frame.
         rgba: colour, each component from 0 to 1.
         mesh: index in the list of meshes.
-        collides: whether the collision checks use it; if not, it is only for display.
+        collides: whether the collision checks use the solid; if not, it is only displayed.
     """
 
     kind: str
@@ -78,7 +78,7 @@ class Body:
             parent.
         part: "robot", "tool" or "scene".
         pose: pose in the parent's frame, with all its joints at their references.
-        joints: joints that move it, in their order.
+        joints: joints that move the body, in their order.
     """
 
     name: str
@@ -106,8 +106,8 @@ class Geometry:
 
 
 def geometry_version(robot: RobotDescription) -> Version:
-    """A version, which changes when `geometry_of` would return something else. It depends on scene, tool and
-    position limits.
+    """The version of the geometry. It changes when `geometry_of` would return something else, and depends on
+    scene, tool and position limits.
     """
     limits = robot.limits
     ranges = limits.min_position.tobytes() + limits.max_position.tobytes()
@@ -115,7 +115,7 @@ def geometry_version(robot: RobotDescription) -> Version:
 
 
 def geometry_of(robot: RobotDescription) -> Geometry:
-    """The robot's geometry as streams check it, plus the visual geometry."""
+    """The robot's geometry as streams check it, and the visual geometry."""
     mj = robot.collision.mj_in_boxes
     tcp = robot.model.mj.site(robot.model.tcp_site)
     return Geometry(
@@ -171,7 +171,7 @@ def _shape(mj: mujoco.MjModel, geom: int, color: list[float] | None) -> Shape:
 
 
 def _size(kind: str, size: list[float]) -> list[float]:
-    """The full size from MuJoCo's sizes, which are half sizes."""
+    """The full size of a shape. MuJoCo's sizes are half sizes."""
     if kind == "mesh":
         return []
     if kind in ("sphere", "ellipsoid"):

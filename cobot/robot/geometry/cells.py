@@ -17,19 +17,24 @@ from cobot.robot.geometry.solids import HOPELESS, MAX_SOLIDS, joined
 from cobot.types import Array
 
 LEVEL = 3
-"""Level of compression. The default, 6, makes the text 8 % shorter and takes four times as long."""
+"""Level of compression. The default level, 6, makes the text 8 % shorter but takes four times as long."""
 MAX_VOXELS = 500_000
-"""Maximum number of voxels of all point clouds of a scene. A process needs about 200 bytes for each."""
+"""Maximum number of voxels in all point clouds of a scene together. A process needs about 200 bytes for
+each.
+"""
 
 _LOCK = threading.Lock()
 _KEPT: OrderedDict[tuple[str, float], _Voxels] = OrderedDict()
-"""Voxels by their text and edge, those used last at the end. Together they are at most as many as a scene may
-have, so those of the current scene stay. Guarded by `_LOCK`."""
+"""Voxels by their text and edge; the most recently used ones are at the end. Their total is at most the
+maximum of one scene, so the voxels of the current scene stay. Guarded by `_LOCK`.
+"""
 
 
 @dataclass(slots=True)
 class _Voxels:
-    """Voxels, and the boxes to which they can be joined exactly; None if these are too many for a scene."""
+    """Voxels, and the boxes to which they can be joined exactly. The boxes are None if there are too many for
+    a scene.
+    """
 
     tree: CloudTree
     boxes: Array | None = None
@@ -37,8 +42,8 @@ class _Voxels:
 
 
 def packed(points: Array, voxel_m: float) -> str:
-    """The voxels that contain points, as text of about 3 bytes for each; see `tree_of`. Their tree is kept,
-    so the text of a new cloud is not read back.
+    """The voxels that contain points, as text of about 3 bytes per voxel; `tree_of` reads it. The tree of the
+    voxels is kept, so the text of a new cloud need not be read back.
 
     Args:
         points: shape (n, 3), m, finite, at most 100 m from the origin along each axis.
@@ -55,15 +60,16 @@ def tree_of(text: str, voxel_m: float) -> CloudTree:
     """The tree of the voxels in a text of `packed`.
 
     Raises:
-        InputError: it is no such text.
+        InputError: the text is not a text of `packed`.
     """
     return _voxels_of(text, voxel_m).tree
 
 
 def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, float]:
-    """At most `room` boxes around voxels, shape (k, 6), m, and how far they may reach beyond them, m.
+    """At most `room` boxes around voxels, shape (k, 6), m, and how far the boxes may reach beyond the voxels,
+    m.
 
-    If the voxels can be joined to so few boxes, the boxes are exact (0 m).
+    If the voxels can be joined to at most `room` boxes, the boxes are exact and the second value is 0 m.
     """
     voxels = _voxels_of(text, voxel_m)
     if not voxels.are_joined:

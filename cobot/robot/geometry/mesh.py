@@ -1,9 +1,9 @@
-"""A triangle mesh as convex solids: exact for convex parts, boxes within a tolerance for all others.
+"""A triangle mesh as convex solids: exact for convex parts, and boxes within a tolerance for all other parts.
 
-Each connected part is examined alone; a closed convex part is its own hull. All other parts become the grid
-cells that their triangles meet, and the cells that these enclose. The diagonal of a cell is the tolerance:
-the boxes contain every point of the mesh, and reach at most the tolerance beyond it. Exception: a cavity
-whose entry is not wider than a cell is filled.
+Each connected part is examined by itself. A closed convex part is its own hull. All other parts become grid
+cells: those that their triangles meet, and those that these cells enclose. The diagonal of a cell is the
+tolerance: the boxes contain every point of the mesh, and reach at most the tolerance beyond it. Exception: a
+cavity is filled if its entry is not wider than a cell.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from cobot.types import Array
 Indices = npt.NDArray[np.int64]
 MAX_TRIANGLES = 20_000
 MAX_CELLS = 300_000
-"""Maximum number of cells of the grid around non-convex parts."""
+"""Maximum number of cells in the grid around non-convex parts."""
 MAX_CORNERS = 2_000
 """Maximum number of corners of all convex parts together."""
 AT_ONCE = 200_000
 """Number of pairs of a triangle and a cell that are tested together."""
 FLAT = 1e-6
-"""A part counts as convex if no corner is further outside a face than this share of the part's size."""
+"""A part counts as convex if no corner is outside a face by more than this share of the part's size."""
 
 
 def parts(
@@ -41,12 +41,13 @@ def parts(
         most: maximum number of solids.
 
     Returns:
-        Middle and edges of each box, shape (k, 6), m, and the corners of each convex part, shape (., 3), m.
+        Middle and edges of each box, shape (k, 6), m, and the corners of each convex part, shape (n, 3) each,
+        m.
 
     Raises:
         InputError: the mesh is invalid.
-        LimitError: too many triangles or corners, or more solids than `most`; then with a tolerance that
-            fits.
+        LimitError: there are too many triangles or corners, or more solids than `most`. For too many solids,
+            the message gives a tolerance that fits.
     """
     vertices, triangles = _weld(vertices, triangles)
     hulls, others = [], []
@@ -69,7 +70,7 @@ def parts(
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """The mesh with each corner once and without triangles of area 0."""
+    """The mesh in which each corner occurs once, without triangles of area 0."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):
@@ -99,9 +100,9 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def _components(count: int, triangles: Indices) -> list[Indices]:
-    """Groups of triangles that are connected by their corners."""
+    """Groups of triangles that are connected through common corners."""
     least, before = np.arange(count), np.full(count, -1)
-    while (least != before).any():  # each corner takes the lowest index that it is connected with
+    while (least != before).any():  # each corner takes the lowest index among its neighbours
         before = least.copy()
         np.minimum.at(least, triangles, least[triangles].min(axis=1, keepdims=True))
         least = least[least]
@@ -135,7 +136,7 @@ def _is_convex(vertices: Array, triangles: Indices) -> bool:
 
 
 def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
-    """The boxes of triangles, corners of shape (n, 3, 3), if there are at most `room`."""
+    """The boxes around triangles, whose corners have shape (n, 3, 3); None if there are more than `room`."""
     boxes, cells = _boxes(corners, tolerance_m)
     if boxes is not None and len(boxes) <= room:
         return boxes
@@ -188,9 +189,10 @@ def cells_outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def cells_met(corners: Array, counts: Indices) -> Indices:
-    """The cells of edge 1, from the origin, that triangles (n, 3, 3) meet or touch, shape (k, 3).
+    """The cells that triangles meet or touch, shape (k, 3). The triangles have shape (n, 3, 3), the cells
+    have edge 1, and the grid begins at the origin.
 
-    Separating axes (T. Akenine-Moller, "Fast 3D triangle-box overlap testing", 2001).
+    Source for the test by separating axes: T. Akenine-Moller, "Fast 3D triangle-box overlap testing", 2001.
     """
     begin = np.clip(np.floor(corners.min(axis=1) - 1e-9), 0, counts - 1).astype(np.int64)
     end = np.clip(np.floor(corners.max(axis=1) + 1e-9), 0, counts - 1).astype(np.int64)
@@ -229,10 +231,13 @@ def _met_at_once(
 
 
 def read(content: bytes) -> tuple[Array, Indices]:
-    """Vertices, shape (n, 3), and triangles, shape (m, 3), of an STL (binary or text) or OBJ file.
+    """Read an STL (binary or text) or OBJ file.
+
+    Returns:
+        Vertices, shape (n, 3), and triangles, shape (m, 3).
 
     Raises:
-        InputError: the content is neither.
+        InputError: the content is neither STL nor OBJ.
     """
     try:
         if len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):

@@ -28,7 +28,9 @@ VIEWS: dict[PictureView, tuple[float, float]] = {
     "side": (-90.0, 8.0),
     "top": (0.0, 89.9),
 }
-"""Direction from which the camera looks: degrees about z from the x axis, and degrees above the floor."""
+"""Direction from which the camera looks in each view: degrees about z from the x axis, and degrees above the
+floor.
+"""
 WIDTH, HEIGHT = 640, 480
 OVERSAMPLING = 2
 MARGIN = 0.08
@@ -40,13 +42,15 @@ LIGHT = np.array([0.3, -0.5, 0.81])
 AMBIENT = 0.4
 NO_COLOR = (0.6, 0.62, 0.66)
 STEPS = np.unique(np.round(2.0 ** np.arange(0.0, 10.1, 0.5)).astype(int))
-"""Numbers of steps along an edge of a triangle. The smallest one that leaves no gap is used."""
+"""Numbers of steps along an edge of a triangle. The smallest number that leaves no gap is used."""
 MAX_DRAWN_BYTES = 10_000_000
-"""Maximum size of all meshes of a robot. A picture with 23 MB of them took 7 to 10 s and 1.5 GB of memory."""
+"""Maximum size of all meshes of a robot together. A picture of a robot with 23 MB of meshes took 7 to 10 s
+and 1.5 GB of memory.
+"""
 MAX_MESHES = 64
-"""Maximum number of meshes that are kept for the next pictures."""
+"""Maximum number of meshes that are kept in memory for the next pictures."""
 _MESHES: dict[tuple[Path, bytes, tuple[float, ...]], list[Facets]] = {}
-"""Meshes by file, hash of its content, and scale."""
+"""Meshes by file, hash of the file's content, and scale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +74,10 @@ class Facets:
 def draw(
     robot: RobotDescription, positions: Array, view: PictureView = "iso", others: Iterable[Facets] = ()
 ) -> bytes:
-    """A PNG of the robot, with a shadow on the plane z = 0 of its base frame.
+    """Draw the robot as a PNG, with a shadow on the plane z = 0 of its base frame.
 
-    Links that have visuals are drawn with them, other bodies as the collision checks see them. If the meshes
-    of the visuals exceed `MAX_DRAWN_BYTES`, all bodies are drawn as the collision checks see them.
+    Links are drawn with their visuals if they have any, and other bodies as the collision checks see them. If
+    the meshes of the visuals exceed `MAX_DRAWN_BYTES`, all bodies are drawn as the collision checks see them.
 
     Args:
         positions: positions of the joints, rad (m for a linear joint).
@@ -96,7 +100,7 @@ def solid(shape: str, size: tuple[float, ...]) -> Facets:
     """The surface of a solid around its centre.
 
     Args:
-        size: m. Box: its edges; sphere: its radius; cylinder and capsule: radius and length; ellipsoid: its
+        size: dimensions, m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Ellipsoid:
             three radii.
     """
     match shape:
@@ -186,7 +190,7 @@ def _read_glb(file: Path, content: bytes, scale: tuple[float, ...]) -> list[Face
             for mesh in meshes
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
         ]
-    except Exception as exc:  # of any class, depending on what is wrong
+    except Exception as exc:  # the class depends on what is wrong
         raise ConfigError(
             f"{file}: is not a valid GLB file: {exc}; convert the robot again with `cobot new-robot`"
         ) from exc
@@ -209,7 +213,7 @@ def _rendered(corners: Array, colors: Array, view: PictureView) -> npt.NDArray[n
     lit = np.abs((normals / np.maximum(lengths, 1e-12)) @ (LIGHT / np.linalg.norm(LIGHT)))
     shaded = colors * (AMBIENT + (1.0 - AMBIENT) * lit[:, None])
     shadow = corners - corners[..., 2:] / LIGHT[2] * LIGHT
-    # The shadow lies below everything, also where the floor is not at z = 0.
+    # The shadow lies below all parts, even if the floor is not at z = 0.
     points = np.stack([np.concatenate([corners, shadow]) @ axis for axis in (right, up, towards)], axis=-1)
     points[len(corners) :, :, 2] -= 1e3
     flat = np.broadcast_to(BACKGROUND * SHADOW, shaded.shape)
@@ -234,7 +238,7 @@ def _camera(view: PictureView) -> tuple[Array, Array, Array]:
 
 
 def _colour_pixels(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
-    """Colour each pixel like the nearest point that is drawn there."""
+    """Colour each pixel like the nearest of the points that are drawn at this pixel."""
     edges = np.abs(points[..., :2] - np.roll(points[..., :2], 1, axis=1)).max((1, 2))
     steps = STEPS[np.minimum(np.searchsorted(STEPS, edges), len(STEPS) - 1)]
     depth = np.full(width * height, -np.inf, np.float32)
@@ -252,7 +256,7 @@ def _colour_pixels(image: Array, points: Array, colors: Array, width: int, heigh
             nearer &= pixels > 0
             pixels, depths = pixels[nearer], found[..., 2][nearer]
             triangles = np.broadcast_to(part[:, None], columns.shape)[nearer]
-            order = np.argsort(depths)  # the nearest is written last, and so remains
+            order = np.argsort(depths)  # the nearest point is written last, so it stays visible
             pixels = pixels[order]
             depth[pixels] = depths[order]
             image[pixels] = colors[triangles[order]]

@@ -16,14 +16,16 @@ FAR_M = 100.0
 
 
 def base_frame(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array, Array]:
-    """Rotation and position of a body in MuJoCo's world."""
+    """The rotation and the position of a body in MuJoCo's world frame."""
     mujoco.mj_kinematics(mj, data)
     base = mj.body(name).id
     return data.xmat[base].reshape(3, 3).copy(), data.xpos[base].copy()
 
 
 def view_along(forward: Array, up: Array) -> Array:
-    """The matrix from the world into the view: right, down, forward."""
+    """The matrix that converts from the world frame into the view's frame, whose axes are right, down and
+    forward.
+    """
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
@@ -31,7 +33,7 @@ def view_along(forward: Array, up: Array) -> Array:
 
 
 def rays_of(view: Array, width: int, height: int, view_rad: float) -> Array:
-    """Unit vectors through the pixels, row by row, shape (height · width, 3).
+    """Unit vectors from the camera through the pixels, row by row, shape (height · width, 3).
 
     Args:
         view_rad: vertical field of view.
@@ -44,7 +46,7 @@ def rays_of(view: Array, width: int, height: int, view_rad: float) -> Array:
 
 
 def cast(mj: mujoco.MjModel, data: mujoco.MjData, eye: Array, rays: Array) -> Array:
-    """The colours of the pixels, 0 to 1, shape (n, 3), for the bodies' positions in `data`."""
+    """The colours of the pixels, 0 to 1, shape (n, 3). `data` gives the positions of the bodies."""
     count = len(rays)
     geoms, distances, normals = np.empty(count, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(mj, data, eye, rays.ravel(), None, True, -1, geoms, distances, normals, count, FAR_M)

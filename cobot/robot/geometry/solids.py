@@ -1,5 +1,7 @@
-"""Point clouds and height fields as boxes. Each box consists of whole cells of a grid, and neighbouring cells
-are joined; together the boxes are exactly the cells.
+"""Point clouds and height fields as boxes.
+
+Each box consists of whole cells of a grid, and neighbouring cells are joined. Together the boxes are exactly
+the cells.
 """
 
 from __future__ import annotations
@@ -14,9 +16,11 @@ from cobot.errors import InputError, LimitError
 from cobot.types import Array
 
 MAX_SOLIDS = 500
-"""Maximum number of solids of a scene, because a streaming session checks all of them in a cycle."""
+"""Maximum number of solids in a scene, because a streaming session checks all of them in each cycle."""
 HOPELESS = 4 * MAX_SOLIDS
-"""With more boxes in the first order of the axes, it is not worth the time to try the other orders."""
+"""If the first order of the axes gives more boxes than this, the other orders are not tried, because that
+would take too long.
+"""
 MIN_M = 1e-6
 """Minimum height of a column. Lower columns are ignored."""
 MAX_M = 200.0
@@ -36,8 +40,8 @@ def cloud(points: Array, voxel_m: float) -> Array:
         Middle and edges of each box, shape (k, 6), m.
 
     Raises:
-        InputError: there are no points, or one is not finite.
-        LimitError: more boxes than `MAX_SOLIDS`; with a voxel size that fits.
+        InputError: there are no points, or a point is not finite.
+        LimitError: there are more boxes than `MAX_SOLIDS`; the message gives a voxel size that fits.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not np.isfinite(points).all():
@@ -63,7 +67,7 @@ def cloud(points: Array, voxel_m: float) -> Array:
 
 
 def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
-    """A sentence with the smallest edge found that fits. The search doubles the edge, then bisects."""
+    """A sentence with the smallest edge length found that fits. The search doubles the edge, then bisects."""
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):
         low_m = high_m
@@ -85,10 +89,11 @@ def _rounded_up(value: float) -> float:
 
 
 def joined(cells: Array, hopeless: int | None = None) -> Array:
-    """Join distinct cells of a grid, shape (n, 3), to boxes: low and high corner, shape (k, 6), in cells.
+    """Join distinct cells of a grid, shape (n, 3), to boxes. Returns the low and the high corner of each box,
+    shape (k, 6), in cells.
 
-    The best of the six orders of the axes is used; this is not necessarily the smallest number of boxes. If
-    the first order gives more than `hopeless` boxes, the others are not tried.
+    The best of the six orders of the axes is used; it does not necessarily give the smallest number of boxes.
+    If the first order gives more than `hopeless` boxes, the others are not tried.
     """
     single = np.hstack([cells, cells + 1])
     best = single
@@ -117,11 +122,11 @@ def _along(boxes: Array, axis: int) -> Array:
 
 
 def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) -> Array:
-    """A grid of heights as columns; neighbours of the same height are joined.
+    """Convert a grid of heights to columns. Neighbours of the same height are joined.
 
     Args:
         heights: shape (rows, columns), m; rows along y, columns along x; NaN: no column.
-        resolution_m: edge of a cell; the corner of the first one is the origin.
+        resolution_m: edge of a cell; the corner of the first cell is the origin.
         floor_m: bottom of all columns; columns that are not higher are ignored.
         step_m: heights are rounded up to multiples of this above the floor; 0: they are not rounded.
 
@@ -130,7 +135,8 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
 
     Raises:
         InputError: nothing is above the floor.
-        LimitError: more boxes than `MAX_SOLIDS`; with a step that fits, if there is one.
+        LimitError: there are more boxes than `MAX_SOLIDS`; the message gives a step that fits, if there is
+            one.
     """
     above = np.where(np.isnan(heights), 0.0, heights - floor_m)
     if not (above > MIN_M).any():
@@ -153,7 +159,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
 
 
 def _steps(above: Array, step_m: float) -> Array:
-    """Low and high corners, x and y in cells, z in m above the floor."""
+    """The low and the high corner of each column: x and y in cells, z in m above the floor."""
     tops = np.ceil(above / step_m - 1e-9) * step_m if step_m > 0.0 else above
     row, column = np.nonzero(above > MIN_M)
     top = tops[row, column]

@@ -71,7 +71,7 @@ class Visual(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class RobotVisuals:
-    """All entries of a manifest, and the files of their meshes by the names that the entries have."""
+    """All entries of a manifest, and the files of their meshes by the names that the entries use."""
 
     visuals: list[Visual]
     meshes: dict[str, Path]

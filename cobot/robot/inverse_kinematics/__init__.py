@@ -1,8 +1,9 @@
-"""Inverse kinematics: the best joint angles for a TCP pose by a criterion, for any arm.
+"""Inverse kinematics: the best joint angles for a TCP pose according to a criterion, for any arm.
 
-`RobotModel.inverse_kinematics` is the `Arm` that the model's geometry permits: in closed form with all
-branches for S-R-S arms (over the arm angle, `arm_angle`) and the usual six-axis arms, numeric for all others.
-Every answer is within the limits, and at the pose within 1e-9 m and rad by forward kinematics.
+`RobotModel.inverse_kinematics` is the best `Arm` that the model's geometry permits. S-R-S arms (over the arm
+angle, `arm_angle`) and the usual six-axis arms are solved in closed form with all branches. All other arms
+are solved numerically. Every solution is within the joint limits. By forward kinematics it is at the pose
+within 1e-9 m and 1e-9 rad.
 """
 
 from __future__ import annotations
@@ -61,8 +62,9 @@ __all__ = [
 ]
 
 SOLUTIONS = 24
-"""Number of successful descents, for an arm without a closed form, from which the best or all are
-returned."""
+"""Number of successful descents for an arm without a closed form. The best of their results, or all of them,
+are returned.
+"""
 CLEARANCE_SPREAD = 12
 APART_RAD = 1e-3
 PIECE_M, PIECE_RAD = 0.05, 0.2
@@ -78,10 +80,10 @@ Clearance = Callable[[Array], float]
 class Criterion(StrEnum):
     """The criterion that selects among the joints for a pose."""
 
-    NEAREST = "nearest"  # closest to the seed, by the Euclidean distance of the joints
-    LIMITS = "limits"  # largest distance of the joint nearest to its limit, as a share of its range
-    MANIPULABILITY = "manipulability"  # √det(J Jᵀ), m and rad (Yoshikawa 1985)
-    CLEARANCE = "clearance"  # largest value of the caller's function
+    NEAREST = "nearest"  # smallest Euclidean distance of the joints from the seed
+    LIMITS = "limits"  # largest distance to the nearest limit, as a share of the joint's range
+    MANIPULABILITY = "manipulability"  # √det(J Jᵀ), in m and rad (Yoshikawa 1985)
+    CLEARANCE = "clearance"  # largest value of the function that the caller passes
 
 
 COMPILED = {
@@ -103,16 +105,17 @@ def inverse(
 ) -> Array:
     """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
 
-    With a closed form this is the best of all solutions. Otherwise it is the result of a descent from the
-    seed if the nearest solution is requested, and for other criteria the best of several descents from random
-    starts.
+    With a closed form this is the best of all solutions. Otherwise, if the nearest solution is requested, it
+    is the result of a descent from the seed; for other criteria, it is the best result of several descents
+    from random starts.
 
     Args:
-        clearance: distance, m, of joints (dof,) to obstacles, for the criterion of that name.
+        clearance: function from joints, shape (dof,), to their distance from obstacles, m; for the criterion
+            of the same name.
         free: rotations of the TCP that the pose leaves free: none, one or all three.
 
     Raises:
-        UnreachableError: none found; with the reason and the smallest distance of the TCP.
+        UnreachableError: no joint angles were found; reports the reason and the smallest distance of the TCP.
     """
     arm, row = model.kinematics(free), row_of(pose)
     if criterion is Criterion.CLEARANCE or not (arm.closed_form or criterion is Criterion.NEAREST):
@@ -121,7 +124,7 @@ def inverse(
     if joints is None:
         raise out_of_reach(model, pose, seed, random_seed, free)
     if criterion is Criterion.NEAREST and arm.is_vague(joints):
-        # Rounding moves the joints of a closed form here: the descent ends near the seed.
+        # At such joints, rounding errors move the solution of a closed form. A descent ends near the seed.
         near = solve_near(model, pose, seed)
         if near.solved and np.linalg.norm(near.joints - seed) < np.linalg.norm(joints - seed):
             return near.joints
@@ -138,18 +141,19 @@ def inverse_all(
     random_seed: int = 0,
     free: tuple[FreeAxis, ...] = (),
 ) -> list[Array]:
-    """Distinct joint angles, each shape (dof,), rad, that bring the TCP to a pose, best first.
+    """Distinct joint angles, shape (dof,) each, rad, that bring the TCP to a pose, sorted from the best on.
 
-    With a closed form these are the best of each branch in each permitted interval of arm angles; otherwise
-    the results of descents from random starts.
+    With a closed form these are the best solutions of each branch in each permitted interval of arm angles.
+    Otherwise they are the results of descents from random starts.
 
     Args:
-        seed: for the nearest solution; default: the middle of the limits.
-        spread: for an S-R-S arm, number of solutions per such interval, evenly along the arm angle.
-        free: as for `inverse`.
+        seed: joint angles from which the distance of a solution is measured; by default the middle of the
+            limits.
+        spread: for an S-R-S arm, number of solutions per interval, evenly spaced along the arm angle.
+        free: see `inverse`.
 
     Raises:
-        UnreachableError: none found; with the reason and the smallest distance of the TCP.
+        UnreachableError: no joint angles were found; reports the reason and the smallest distance of the TCP.
     """
     limits = model.limits
     arm, row = model.kinematics(free), row_of(pose)
@@ -199,12 +203,12 @@ def _cost(model: RobotModel, joints: Array, seed: Array, criterion: Criterion) -
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
-    """Joint angles, shape (dof,), rad, at a pose, on the branch of the arm at `joints`.
+    """Joint angles, shape (dof,), rad, at a pose, on the same branch of the inverse kinematics as `joints`.
 
     A distant pose is approached on a straight line, in pieces, so that the branch cannot change unnoticed.
 
     Raises:
-        UnreachableError: the pose is too far away, out of reach, or only on another branch.
+        UnreachableError: the pose is too far away, out of reach, or only reachable on a different branch.
     """
     here = model.forward(joints)
     turn = np.array(quaternion.between(here.quaternion.tolist(), pose.quaternion.tolist()))

@@ -16,16 +16,19 @@ from cobot.types import FREE_AXES, Array, FreeAxis, JointLimits
 
 POSE_DOF, POSTURES, NONE_FREE = 6, 4, -1
 MAX_SLOP = 1e-4
-"""Axes that miss each other by less, m, or deviate from parallel by less, rad, count as meeting or parallel,
-because files are rounded. Solutions stay exact: a few numeric steps refine the closed form."""
+"""Axes count as meeting if their distance is less than this, m, and as parallel if their angle is less than
+this, rad, because files are rounded. Solutions stay exact, because a few numeric steps refine the closed
+form.
+"""
 
 
 class Axes:
-    """The joints' axes at rest, in the base frame.
+    """The axes of the joints at one joint position, in the base frame.
 
     Attributes:
-        directions, points: shape (dof, 3): unit vectors, and a point on each axis, m; 0 for a slide.
-        hinges: whether each joint is a hinge.
+        directions, points: unit vector along each axis, and a point on it, m, shape (dof, 3) each. The point
+            of a linear joint is 0.
+        hinges: whether each joint is a rotary joint.
         slop: the largest deviation that the queries have tolerated so far, m or rad.
     """
 
@@ -39,7 +42,7 @@ class Axes:
         self.slop = 0.0
 
     def meet(self, *joints: int) -> Array | None:
-        """The point in which axes meet, shape (3,), or None."""
+        """The point in which axes meet, shape (3,); None if they do not meet."""
         projections = [np.eye(3) - np.outer(self.directions[j], self.directions[j]) for j in joints]
         feet = sum(projection @ self.points[j] for projection, j in zip(projections, joints, strict=True))
         matrix = np.sum(projections, axis=0)
@@ -58,7 +61,9 @@ class Axes:
         return self._accept(off)
 
     def reach(self) -> float:
-        """The largest distance of the TCP from the point on the first axis, m; infinite with slides."""
+        """The largest possible distance of the TCP from the point on the first axis, m; infinite for an arm
+        with linear joints.
+        """
         if not self.hinges.all():
             return np.inf
         places = [*self.points, self.tcp]
@@ -75,7 +80,8 @@ def recognised(chain: Chain, limits: JointLimits, rest: Array, free: Sequence[Fr
 
     Args:
         rest: joint positions, shape (dof,), at which the axes are examined.
-        free: rotations of the TCP that a pose leaves free: none, one or all three; numeric unless none.
+        free: rotations of the TCP that a pose leaves free: none, one or all three. With free rotations the
+            solution is numeric.
     """
     axes = Axes(chain, rest)
     if free:
@@ -85,7 +91,7 @@ def recognised(chain: Chain, limits: JointLimits, rest: Array, free: Sequence[Fr
         return _numeric(chain, limits, rest, axes)
     try:
         found = _srs(chain, limits, rest) if chain.dof == 7 else _six_axis(chain, limits, rest)
-    except InputError:  # parallel where they must not be
+    except InputError:  # axes are parallel that must not be
         found = None
     return found or _numeric(chain, limits, rest, axes)
 
@@ -96,8 +102,9 @@ def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes, free: i
 
 
 def _rank(chain: Chain, limits: JointLimits) -> int:
-    """The number of directions in which the joints can move the TCP: the maximum over some random
-    postures."""
+    """The number of directions in which the joints can move the TCP. It is the maximum over some random
+    postures.
+    """
     random = np.random.default_rng(0)
     postures = random.uniform(limits.min_position, limits.max_position, (POSTURES, chain.dof))
     return max(int(np.linalg.matrix_rank(chain.solve(joints)[2], tol=MAX_SLOP)) for joints in postures)
@@ -149,8 +156,9 @@ def _six_axis(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
 
 
 def _first_three(axes: Axes) -> str:
-    """The kind of closed form for the position of the wrist, from the first three axes; "" if there is
-    none."""
+    """The kind of closed form for the position of the wrist, selected from the first three axes; "" if there
+    is none.
+    """
     kinds: Sequence[tuple[str, bool]] = (
         ("second and third axis parallel", axes.parallel(1, 2)),
         ("first and second axis meet", axes.meet(0, 1) is not None),
@@ -160,6 +168,7 @@ def _first_three(axes: Axes) -> str:
 
 
 def _refinement_tolerance(slop: float) -> float:
-    """The tolerance of the numeric refinement: 3 times the inaccuracy of the axes, because it adds up along
-    the arm; 0 if it is only the rounding of the file."""
+    """The tolerance of the numeric refinement. It is 3 times the inaccuracy of the axes, because the
+    inaccuracy adds up along the arm. It is 0 if the inaccuracy is only the rounding of the file.
+    """
     return 3.0 * slop if slop > 1e-10 else 0.0

@@ -17,21 +17,25 @@ if TYPE_CHECKING:
 
 STEPS = 60
 MIN_GAP_M = 1e-6
-"""A pose that is beyond the reach by less is not reported as out of reach."""
+"""A pose that is beyond the reach by less than this is not reported as out of reach."""
 NEAR_STARTS, NEAR_STEPS = 12, 300
-"""Random starts and steps of the descents towards an unreachable pose."""
+"""Number of random starts, and number of steps, of the descents towards an unreachable pose."""
 TURN_RAD = 2.0 * np.pi
 NEAR_M, NEAR_RAD = 5e-5, float(np.radians(0.01))
-"""Tolerance within which an arm that cannot move its TCP in all six directions counts as being at a pose."""
+"""Tolerance for an arm that cannot move its TCP in all six directions: within it, the arm counts as being at
+the pose.
+"""
 POSE_DOF = 6
 ROUNDING = 1e-6
-"""Values below this are reported as 0, mm or degrees."""
+"""Values below this, mm or degrees, are reported as 0."""
 NUMBERS = ("no", "one", "two", "three", "four", "five")
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """The end of a descent: a solution, or the nearest point that it reached (m, rad)."""
+    """The end of a descent: a solution, or the point nearest to the pose that the descent reached (m,
+    rad).
+    """
 
     joints: Array
     solved: bool
@@ -45,7 +49,7 @@ class Cause:
 
     Attributes:
         says: the reason as a clause of a sentence.
-        finding: the same as numbers; None if there is no number.
+        finding: the same reason as numbers; None if there are no numbers.
     """
 
     says: str
@@ -53,7 +57,7 @@ class Cause:
 
 
 def row_of(pose: Pose) -> Array:
-    """x, y, z (m) and w, x, y, z, shape (7,)."""
+    """The pose as one row: x, y, z (m) and w, x, y, z, shape (7,)."""
     return np.concatenate([pose.position, pose.quaternion])
 
 
@@ -76,8 +80,9 @@ def solve_near(
 def nearest_to(
     model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0, free: tuple[FreeAxis, ...] = ()
 ) -> Descent:
-    """The smallest distance of the TCP from an unreachable pose: the best of several descents, one from the
-    seed."""
+    """Find the smallest distance of the TCP from an unreachable pose. It is the best result of several
+    descents, one of which starts from the seed.
+    """
     random, limits = np.random.default_rng(random_seed), model.limits
     starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
     descend, row = model.kinematics(free).descend, row_of(pose)
@@ -88,9 +93,9 @@ def nearest_to(
 def freed(
     model: RobotModel, pose: Pose, seed: Array, free: tuple[FreeAxis, ...] = ()
 ) -> tuple[FreeAxis, ...] | None:
-    """The rotations of the TCP that must be free for an arm to reach a pose: one if that is enough,
-    preferably about z, along which tools point. None if the arm can move its TCP in every direction, or if no
-    free rotation helps.
+    """The rotations of the TCP that must be free so that the arm reaches a pose. If one rotation is enough,
+    it is only one, preferably about z, along which tools point. None if the arm can move its TCP in every
+    direction, or if no free rotation helps.
     """
     if not model.inverse_kinematics.lacking:
         return None
@@ -98,7 +103,7 @@ def freed(
 
 
 def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
-    """Larger sets of free rotations: one, about z first, then all."""
+    """Larger sets of free rotations: first each single rotation, starting with z, then all of them."""
     if not free:
         yield from ((axis,) for axis in reversed(FREE_AXES))
     if len(free) < len(FREE_AXES):
@@ -108,7 +113,8 @@ def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
 def cause_of(
     model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...] = (), share: float = 1.0
 ) -> Cause:
-    """The reason why no joints lead to a pose, given the descent that came nearest.
+    """The reason why no joints lead to a pose. `near` is the result of the descent that came nearest to the
+    pose.
 
     Args:
         share: place of the pose in a motion.
@@ -127,7 +133,7 @@ def cause_of(
 def _limit(
     model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...], share: float
 ) -> Cause | None:
-    """The joint that would have to go beyond its limit."""
+    """The joint that would have to go beyond its limit to reach the pose."""
     limits = model.limits
     slides = np.array(limits.slides or (False,) * limits.dof)
     more = np.where(slides, limits.max_position - limits.min_position, TURN_RAD)
@@ -148,7 +154,7 @@ def _limit(
 
 
 def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...]) -> Cause | None:
-    """The missing ability of an arm that has too few joints for every pose."""
+    """The ability that is missing in an arm with too few joints for every pose."""
     if not model.inverse_kinematics.lacking:
         return None
     dof = model.limits.dof
@@ -174,7 +180,9 @@ def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeA
 def out_of_reach(
     model: RobotModel, pose: Pose, seed: Array, random_seed: int, free: tuple[FreeAxis, ...] = ()
 ) -> UnreachableError:
-    """The error for a pose without joints: the reason, and the smallest distance of the TCP."""
+    """The error for a pose that no joints lead to. It reports the reason and the smallest distance of the
+    TCP.
+    """
     x, y, z = pose.position
     nearest = nearest_to(model, pose, seed, random_seed, free)
     cause = cause_of(model, pose, nearest.joints, free)
@@ -203,7 +211,9 @@ def missing(
 
 
 def allowed(model: RobotModel) -> str:
-    """The end of a message, with the tolerance of an arm with fewer than six joints; "" for other arms."""
+    """The end of a message, which gives the tolerance of an arm with fewer than six joints; "" for other
+    arms.
+    """
     if not model.inverse_kinematics.lacking:
         return ""
     return f", allowed: {1e3 * NEAR_M:g} mm and {np.degrees(NEAR_RAD):g} degrees"
@@ -215,7 +225,7 @@ def apart(distance_m: float, angle_rad: float) -> str:
 
 
 def _digits(value: float) -> str:
-    """Three significant digits, without an exponent; 0 for rounding alone."""
+    """Three significant digits without an exponent; 0 if the value is only rounding."""
     if value >= 1000.0 or value < ROUNDING:
         return f"{value:.0f}"
     return np.format_float_positional(value, precision=3, fractional=False, trim="-")
