@@ -1,1 +1,1 @@
-"""The DDS side of the service, with which ROS 2 nodes communicate."""
+"""The part of the service that speaks DDS, with which ROS 2 nodes communicate."""

@@ -11,7 +11,7 @@ from cobot.launch.process import Niceness, die_with_parent, in_words, set_nicene
 
 
 def start() -> int:
-    from cobot.dds.process import main  # takes a second, in which the supervisor might die unnoticed
+    from cobot.dds.process import main  # takes a second, in which the supervisor might end unnoticed
 
     return main()
 
@@ -22,7 +22,7 @@ if __name__ == "__main__":
     atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     set_niceness(Niceness.PROMPT, session=True)
-    gc.disable()  # until all is there that stays: see `cobot.dds.process`
+    gc.disable()  # until all permanent objects exist: see `cobot.dds.process`
     if PARTICIPANT_RECORD in sys.argv[:-1]:
         from cobot.dds.rtps import ParticipantRecord
 

@@ -1,8 +1,8 @@
 """`python -m cobot.dds.action_client SETTINGS`: a client of one action and one joint, for a gripper's driver.
 
-It is a separate process, so that network traffic never delays the service. It ends when its standard input
-ends. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`, `type`,
-`joint_states` and `joint`. Each line of its input is a goal, `{"number": 1, "goal": {...}}`, or a
+The client is a separate process, so that network traffic never delays the service. It ends when its standard
+input ends. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`,
+`type`, `joint_states` and `joint`. Each line of its input is a goal, `{"number": 1, "goal": {...}}`, or a
 cancellation, `{"cancel": 1}`. Each line of its output is a JSON object with `what`:
 
     ready       the server of the action is there, or not; five times a second

@@ -1,4 +1,6 @@
-"""A server of an action for other ROS 2 nodes: three services and two topics below `NAME/_action/`."""
+"""A server of an action for other ROS 2 nodes. It consists of three services and two topics below
+`NAME/_action/`.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +27,11 @@ class _Goal:
 
 
 class DdsActionServer:
-    """Serves an action. Goals are named by the text of their id.
+    """Serves an action. A goal's name is its id as text.
 
     Args:
         on_goal: called with the name and the goal before the answer. Returns whether the goal is accepted.
-        on_accepted: called with both after the answer.
+        on_accepted: called with the name and the goal after the answer.
         on_cancel: called with the name of a goal to cancel. Returns whether it is cancelled.
     """
 
@@ -51,7 +53,7 @@ class DdsActionServer:
         messages = node.messages
         for part in ("SendGoal_Request", "SendGoal_Response", "GetResult_Response", "FeedbackMessage"):
             kind = f"{type_}_{part}"
-            messages.from_cdr(kind, messages.to_cdr(kind, {}))  # else the first goal takes 0.1 s longer
+            messages.from_cdr(kind, messages.to_cdr(kind, {}))  # otherwise the first goal takes 0.1 s longer
         self._services = [
             node.service(f"{below}/send_goal", f"{type_}_SendGoal", self._take_goal),
             node.service(f"{below}/cancel_goal", "action_msgs/srv/CancelGoal", self._cancel),
@@ -59,7 +61,7 @@ class DdsActionServer:
         ]
 
     def feedback(self, name: str, message: Message) -> None:
-        """Tell how a goal is going."""
+        """Send feedback on a goal to the clients."""
         self._feedback.publish({"goal_id": self._goals[name].id, "feedback": message})
 
     def end(self, name: str, status: int, result: Message) -> None:
@@ -90,7 +92,7 @@ class DdsActionServer:
         return {"accepted": True, "stamp": stamp}
 
     async def _cancel(self, request: Message) -> Message:
-        """Cancel as action_msgs/srv/CancelGoal says: by id, by time, or all."""
+        """Cancel goals as action_msgs/srv/CancelGoal defines: by id, by time, or all."""
         info = request["goal_info"]
         wanted, stamp = info["goal_id"]["uuid"], info["stamp"]
         is_any = not any(self._node.messages.octets(wanted))

@@ -58,25 +58,29 @@ DATAGRAM_BYTES = 4096
 SEND_GOAL = "control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"
 BEGIN, END = "rq", "/_action/send_goalRequest"
 OWN = "/cobot"
-"""Prefix of the names of cobot's own participants. Their actions do not count as those of an arm."""
+"""Prefix of the names of cobot's own participants. Their actions do not count as actions of an arm."""
 LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
 RATE_S = 1.0
 COMMAND_LIFESPAN_S = 0.1
-"""Age after which a lost command is not repeated, s: after a fault the arm may be somewhere else."""
+"""Age after which a lost command is not repeated, s. After a fault, the arm may be at a different
+position.
+"""
 REJECTED = 1
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
-"""A cancel with this id and time stamp 0 cancels all goals."""
+"""A request to cancel with this id and time stamp 0 cancels all goals."""
 LINE_BYTES = 1 << 16
 OWN_GOALS = 100
-"""Number of the newest own goals whose ids are kept. Only goals that still run are looked up."""
+"""Number of own goals whose ids are kept; the newest ones are kept. Only goals that are still running are
+looked up.
+"""
 
 
 class Goal:
     """The newest goal.
 
     Attributes:
-        id: its id.
-        facts: see `rtloop.backends.ros2_control.link.GoalFacts`; without the times.
+        id: id of the goal.
+        facts: see `rtloop.backends.ros2_control.link.GoalFacts`, without its times.
         sent_s, ended_s, feedback_s: times of sending, of the end and of the last feedback, on the monotonic
             clock.
     """
@@ -87,14 +91,14 @@ class Goal:
         self.sent_s = time.monotonic()
         self.ended_s: float | None = None
         self.feedback_s = -math.inf
-        self.late = False  # given up before the answer came
+        self.late = False  # whether it was given up before the answer arrived
 
     @property
     def is_active(self) -> bool:
         return bool(self.facts["accepted"]) and self.facts["status"] is None and not self.facts["lost"]
 
     def facts_at(self, now_s: float) -> dict[str, Any]:
-        """The facts of the goal, with its running time and the age of its feedback at `now_s`."""
+        """The facts about the goal at `now_s`, including its running time and the age of its feedback."""
         running_s = (self.ended_s or now_s) - self.sent_s
         age_s = min(now_s - self.feedback_s, 1e9)
         return {**self.facts, "running_s": running_s, "feedback_age_s": age_s}
@@ -143,7 +147,7 @@ class ArmClient:
             self._socket.setblocking(False)
             node.loop.add_reader(self._socket, self._take_commands)
         for type_ in (f"{FOLLOW}_SendGoal_Request", "action_msgs/srv/CancelGoal_Request"):
-            node.messages.to_cdr(type_, {})  # else the first goal and the first stop take 0.05 s longer
+            node.messages.to_cdr(type_, {})  # otherwise the first goal and the first stop take 0.05 s longer
 
     async def serve(self) -> None:
         """Answer the lines of standard input, until it ends."""
@@ -168,7 +172,7 @@ class ArmClient:
             await self._leave_nothing()
 
     async def _leave_nothing(self) -> None:
-        """Cancel the goal, also one whose answer is late."""
+        """Cancel the goal, even if the answer to it is late."""
         goal = self._goal
         if goal is None:
             return
@@ -231,7 +235,7 @@ class ArmClient:
         }
 
     def _held(self, now_s: float) -> dict[str, Any]:
-        """Where the controller has the arm's joints, if it publishes its state."""
+        """The positions at which the controller holds the arm's joints, if it publishes its state."""
         state = self._state
         if state is None or not set(self._joints) <= set(state.positions):
             return {"held": None, "held_age_s": 1e9}
@@ -246,7 +250,7 @@ class ArmClient:
         return self._action is not None and self._action.is_ready
 
     def _name_of(self, controller: str) -> str:
-        """The action of a controller, or the topic of its commands."""
+        """The name of a controller's action, or of the topic for its commands."""
         end = "follow_joint_trajectory" if self._socket is None else "commands"
         return f"{self._settings['namespace']}/{controller}/{end}"
 
@@ -254,7 +258,7 @@ class ArmClient:
         return any(each["name"] == name and each["state"] == "active" for each in self._controllers or ())
 
     async def _keep_listing(self) -> None:
-        """Ask for the controllers again and again, and choose one."""
+        """Request the list of controllers repeatedly, and choose one of them."""
         while True:
             self._look.clear()
             if self._lister.is_ready:
@@ -267,7 +271,7 @@ class ArmClient:
                 await asyncio.wait_for(self._look.wait(), LIST_S)
 
     def _choose(self) -> None:
-        """Choose the controller of the arm's joints, and its action."""
+        """Choose the controller that moves the arm's joints, and its action."""
         namespace = self._settings["namespace"]
         if self._lister.is_ready or self._controllers is not None:
             able_one = takes_trajectories if self._socket is None else takes_positions
@@ -287,7 +291,7 @@ class ArmClient:
                 self._connect(name)
 
     def _actions(self, below: str) -> list[str]:
-        """The actions in the graph, or the topics of commands."""
+        """The actions in the graph, or the topics for commands."""
         goals = self._socket is None
         begin, last, type_name = (
             (BEGIN, END, SEND_GOAL) if goals else (COMMANDS_BEGIN, COMMANDS_END, COMMANDS_READER)
@@ -429,7 +433,9 @@ class ArmClient:
     # Topics
 
     def _take_joints(self, message: Message) -> None:
-        """Take the joints by their names. Other devices may publish theirs on the same topic."""
+        """Read the joints by their names, because other devices may publish their joints on the same
+        topic.
+        """
         places = {name: place for place, name in enumerate(message["name"])}
         missing = [
             name for name in self._joints if name not in places or places[name] >= len(message["position"])
@@ -449,11 +455,11 @@ class ArmClient:
         if self._socket is not None:
             nothing = [math.nan] * len(self._joints)
             rows = [value for row in self._rows.values() for value in row or nothing]
-            with contextlib.suppress(OSError):  # rtloop has not read the last ones: it is busy, or gone
+            with contextlib.suppress(OSError):  # rtloop has not read the last ones: busy or gone
                 self._socket.send(struct.pack(f"<{1 + len(rows)}d", self._joint_s[-1], *rows))
 
     def _take_commands(self) -> None:
-        """Publish the newest command; the controller takes no other either."""
+        """Publish only the newest command, because the controller uses no other."""
         assert self._socket is not None
         newest = b""
         with contextlib.suppress(OSError):
@@ -467,7 +473,7 @@ class ArmClient:
 
 
 def make_participant(settings: dict[str, Any], name: NodeName) -> Participant:
-    """The participant on the networks of the settings."""
+    """Make a participant on the networks that the settings name."""
     return Participant(
         settings["domain_id"],
         settings["interfaces"] or None,
@@ -494,7 +500,7 @@ async def _serve(settings: dict[str, Any]) -> None:
 if __name__ == "__main__":
     leave_real_time()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_IGN)  # it ends with rtloop, after it has cancelled its goal
+        signal.signal(number, signal.SIG_IGN)  # ends with rtloop, after it has cancelled its goal
     try:
         asyncio.run(_serve(json.loads(sys.argv[1])))
     except CobotError as exc:

@@ -1,6 +1,7 @@
-"""Inputs and outputs of an arm's driver: of a GPIO controller, or by services of the driver.
+"""Inputs and outputs of an arm's driver, through a GPIO controller or through the driver's services.
 
-Interfaces of a GPIO controller are called GPIO/INTERFACE; those of services as in `cobot.ros.driver_io`.
+The interfaces of a GPIO controller are called GPIO/INTERFACE. The names of those that use services are
+defined in `cobot.ros.driver_io`.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from cobot.ros.driver_io import DRIVERS, MAX_AGE_S, DriverIoKind, DriverIoServic
 
 IO_STATES = "ur_msgs/msg/IOStates"
 READ_S = 0.2
-"""Time between two readings of the inputs and outputs of a kind, s."""
+"""Time between two readings of all inputs and outputs of one kind, s."""
 
 
 class ArmIo(Protocol):
     """Inputs and outputs of a driver.
 
     Attributes:
-        values: last values of the used interfaces, by their names.
-        heard_s: when they came, on the monotonic clock.
-        problem: reason why an output was not set although `set_output` has sent it, or was set late, or why
-            an interface cannot be read; "" if none is known.
+        values: latest values of the interfaces in use, by their names.
+        heard_s: time at which the values arrived, on the monotonic clock.
+        problem: the reason why an output that `set_output` has sent was not set or was set late, or why an
+            interface cannot be read; "" if there is no known problem.
     """
 
     @property
@@ -44,19 +45,22 @@ class ArmIo(Protocol):
     def problem(self) -> str: ...
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send the value of an output, without a wait for the driver: a stop may be the next request.
+        """Send the value of an output. This does not wait for the driver, because the next request may be a
+        stop.
 
         Raises:
-            CobotError: it cannot be sent; the error has the reason.
+            CobotError: the value cannot be sent; the error gives the reason.
         """
         ...
 
 
 class GpioIo:
-    """An `ArmIo` of a GPIO controller."""
+    """An `ArmIo` that uses a GPIO controller."""
 
     def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
-        """timeout_s: timeout for the report of a value that was set, s."""
+        """Args:
+        timeout_s: time within which the controller must report a value that was set, s.
+        """
         self.values: dict[str, float] = {}
         self.heard_s, self.problem = -math.inf, ""
         self._controller, self._interfaces = controller, interfaces
@@ -66,8 +70,10 @@ class GpioIo:
         self._commands = node.publisher(f"{controller}/commands", GPIO, lifespan_s=timeout_s)
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send all outputs that were set so far: the controller keeps only the newest message of its cycle,
-        so earlier values must be in it too. A value that was not set in time is not sent again.
+        """Send all outputs that were set so far. A value that was not set in time is not sent again.
+
+        The controller uses only the newest message of its cycle, so each message must also contain the
+        earlier values.
         """
         if not self._commands.readers:
             raise CobotError(
@@ -90,16 +96,16 @@ class GpioIo:
 
 
 class ServiceIo:
-    """The outputs of an `ArmIo` of a driver with services."""
+    """The outputs of an `ArmIo` that uses the services of a driver."""
 
     def __init__(
         self, node: DdsNode, driver: str, below: str, interfaces: Collection[str], timeout_s: float
     ) -> None:
         """
         Args:
-            driver: its name in `DRIVERS`.
-            below: what the names of the services begin with.
-            timeout_s: timeout for an answer of the driver, s.
+            driver: name of the driver in `DRIVERS`.
+            below: prefix of the names of the services.
+            timeout_s: timeout for an answer from the driver, s.
         """
         self._driver, self._below, self._timeout_s = DRIVERS[driver], below, timeout_s
         self._places = {each: self._place(each) for each in interfaces}
@@ -136,7 +142,7 @@ class ServiceIo:
         task.add_done_callback(self._tasks.discard)
 
     def _begin(self, failed: str, service: DriverIoService) -> str:
-        """The begin of a message about a service."""
+        """The beginning of a message about a service."""
         return f"{failed}: the service {self._below}/{service.name}"
 
     def _without_server(self, begin: str) -> str:
@@ -160,16 +166,16 @@ class ServiceIo:
             self._confirm(interface, value, sent)
 
     def _confirm(self, interface: str, value: float, sent: SentOutput) -> None:
-        """Take note that the driver has set an output."""
+        """Record that the driver has set an output."""
 
     async def _ask(self, begin: str, service: DriverIoService, request: Message) -> Message:
-        """The answer of a service.
+        """Call a service of the driver, and return its answer.
 
         Raises:
-            CobotError: there is none, caused by a TimeoutError, or it cannot be read.
+            CobotError: there is no answer (the cause is then a TimeoutError), or it cannot be read.
         """
         try:
-            async with asyncio.timeout(self._timeout_s):  # wait_for may ignore that the task is cancelled
+            async with asyncio.timeout(self._timeout_s):  # wait_for may ignore the cancellation of the task
                 return await self._services[service.name].call(request)
         except TimeoutError as exc:
             raise CobotError(f"{begin} has not answered within {self._timeout_s:g} s") from exc
@@ -187,7 +193,7 @@ def _rejection(begin: str, service: DriverIoService, answer: Message) -> str:
 
 
 class UrIo(ServiceIo):
-    """An `ArmIo` of the driver of Universal Robots, which publishes the values."""
+    """An `ArmIo` for the driver of Universal Robots, which publishes the values."""
 
     def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
         super().__init__(node, "ur", controller, interfaces, timeout_s)
@@ -207,9 +213,9 @@ class UrIo(ServiceIo):
 
 
 class PolledIo(ServiceIo):
-    """An `ArmIo` of a driver whose values must be read again and again.
+    """An `ArmIo` for a driver whose values must be read repeatedly.
 
-    If the driver cannot read an output, its value is the one that the driver has last confirmed.
+    If the driver cannot read an output, the value is the one that the driver has last confirmed.
     """
 
     def __init__(
@@ -238,7 +244,7 @@ class PolledIo(ServiceIo):
 
     @property
     def heard_s(self) -> float:
-        """Now, because `values` has no old ones."""
+        """The current time, because `values` contains no old values."""
         return time.monotonic()
 
     @property
@@ -246,7 +252,7 @@ class PolledIo(ServiceIo):
         return self._problem or next(iter(self._unread.values()), "")
 
     async def _keep_reading(self, names: list[str]) -> None:
-        """Read interfaces that have one service in common."""
+        """Read the interfaces that use one common service, repeatedly."""
         service = self._places[names[0]][0].read
         assert service is not None
         ready_s = time.monotonic()
@@ -270,7 +276,7 @@ class PolledIo(ServiceIo):
                     answer = await self._ask(begin, service, request)
             except CobotError as exc:
                 self._unread[name] = str(exc)
-                return  # the rest of this service would have to wait as long
+                return  # the other interfaces of this service would wait as long
             if problem := _rejection(begin, service, answer):
                 self._unread[name] = problem
                 continue
@@ -294,7 +300,7 @@ def arm_io(node: DdsNode, driver: str, below: str, interfaces: Collection[str], 
 
     Args:
         driver: value of `robot.backend.io`.
-        below: the GPIO controller, or what the names of the driver's services begin with.
+        below: name of the GPIO controller, or prefix of the names of the driver's services.
     """
     if driver == "gpio":
         return GpioIo(node, below, interfaces, timeout_s)

@@ -1,4 +1,4 @@
-"""Clients of services and actions of other ROS 2 nodes."""
+"""Clients for services and actions of other ROS 2 nodes."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class ServiceCaller:
 
     @property
     def is_ready(self) -> bool:
-        """Whether a server is there."""
+        """Whether a server of the service exists."""
         return bool(self._writer.matched) and bool(self._reader.matched)
 
     async def call(self, request: Message) -> Message:
-        """Call it and wait for the answer, however long it takes.
+        """Call the service and wait for the answer, without a timeout.
 
         Raises:
-            InputError: the request does not fit the type, or the answer cannot be read.
+            InputError: the request does not match the type, or the answer cannot be read.
         """
         content = self._node.messages.to_cdr(f"{self._type}_Request", request)
         number = self._writer.write(content, related=SampleIdentity(self._reader.guid, 0))
@@ -62,13 +62,13 @@ class ServiceCaller:
             del self._waiting[number]
 
     def close(self) -> None:
-        """Stop; calls in progress get no answer."""
+        """Stop. Calls in progress get no answer."""
         self._node.graph.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()
 
     def _take(self, sample: Sample) -> None:
-        """Handle an answer. Answers to other clients arrive here too."""
+        """Process an answer. Answers to other clients also arrive here."""
         asked = sample.related
         if asked is None or asked.writer not in (self._reader.guid, self._writer.guid):
             return
@@ -81,7 +81,7 @@ class ServiceCaller:
             answer.set_exception(exc)
 
     def _read(self, payload: bytes) -> Message:
-        """The answer in CDR."""
+        """Read an answer, which is encoded as CDR."""
         return self._node.messages.from_cdr(f"{self._type}_Response", payload)
 
 
@@ -90,9 +90,9 @@ class ActionCaller:
 
     Args:
         on_feedback: called with each feedback of the newest goal.
-        on_last: called with the result of the last goal that had ended before this client connected; None:
+        on_last: called with the result of the last goal that ended before this client connected. With None,
             this result is not requested.
-        on_status: called with the status list of the server's goals.
+        on_status: called with the list of the states of the server's goals.
         goal_lifespan_s: age after which a lost goal is not repeated, s.
     """
 
@@ -126,7 +126,7 @@ class ActionCaller:
 
     @property
     def is_ready(self) -> bool:
-        """Whether a server is there."""
+        """Whether a server of the action exists."""
         return all(each.is_ready for each in (self._send, self._result, self._cancel))
 
     async def send(self, goal: Message, goal_id: Message | None = None) -> Message | None:
@@ -140,15 +140,17 @@ class ActionCaller:
         return goal_id if answer["accepted"] else None
 
     async def result(self, goal_id: Message) -> Message:
-        """The status and the result of a goal, when it has ended."""
+        """Wait until a goal has ended, and return its status and its result."""
         return await self._result.call({"goal_id": goal_id})
 
     async def cancel(self, goal_id: Message) -> Message:
-        """Cancel a goal; it ends when the server ends it. Returns the answer, with its `return_code`."""
+        """Ask the server to cancel a goal. Returns the answer with its `return_code`; the goal ends later,
+        when the server ends it.
+        """
         return await self._cancel.call({"goal_info": {"goal_id": goal_id}})
 
     def close(self) -> None:
-        """Stop; the server's goals go on."""
+        """Stop. Goals that run in the server continue."""
         for topic in self._ends:
             topic.close()
         for service in (self._send, self._result, self._cancel):

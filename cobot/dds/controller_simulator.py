@@ -1,6 +1,9 @@
-"""`cobot simulate ros2_control`: the controllers of an arm without the arm, as ros2_control has with mock
-hardware: a joint trajectory controller with its action and topic, a forward position controller, a controller
-manager that lists and switches them, a GPIO controller, joint states, and the robot's description."""
+"""`cobot simulate ros2_control`: the controllers of an arm, without the arm.
+
+They correspond to those of ros2_control with mock hardware: a joint trajectory controller with its action and
+topic, a forward position controller, a controller manager that lists and switches them, a GPIO controller,
+joint states, and the robot's description.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 COMMANDS, FLOAT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float64"
 FEEDBACK_S, SCALING_S = 0.05, 0.1
 TOPIC = "topic"
-"""Name of the motion that came on the topic instead of the action."""
+"""Name of a motion that arrives on the topic instead of the action."""
 INTERFACES = ("position", "velocity")
 GPIO_CONTROLLER = "gpio_command_controller"
 
@@ -43,9 +46,9 @@ class SimulatedControllers:
     """See the module.
 
     Args:
-        joints: names, with their prefix.
-        position: where the arm begins, shape (dof,), rad.
-        gpio: interfaces of the GPIO controller, GPIO/INTERFACE. Each can be set, and begins with 0.
+        joints: names of the joints, with their prefix.
+        position: joint positions at the start, shape (dof,), rad.
+        gpio: interfaces of the GPIO controller as GPIO/INTERFACE. Each can be set, and its first value is 0.
     """
 
     def __init__(
@@ -90,7 +93,7 @@ class SimulatedControllers:
         )
 
     async def run(self, rate_hz: float) -> None:
-        """Move with time, until cancelled."""
+        """Simulate the motion in real time, until this task is cancelled."""
         period_s = 1.0 / rate_hz
         feedback_s = scaling_s = due_s = time.monotonic()
         while True:
@@ -114,7 +117,7 @@ class SimulatedControllers:
         return self._time_s
 
     def switch(self, *, activate: set[str], deactivate: set[str]) -> bool:
-        """Activate and deactivate controllers. Two controllers cannot have the same joints.
+        """Activate and deactivate controllers. Two active controllers cannot share joints.
 
         Returns:
             Whether the controllers were switched.
@@ -244,7 +247,7 @@ class SimulatedControllers:
 
 
 def main() -> int:
-    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if the process could not start."""
     chosen = _parser().parse_args()
     try:
         asyncio.run(_serve(chosen, load_settings(chosen.config).of(chosen.robot)))
@@ -306,7 +309,7 @@ async def _serve(chosen: argparse.Namespace, settings: Settings) -> None:
 
 
 def _description(robot: RobotDescription, settings: Settings, prefix: str) -> Message:
-    """The URDF; the names of its joints have the prefix."""
+    """The robot's URDF as a message. The names of its joints have the prefix."""
     made = RobotMessages(robot.model, settings.robot.base_frame, settings.robot.tcp).description()
     if prefix:
         for name in robot.limits.names:
@@ -339,7 +342,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _interface(argument: str) -> str:
-    """The name of an input or output."""
+    """Check the name of an input or output in an argument."""
     gpio, _, name = argument.rpartition("/")
     if not gpio or not name:
         raise argparse.ArgumentTypeError(
@@ -349,7 +352,7 @@ def _interface(argument: str) -> str:
 
 
 def _within(kind: type[float], least: float, most: float) -> Callable[[str], float]:
-    """The type of an argument: a number of this kind within this range."""
+    """A function that reads an argument as a number of this kind and checks that it is within this range."""
 
     def read(argument: str) -> float:
         try:

@@ -1,7 +1,8 @@
-"""The state that a joint trajectory controller publishes, also at rest: the positions of its joints.
+"""The state that a joint trajectory controller publishes: the positions of its joints. It is also published
+while the arm does not move.
 
-Releases of control_msgs differ in what follows the second point of the message, so only its beginning is
-read: header, names of the joints, the reference, and what the controller measures.
+Releases of control_msgs differ in the fields after the second point of the message. So only the beginning is
+read: the header, the names of the joints, the reference, and the measured state.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class ControllerState:
 
     Attributes:
         positions: measured positions by the names of the joints.
-        heard_s: time of their arrival, on the monotonic clock.
+        heard_s: time at which they arrived, on the monotonic clock.
     """
 
     def __init__(self, node: DdsNode, controller: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -91,28 +92,28 @@ class _Cdr:
         self._data, self._at = content[4:], 0
 
     def number(self, code: str) -> int:
-        """An integer of a code of struct."""
+        """Read an integer, whose format is a code of `struct`."""
         return int(self._values(code)[0])
 
     def count(self) -> int:
-        """The number of items that follow."""
+        """Read the number of items that follow."""
         count = self.number("I")
         if count > MAX_ITEMS:
             raise InputError(f"{TYPE}: has a list of {count} items, allowed: {MAX_ITEMS}")
         return count
 
     def text(self) -> str:
-        """A text with its length."""
+        """Read a text, which follows its length."""
         (found,) = self._values(f"{self.count()}s")
         return str(found.rstrip(b"\0"), "utf-8")
 
     def doubles(self) -> list[float]:
-        """A list of numbers."""
+        """Read a list of numbers."""
         count = self.count()
-        return list(self._values(f"{count}d")) if count else []  # an empty list has no padding
+        return list(self._values(f"{count}d")) if count else []  # an empty list is not padded
 
     def _values(self, code: str) -> tuple[Any, ...]:
-        """The next values of a code of struct, after the padding for their type."""
+        """Read the next values, whose format is a code of `struct`, after the padding for their type."""
         self._at += -self._at % struct.calcsize(code[-1])
         found = struct.unpack_from(self._order + code, self._data, self._at)
         self._at += struct.calcsize(code)

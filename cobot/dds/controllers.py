@@ -1,4 +1,4 @@
-"""The controllers of a ros2_control: a client of its controller manager."""
+"""The controllers of a ros2_control system, read by a client of its controller manager."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from cobot.errors import CobotError, InputError
 
 LIST = "controller_manager_msgs/srv/ListControllers"
 LAYOUTS = tuple(f"controller_manager_msgs/srv/{name}ListControllers" for name in ("", "Humble", "Exporting"))
-"""The answer has other fields in Jazzy, in Humble, and in releases without is_async. Services carry no type
-hash, so the layout that fits the answer is used.
+"""The fields of the answer differ between Jazzy, Humble, and releases without is_async. The type hash of a
+service is not sent, so the layout that matches the answer is used.
 """
 STATES = frozenset({"unconfigured", "inactive", "active", "finalized", "unknown"})
 TRAJECTORIES = "JointTrajectoryController"
-"""Ending of the type names of controllers that accept trajectories; UR's type is
+"""Ending of the type names of controllers that accept trajectories. For example, the type in UR's driver is
 ScaledJointTrajectoryController.
 """
 
@@ -24,7 +24,7 @@ POSITIONS = ("ForwardCommandController", "JointGroupPositionController")
 
 
 class ControllerLister(ServiceCaller):
-    """Asks a controller manager for its controllers."""
+    """Requests the list of controllers from a controller manager."""
 
     def __init__(self, node: DdsNode, manager: str) -> None:
         super().__init__(node, f"{manager}/list_controllers", LIST)
@@ -45,12 +45,12 @@ class ControllerLister(ServiceCaller):
 
 
 def takes_trajectories(controller: dict[str, Any]) -> bool:
-    """Whether it is a joint trajectory controller."""
+    """Whether a controller is a joint trajectory controller."""
     return str(controller["type"]).endswith(TRAJECTORIES)
 
 
 def takes_positions(controller: dict[str, Any]) -> bool:
-    """Whether it passes positions on as they come."""
+    """Whether a controller forwards positions to the drives as they arrive."""
     return str(controller["type"]).endswith(POSITIONS) and set(controller["interfaces"]) == {"position"}
 
 

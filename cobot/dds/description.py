@@ -1,7 +1,8 @@
 """`python -m cobot.dds.description SETTINGS`: prints the URDF on the topic robot_description of a namespace.
 
 SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`, `namespace`, `timeout_s`. The
-topic is latched (transient local). The exit status is 0, or 1 with a sentence on standard error.
+topic is latched (transient local). The exit status is 0. If the URDF cannot be read, it is 1, and a sentence
+on standard error gives the reason.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ TOPIC = "/robot_description"
 
 
 async def read_description(settings: dict[str, Any]) -> str:
-    """The description.
+    """Wait for the URDF and return it.
 
     Raises:
-        UnavailableError: it does not come; lists the topics of this name that there are.
+        UnavailableError: the URDF does not arrive; lists the topics of this name that exist.
     """
     loop = asyncio.get_running_loop()
     participant = make_participant(settings, NAME)

@@ -1,12 +1,13 @@
 """Mirrors the graph of the web service to DDS, in both directions: services, actions and topics.
 
 The service's topic /cobot/graph lists everything, so no name is known here in advance. A service of the graph
-becomes a ROS service. A topic with a publisher in the graph is published here, and one with a subscriber
-there is subscribed to here. No message returns to its origin: the service does not send a gateway its own
-messages, and a participant does not receive its own. Actions consist of services and topics. A topic with
-subscribers of several types has one reader here for each type.
+becomes a ROS service. If a topic has a publisher in the graph, the gateway publishes it on DDS. If a topic
+has a subscriber in the graph, the gateway subscribes to it on DDS. No message returns to its origin: the
+service does not send a gateway its own messages, and a participant does not receive its own messages. Actions
+consist of services and topics. If the subscribers of a topic use several types, the gateway has one reader
+for each type.
 
-While the service is away everything stays, and calls report that it is away.
+While the service is not connected, all endpoints stay, and calls report that it is not connected.
 """
 
 from __future__ import annotations
@@ -29,12 +30,16 @@ from cobot.ros.messages import ros_time
 
 GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
-"""Topics with this ending are latched, as in ROS: late subscribers see the current status of goals."""
+"""Topics with this ending are latched, as in ROS, so that late subscribers see the current status of
+goals.
+"""
 DEPTH = 1000
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
 MAX_UNREAD = 64
-"""Maximum number of goals that were too large to read and whose reason is kept; the newest ones are kept."""
+"""Maximum number of goals that were too large to read and for which a reason is kept. The newest ones are
+kept.
+"""
 
 Made = TypeVar("Made", NodeService, NodePublisher, NodeSubscription)
 Key = TypeVar("Key", str, tuple[str, str])
@@ -43,16 +48,17 @@ log = logging.getLogger("cobot.ros2")
 
 
 class DdsGateway:
-    """Mirrors the graph of the service to DDS, while `run` runs.
+    """Mirrors the graph of the service to DDS while `run` is running.
 
     Args:
         url: address of the service.
         own: topics that this process publishes itself.
         token: identifies this process to the service.
-        role: rights of this process there. An observer does not subscribe to topics that it may not forward.
+        role: role of this process in the service. An observer does not subscribe to topics that it may not
+            forward.
 
     Attributes:
-        listeners: called with each message of a topic of the graph, by its name.
+        listeners: by the name of a topic in the graph, a function that is called with each of its messages.
     """
 
     def __init__(
@@ -72,10 +78,10 @@ class DdsGateway:
         await self.link.run()
 
     def publish(self, topic: str, type_: str, message: Message) -> bool:
-        """Publish on the graph; returns whether the service is there.
+        """Publish a message on the graph. Returns whether the service is connected.
 
         Raises:
-            PermissionDenied: clients over ROS may only observe.
+            PermissionDenied: clients that use ROS may only observe.
         """
         require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
@@ -90,7 +96,7 @@ class DdsGateway:
             subscription.close()
 
     def _greet(self) -> None:
-        """Set up a new connection, which knows nothing about the previous one."""
+        """Set up a new connection. The service knows nothing about the previous connection."""
         self.link.send({"op": "cobot_gateway"})
         self.link.send({"op": "subscribe", "topic": GRAPH, "type": "std_msgs/msg/String"})
         for publisher in self._out.values():
@@ -113,19 +119,19 @@ class DdsGateway:
         """Create and close endpoints until they match the graph."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
-        messages.add_lazily(new)  # the graph has validated them
+        messages.add_lazily(new)  # the graph has already validated them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {each["name"]: (each["name"], each["type"]) for each in topics if each["publishers"]}
         listens = self._identity.role >= Role.OPERATOR
         readers = [(each["name"], each["type"]) for each in topics if each["subscribers"] and listens]
         heard = dict(zip(readers, readers, strict=True))
         offered = {each["name"]: (each["name"], each["type"]) for each in graph["services"]}
-        # Topics first: a client that has found a service may publish to joint_cmd immediately.
+        # Topics come first, because a client that has found a service may publish to joint_cmd immediately.
         self._settle(self._in, heard, self._listen, self._unadvertise)
         self._settle(self._out, published, self._publish, self._unsubscribe)
         more = not offered.keys() <= self._services.keys()
         self._settle(self._services, offered, self._offer, lambda gone: None)
-        if more:  # services stay: collecting garbage among them takes 0.1 s each time
+        if more:  # these services stay, and a garbage collection among them takes 0.1 s each time
             gc.collect()
             gc.freeze()
 
@@ -204,7 +210,7 @@ class DdsGateway:
 
 
 class UnreadGoals:
-    """Goals that are too large for the service: they are accepted, so that their result can give the reason.
+    """Goals that are too large for the service. They are accepted, so that their result can give the reason.
 
     ROS has no field for the reason of a rejection.
     """
@@ -218,12 +224,13 @@ class UnreadGoals:
             del self._reasons[next(iter(self._reasons))]
 
     def reason(self, action: str, goal_id: Message) -> str | None:
-        """Why a goal was not read; None for any other goal."""
+        """The reason why a goal was not read; None for any other goal."""
         return self._reasons.get((action, str(goal_id)))
 
 
 def failure(response: Message, error: CobotError) -> Message:
-    """A response that reports a failure in the fields of its type; ROS itself has no field for it.
+    """A response that reports a failure in the fields of its type, because ROS itself defines no field for
+    failures.
 
     Args:
         response: the defaults of the type: a goal is not accepted by default, for example.

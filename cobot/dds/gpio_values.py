@@ -1,4 +1,4 @@
-"""Values of inputs and outputs by GPIO/INTERFACE, and the messages of a GPIO controller that have them."""
+"""Values of inputs and outputs by GPIO/INTERFACE, and the messages of a GPIO controller that contain them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ GPIO = "control_msgs/msg/DynamicInterfaceGroupValues"
 
 
 def values_of(message: Message) -> dict[str, float]:
-    """The values in a message."""
+    """The values that a message contains."""
     return {
         f"{group}/{name}": float(value)
         for group, interfaces in zip(message["interface_groups"], message["interface_values"], strict=False)
@@ -19,7 +19,7 @@ def values_of(message: Message) -> dict[str, float]:
 
 
 def message_of(values: Mapping[str, float]) -> Message:
-    """A message with these values."""
+    """Make a message that contains these values."""
     groups: dict[str, Message] = {}
     for each, value in values.items():
         group, _, name = each.rpartition("/")

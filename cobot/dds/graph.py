@@ -25,8 +25,8 @@ class NodeGraph:
     """Publishes the list of one node's endpoints.
 
     Args:
-        gid_bytes: size of a gid for all readers: 24 for Humble, 16 for Iron and later. None chooses the size
-            for each reader by its release.
+        gid_bytes: size of a gid for all readers: 24 for Humble, 16 for Iron and later. With None, the release
+            of each reader determines the size.
     """
 
     def __init__(
@@ -83,14 +83,14 @@ class NodeGraph:
 
 
 def is_later(reader: RemoteEndpoint) -> bool:
-    """Whether a reader belongs to Iron or a later release."""
+    """Whether a reader belongs to ROS 2 Iron or a later release."""
     return TYPE_HASH in reader.user_data
 
 
 def entities(
     participant: Guid, node: NodeName, readers: Iterable[Guid], writers: Iterable[Guid], gid_bytes: int
 ) -> bytes:
-    """A ParticipantEntitiesInfo with one node, encoded as CDR."""
+    """A ParticipantEntitiesInfo that lists one node, encoded as CDR."""
     out = bytearray(_gid(participant, gid_bytes))
     _number(out, 1)
     _text(out, node.namespace)

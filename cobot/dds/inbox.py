@@ -1,4 +1,4 @@
-"""Passes samples from the network thread to the event loop, in order and with a bounded queue."""
+"""Passes samples from the network thread to the event loop, in order and through a bounded queue."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LossCounter:
     """Counts lost messages, and logs the first, the second, the fourth, the eighth and so on.
 
     Args:
-        what: "messages of /demo came too fast".
+        what: the messages that are lost and the reason, for example "messages of /demo came too fast".
     """
 
     def __init__(self, what: str) -> None:
@@ -29,10 +29,10 @@ class LossCounter:
         self._what = what
 
     def add(self, reason: str = "") -> None:
-        """Counts one more.
+        """Count one more lost message.
 
         Args:
-            reason: the reason why this one was lost, if there is more than one possible reason.
+            reason: the reason why this message was lost, if several reasons are possible.
         """
         self.count += 1
         if self.count & (self.count - 1) == 0:
@@ -40,12 +40,13 @@ class LossCounter:
 
 
 class SampleInbox:
-    """Hands the samples of one reader to a callback in the event loop, in the order in which they came.
+    """Passes the samples of one reader to a callback in the event loop, in the order in which they arrived.
 
     Args:
         name: name of the topic or service.
-        deliver: called in the event loop. If it returns an awaitable, that is awaited before the next sample.
-        most: maximum number of waiting samples; further ones are lost and counted.
+        deliver: called in the event loop. If it returns an awaitable, the inbox awaits it before it delivers
+            the next sample.
+        most: maximum number of waiting samples. Further samples are lost and counted.
     """
 
     def __init__(

@@ -1,14 +1,14 @@
-"""ROS 2 names in DDS, and the user data of endpoints, as rmw_fastrtps_shared_cpp writes them."""
+"""ROS 2 names in DDS, and the user data of endpoints, in the format of rmw_fastrtps_shared_cpp."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 ENCLAVE = b"enclave=/;"
-"""User data of a participant, in which ROS 2 looks for the enclave."""
+"""User data of a participant. ROS 2 looks for the enclave in it."""
 
 TYPE_HASH = b"typehash="
-"""Prefix of the type's hash in the user data of an endpoint, from Iron on."""
+"""Prefix of the type's hash in the user data of an endpoint, used from Iron on."""
 
 
 def topic_name(topic: str) -> str:
@@ -31,7 +31,7 @@ def type_name(type_: str) -> str:
 
 
 def type_hash(rihs: str) -> bytes:
-    """User data of a topic's endpoint, for ROS 2 from Iron on; Humble does not look at it."""
+    """User data of a topic's endpoint, for ROS 2 from Iron on. Humble ignores it."""
     return TYPE_HASH + f"{rihs};".encode()
 
 

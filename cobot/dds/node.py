@@ -1,6 +1,7 @@
-"""A ROS 2 node: publishers, subscriptions and service servers, as rmw_fastrtps makes them.
+"""A ROS 2 node with publishers, subscriptions and service servers that behave like those of rmw_fastrtps.
 
-Callbacks and handlers run in the event loop; messages from the network thread are handed over in order.
+Callbacks and handlers run in the event loop. Messages from the network thread are passed to it in order.
+
 Actions need no additional code. An action consists of three services and two topics below `NAME/_action/`,
 see https://design.ros2.org/articles/actions.html, and a handler may take any time to answer.
 """
@@ -26,15 +27,18 @@ from cobot.ros.messages import Messages
 
 Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
-"""Larger messages are decoded in a thread, so that a trajectory does not delay others."""
+"""Size above which messages are decoded in a thread, so that a trajectory does not delay other messages."""
 MAX_BYTES = 4 * MAX_MESSAGE
-"""Maximum size of a message: no type needs less than a quarter of its CDR as JSON (an int64 as `0,`)."""
+"""Maximum size of a message. The JSON text of any message is at least a quarter as long as its CDR; the
+extreme case is an int64 as `0,`.
+"""
 MAX_CALLS = 64
-"""Maximum number of one client's calls of one service in progress; its further requests wait."""
+"""Maximum number of calls in progress from one client to one service. Further requests of the client wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
-"""rmw_cyclonedds writes the client's guid (uint64) and a sequence number (int64) into the payload, after 4
-bytes."""
+"""The place in the payload, after the first 4 bytes, where rmw_cyclonedds writes the client's guid (uint64)
+and a sequence number (int64).
+"""
 SERVICE_QOS = Qos(reliable=True, transient_local=False, depth=None)
 LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)
 
@@ -59,22 +63,22 @@ class NodePublisher:
 
     @property
     def readers(self) -> int:
-        """The number of readers in other participants."""
+        """The number of readers in other participants that receive this topic."""
         return len(self._writer.matched)
 
     def publish(self, message: Message) -> None:
-        """Send a message, completed with ROS's defaults.
+        """Send a message. Fields that are missing get the defaults of ROS.
 
         Raises:
-            InputError: the message does not fit the type, or is too large.
+            InputError: the message does not match the type, or is too large.
         """
         self.publish_cdr(self._node.messages.to_cdr(self.type, message))
 
     def publish_cdr(self, content: bytes) -> None:
-        """Send a message as CDR, with its header.
+        """Send a message that is encoded as CDR, including its header.
 
         Raises:
-            InputError: it is too large.
+            InputError: the message is too large.
         """
         try:
             self._writer.write(content)
@@ -129,7 +133,7 @@ class NodeSubscription:
 
 Handler = Callable[[Message], Awaitable[Message]]
 CLIENT: ContextVar[bytes] = ContextVar("client", default=b"")
-"""The participant whose request the current task answers."""
+"""The participant that has sent the request which the current task answers."""
 
 
 class NodeService:
@@ -153,7 +157,7 @@ class NodeService:
         node.graph.add(self._reader.guid, self._writer.guid)
 
     def close(self) -> None:
-        """Close the service; requests in progress get no answer."""
+        """Close the service. Requests in progress get no answer."""
         self._node.graph.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()
@@ -180,7 +184,7 @@ class NodeService:
                 content = messages.to_cdr(f"{self.type}_Response", await self._respond(payload))
             if header:
                 content = content[: CYCLONE_HEADER.start] + header + content[CYCLONE_HEADER.start :]
-            # Only to the client's reader, even if it is yet to be discovered.
+            # Answer only to the client's reader, even if it is not discovered yet.
             only = asker.writer if asker.writer.is_reader else None
             self._writer.write(content, related=asker, only=only)
         except (CobotError, RtpsError) as exc:
@@ -197,7 +201,7 @@ class DdsNode:
     """The only node of a participant.
 
     Args:
-        messages: the types; more may be added later.
+        messages: the message types. More types may be added later.
         gid_bytes: see `NodeGraph`.
         loop: runs callbacks and handlers.
     """
@@ -220,8 +224,8 @@ class DdsNode:
         """Decode CDR without blocking the event loop.
 
         Raises:
-            PayloadError: it is larger than the service accepts.
-            InputError: it is not a message of this type.
+            PayloadError: the message is larger than the service accepts.
+            InputError: the content is not a message of this type.
         """
         if len(payload) > MAX_BYTES:
             raise PayloadError(f"the message has {len(payload)} bytes, allowed: {MAX_BYTES}")
@@ -237,12 +241,12 @@ class DdsNode:
         latched: bool = False,
         lifespan_s: float = math.inf,
     ) -> NodePublisher:
-        """Publish on a topic, reliably.
+        """Make a reliable publisher for a topic.
 
         Args:
-            type_: "std_msgs/msg/String".
+            type_: name of the type, such as "std_msgs/msg/String".
             depth: number of messages that are kept for slow readers.
-            latched: whether late readers get the last message (transient local).
+            latched: whether readers that appear later get the last message (transient local).
             lifespan_s: age after which a lost message is not repeated, s.
 
         Raises:
@@ -254,11 +258,11 @@ class DdsNode:
     def subscription(
         self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True
     ) -> NodeSubscription:
-        """Receive a topic's messages.
+        """Make a subscription for the messages of a topic.
 
         Args:
-            callback: called with each message, in order for each publisher; must be fast.
-            reliable: whether to ignore publishers that are not reliable.
+            callback: called with each message, in order for each publisher. It must be fast.
+            reliable: whether publishers that are not reliable are ignored.
 
         Raises:
             InputError: the type is unknown.
@@ -266,12 +270,13 @@ class DdsNode:
         return NodeSubscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
 
     def service(self, name: str, type_: str, handler: Handler) -> NodeService:
-        """Answer requests.
+        """Make a service that answers requests.
 
         Args:
-            type_: "aubo_interfaces/srv/GetDof".
-            handler: gets the complete request and returns the response, in which ROS's defaults may be
-                missing. If it raises a CobotError there is no answer, because ROS has none for failures.
+            type_: name of the type, such as "aubo_interfaces/srv/GetDof".
+            handler: receives the complete request and returns the response. Fields that are missing in the
+                response get the defaults of ROS. If the handler raises a CobotError there is no answer,
+                because ROS defines none for failures.
 
         Raises:
             InputError: the type is unknown.

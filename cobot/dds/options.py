@@ -1,4 +1,4 @@
-"""The options of the vendor's manual (its chapter 2.5) and those of cobot, as parameters of the node."""
+"""The options in the vendor's manual (its chapter 2.5) and cobot's own options, as parameters of the node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ log = logging.getLogger("cobot.ros2")
 
 
 def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | None) -> list[Parameter]:
-    """All parameters and the effects of setting them. The function is long because it is their table."""
+    """All parameters, and the effect of setting each. This function is long because it is the table of all
+    parameters.
+    """
     ros = settings.ros
 
     async def set_debug(value: bool) -> None:
@@ -36,7 +38,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | N
 
     def later(key: str) -> Callable[[Any], Awaitable[None]]:
         async def tell(value: Value) -> None:
-            """Send the value over joint_cmd, as a client would, so that the latest value wins."""
+            """Send the value on joint_cmd, as a client would, so that the latest value is used."""
             command = json.dumps({"type": "fjt_control", key: value})
             for name in settings.each:
                 if gateway is None or not gateway.publish(f"/{name}/joint_cmd", STRING, {"data": command}):

@@ -1,8 +1,8 @@
-"""Messages that wait for the one connection to the service, sent in turn for each topic and service.
+"""Messages that wait for the single connection to the service. Topics and services take turns to send.
 
 A topic whose publishers are faster than the connection loses only its own messages. It delays the other
-topics by at most one message at a time. It also leaves them room, because no sender may hold more than a
-share of the free room.
+topics by at most one message at a time. It also leaves room for them, because no sender may occupy more than
+a share of the free room.
 
 Source: A. K. Choudhury and E. L. Hahne, Dynamic queue length thresholds for shared-memory packet switches,
 IEEE/ACM Transactions on Networking 6 (2), 1998.
@@ -14,12 +14,13 @@ from collections import deque
 from dataclasses import dataclass, field
 
 MAX_MESSAGES = 20_000
-"""Maximum number of messages of one sender that wait."""
+"""Maximum number of waiting messages from one sender."""
 MAX_CHARACTERS = 128 << 20
-"""Maximum length of all messages that wait, in characters."""
+"""Maximum length of all waiting messages together, in characters."""
 SHARE = 0.25
-"""Share of the free room that one sender may hold. Even twenty senders at this limit leave a hundredth of it,
-1.5 MB."""
+"""Share of the free room that one sender may occupy. Even if twenty senders are at this limit, they leave a
+hundredth of the room, 1.5 MB.
+"""
 
 
 @dataclass(slots=True)
@@ -37,7 +38,7 @@ class Outgoing:
         self._characters = 0
 
     def put(self, sender: str, text: str) -> bool:
-        """Queues a text; returns whether there was room for it."""
+        """Queue a text. Returns whether there was room for it."""
         queue = self._queues.get(sender, _Queue())
         free = MAX_CHARACTERS - self._characters
         if len(queue.texts) >= MAX_MESSAGES or queue.characters + len(text) > SHARE * free:
@@ -51,7 +52,7 @@ class Outgoing:
         return True
 
     def next(self) -> str | None:
-        """Take the next text to be sent; None if no text is waiting."""
+        """Take the next text that must be sent; None if no text is waiting."""
         if not self._turns:
             return None
         sender = self._turns.popleft()

@@ -1,6 +1,7 @@
-"""The node's parameters: the manual's options, as `ros2 param` lists, gets and sets them.
+"""The node's parameters: the options in the vendor's manual, which `ros2 param` lists, gets and sets.
 
-Parameters that are only used at the start can be read, but not set; the answer gives the reason.
+Parameters that are only used at the start can be read, but not set. The answer to an attempt gives the
+reason.
 """
 
 from __future__ import annotations
@@ -49,9 +50,9 @@ class Parameter:
     """One parameter.
 
     Attributes:
-        value: the value; its type is the type of the parameter.
-        set_: applies a new value, or raises a CobotError. None: the parameter cannot be set, and `fixed` is
-            the reason.
+        value: the current value. Its type is the type of the parameter.
+        set_: function that applies a new value, or raises a CobotError. With None, the parameter cannot be
+            set, and `fixed` is the reason.
         low, high: smallest and largest value of a number that can be set.
     """
 
@@ -69,12 +70,12 @@ class Parameter:
 
     @property
     def message(self) -> Message:
-        """rcl_interfaces/msg/Parameter."""
+        """The parameter as rcl_interfaces/msg/Parameter."""
         return {"name": self.name, "value": {"type": int(self.kind), FIELDS[self.kind]: self.value}}
 
     @property
     def descriptor(self) -> Message:
-        """rcl_interfaces/msg/ParameterDescriptor."""
+        """The description of the parameter as rcl_interfaces/msg/ParameterDescriptor."""
         made: Message = {
             "name": self.name,
             "type": int(self.kind),
@@ -89,7 +90,9 @@ class Parameter:
         return made
 
     def refusal(self, message: Message) -> str:
-        """The reason why this parameter cannot have an rcl_interfaces/msg/ParameterValue; "" if it can."""
+        """The reason why this parameter cannot be set to an rcl_interfaces/msg/ParameterValue; "" if it
+        can.
+        """
         if self.set_ is None:
             return f"{self.name} cannot be set while cobot runs: {self.fixed}"
         if message["type"] != self.kind:

@@ -1,4 +1,4 @@
-"""Command line and start of the node for ROS 2."""
+"""Command line and start of the ROS 2 node."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 def main() -> int:
-    """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
+    """Serve until SIGTERM. Returns the exit status: 0, or 2 if the process could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.dds", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
     parser.add_argument(
@@ -103,7 +103,7 @@ async def _serve(settings: Settings, url: str, participant_record: int | None) -
             work.append(asyncio.create_task(gateway.run()))
         done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
-            task.result()  # the gateway never ends by itself: raises its error
+            task.result()  # the gateway ends only with an error, which this raises
         for robot in robots:
             robot.close()
     finally:
@@ -113,7 +113,7 @@ async def _serve(settings: Settings, url: str, participant_record: int | None) -
 
 
 def _robots(node: DdsNode, settings: Settings) -> list[Telemetry]:
-    """Start the topics of all robots, and the topics that they share."""
+    """Start the topics of each robot, and the topics that all robots share."""
     transforms = node.publisher("/tf", TRANSFORMS, depth=100)
     prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}
     robots = [Telemetry(node, each, prefixes[name], transforms) for name, each in settings.each.items()]

@@ -2,7 +2,8 @@
 
 Messages of a topic keep their order; topics and services take turns, so that one topic cannot delay the
 others. A message that is too large for the service is rejected here, because a frame that is too large closes
-the connection for all clients. A call ends with its answer or with the connection, or is rejected at once.
+the connection for all clients. A call ends when its answer arrives or when the connection is lost, or it is
+rejected at once.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from cobot.ros.message_limits import check_message
 Message = dict[str, Any]
 PATH = "/rosbridge"
 MAX_CALLS = 960
-"""Maximum number of calls in progress; the service accepts 1024 of one client."""
+"""Maximum number of calls in progress. The service accepts 1024 from one client."""
 MAX_CALLS_OF_CLIENT = 120
-"""Maximum number of one client's calls in progress, so that it cannot displace others."""
+"""Maximum number of calls in progress for one ROS client, so that it cannot displace other clients."""
 MAX_RECEIVED = 64 << 20
 FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
@@ -45,12 +46,12 @@ log = logging.getLogger("cobot.ros2")
 
 
 class Rosbridge:
-    """A connection to the service that reopens by itself.
+    """A connection to the service that is reopened automatically.
 
     Args:
         url: address of the service, such as "http://localhost:8007".
         on_open: called with each new connection, before anything else is sent on it.
-        on_message: called with (topic, message) of subscriptions.
+        on_message: called with the topic and the message for each message of a subscription.
         token: identifies this process to the service.
     """
 
@@ -74,7 +75,7 @@ class Rosbridge:
         self._numbers = itertools.count(1)
 
     async def run(self) -> None:
-        """Keep the connection open until cancelled."""
+        """Keep the connection open until this task is cancelled."""
         pause_s = FIRST_RETRY_S
         told = False
         while True:
@@ -91,7 +92,8 @@ class Rosbridge:
             pause_s = min(2.0 * pause_s, LAST_RETRY_S)
 
     def send(self, content: Message) -> bool:
-        """Queue a message if the service is there and keeps up; returns whether it was queued.
+        """Queue a message if the service is connected and fast enough. Returns whether the message was
+        queued.
 
         Raises:
             PayloadError: the message is too large for the service.
@@ -111,12 +113,12 @@ class Rosbridge:
         """Call a service.
 
         Args:
-            client: the caller, for the limit on calls of one client.
+            client: the caller, because the number of calls from one client is limited.
 
         Raises:
-            UnavailableError: the service of cobot is not connected, disconnects, or is overloaded.
+            UnavailableError: cobot's service is not connected, disconnects, or is overloaded.
             PayloadError: the request is too large for the service.
-            CobotError: the call was rejected, with the reason; the class is that of the answer's code.
+            CobotError: the call was rejected; gives the reason. The code in the answer determines the class.
         """
         if len(self._calls) >= MAX_CALLS:
             raise UnavailableError(
@@ -193,7 +195,7 @@ class Rosbridge:
                 log.warning("the service says: %s", content["msg"])
 
     def _answer(self, number: str, values: Any, code: int | None) -> None:
-        """End a call. `code` is that of its rejection; None for a result."""
+        """End a call. `code` is the code of a rejection; None for a result."""
         answer = self._calls.get(number)
         if answer is None or answer.done():
             return

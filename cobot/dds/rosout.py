@@ -11,7 +11,7 @@ TYPE = "rcl_interfaces/msg/Log"
 
 
 class RosoutHandler(logging.Handler):
-    """Publishes log records. Python's levels equal those of ROS: 10, 20, 30, 40, 50."""
+    """Publishes log records. The levels of Python and ROS are equal: 10, 20, 30, 40, 50."""
 
     def __init__(self, node: DdsNode) -> None:
         super().__init__()

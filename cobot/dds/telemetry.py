@@ -1,7 +1,8 @@
-"""Topics of a robot, directly from its shared memory: joint states at up to 1 kHz, poses, forces, frames.
+"""Topics of a robot that are published directly from its shared memory: joint states at up to 1 kHz, poses,
+forces and frames.
 
-One thread per robot publishes at absolute deadlines. A message has the time of its measurement, and no
-measurement is sent twice. If rtloop crashes or the robot cannot be read, these topics stop, while
+One thread per robot publishes at absolute deadlines. The stamp of a message is the time of its measurement,
+and no measurement is sent twice. If rtloop crashes or the robot cannot be read, these topics stop, while
 `/{robot}/status` continues and gives the reason.
 """
 
@@ -31,14 +32,14 @@ IDLE_S = 0.02
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
-"""Offset of the header's stamp. It follows the four bytes with which all CDR begins."""
+"""Offset of the header's stamp. It follows the four bytes with which all CDR data begin."""
 _SECOND_NS = 1_000_000_000
 
 log = logging.getLogger("cobot.ros2")
 
 
 class JointStateWriter:
-    """Writes sensor_msgs/msg/JointState as CDR into a template, in 6 µs instead of 90.
+    """Writes sensor_msgs/msg/JointState as CDR into a template. This takes 6 µs instead of 90 µs.
 
     Args:
         template: a message for the same joints, as CDR.
@@ -48,12 +49,13 @@ class JointStateWriter:
     def __init__(self, template: bytes, joints: int) -> None:
         self._bytes = bytearray(template)
         self._joints = struct.Struct(f"<{joints}d")
-        # The three arrays are last in the message; each follows its length and four bytes of padding.
+        # The three arrays are at the end of the message. Before each array are its length and four bytes of
+        # padding.
         step = self._joints.size + 8
         self._at = [len(template) - self._joints.size - step * place for place in (2, 1, 0)]
 
     def cdr(self, state: np.ndarray, stamp_ns: int, fingers: FingerState | None = None) -> bytes:
-        """The message for a record of `cobot.ipc.state_fields.state_dtype`: rad, rad/s, N·m."""
+        """Write the message for a record of `cobot.ipc.state_fields.state_dtype`, in rad, rad/s and N·m."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(stamp_ns, _SECOND_NS))
         rows = {} if fingers is None else fingers.rows
         for at, name in zip(self._at, MEASURED, strict=True):
@@ -80,26 +82,28 @@ class TelemetryTopic:
         return int(_SECOND_NS / self.rate_hz)
 
     def advance(self, now_ns: int) -> None:
-        """Set the next time on the grid of the rate; restart the grid after a delay of more than a period."""
+        """Set the time of the next message on the grid of the rate. After a delay of more than a period, the
+        grid restarts.
+        """
         self.due_ns += self.period_ns
         if self.due_ns <= now_ns:
             self.due_ns = now_ns + self.period_ns
 
 
 class Telemetry:
-    """The topics of one robot. Made in the event loop; publishes in its own thread.
+    """The topics of one robot. The object is made in the event loop, and publishes in its own thread.
 
     Args:
         prefix: prefix of frame names, for several robots in one tree.
-        transforms: the publisher of /tf, which all robots share.
+        transforms: the publisher for /tf, which all robots share.
 
     Attributes:
         topics: names of this robot's own topics.
         description: std_msgs/msg/String with the URDF, as CDR.
-        static_transforms: transforms of links that no joint moves, as dicts.
+        static_transforms: transforms of the links that no joint moves, as dicts.
         problem: the reason why the last state was missing or old.
-        on_tool: called in that thread when the TCP changes, which is part of the description and the
-            transforms.
+        on_tool: called in the publishing thread when the TCP changes, because the description and the
+            transforms contain the TCP.
     """
 
     def __init__(self, node: DdsNode, settings: Settings, prefix: str, transforms: NodePublisher) -> None:
@@ -152,7 +156,7 @@ class Telemetry:
         self._thread.start()
 
     def take_fingers(self, message: Message) -> None:
-        """Add the fingers of the gripper, which the service reads, to the joint states."""
+        """Add the gripper's fingers, which the service reads, to the joint states."""
         fingers = FingerState.of(message)
         self._fingers = None if fingers is None else (time.monotonic_ns(), fingers)
 
@@ -171,7 +175,7 @@ class Telemetry:
                 self._ended.wait(RETRY_S)
 
     def _cycle(self) -> None:
-        """Publish the topics that are due, and sleep until the next is due."""
+        """Publish the topics that are due, and sleep until the next topic is due."""
         now_ns = time.monotonic_ns()
         due = [feed for feed in self._feeds if feed.publisher.readers and feed.due_ns <= now_ns]
         status_due = self._status.due_ns <= now_ns
@@ -189,7 +193,7 @@ class Telemetry:
         time.sleep(max(0.0, (next_ns - time.monotonic_ns()) * 1e-9))
 
     def _follow_tool(self, version: int) -> None:
-        """Publish the topics that contain the TCP again, if rtloop carries a new tool."""
+        """If rtloop carries a new tool, publish the topics that contain the TCP again."""
         if version == self._model.tool.version:
             return
         tool = self._tool_file.read()

@@ -1,4 +1,4 @@
-"""Requests of `cobot fleet` to the hub."""
+"""Requests that `cobot fleet` sends to the hub."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def get(
     """The hub's answer.
 
     Raises:
-        CobotError: the hub does not answer, or its error.
+        CobotError: the hub does not answer, or answers with an error.
     """
     check_url(chosen.url)
     try:
@@ -62,7 +62,7 @@ def get(
 def _decoded(response: httpx2.Response) -> dict[str, Any]:
     """
     Raises:
-        UnavailableError: another program answers.
+        UnavailableError: the answer is not from a hub.
     """
     try:
         answer = response.json()
@@ -77,12 +77,12 @@ def _decoded(response: httpx2.Response) -> dict[str, Any]:
 
 
 def headers(chosen: argparse.Namespace) -> dict[str, str]:
-    """Headers with the name and the token of the person."""
+    """Headers with the name and the token of the person who runs the command."""
     return {CLIENT_NAME: quote(_user(), safe="")} | token_header(chosen.token)
 
 
 def _user() -> str:
     try:
         return getpass.getuser()
-    except (OSError, KeyError):  # no name for this number
+    except (OSError, KeyError):  # this user number has no name
         return str(os.getuid())

@@ -54,7 +54,8 @@ class Bundle(StrictModel):
 
 
 def read_bundle(content: bytes) -> Bundle:
-    """
+    """Read the content of a bundle.
+
     Raises:
         InputError: the content is not a bundle.
     """
@@ -83,19 +84,20 @@ def read_bundle(content: bytes) -> Bundle:
 
 
 def hash_of(content: bytes) -> str:
-    """The name of a bundle."""
+    """The name of the bundle with this content."""
     return sha256(content).hexdigest()
 
 
 def bundle_of(folder: Path, name: str, version: str) -> bytes:
-    """The content of a bundle: the folders `programs` and `settings`, and `positions.json`.
+    """Make the content of a bundle from the folders `programs` and `settings`, and the file `positions.json`.
 
     Args:
-        folder: `programs` has sequence files and Lua programs, `settings` has `settings.yaml` with the files
-            that it names, and `positions.json` is an object with the joint angles of each name.
+        folder: contains them. `programs` contains sequence files and Lua programs. `settings` contains
+            `settings.yaml` and the files that it names. `positions.json` is an object with the joint angles
+            for each name.
 
     Raises:
-        InputError: the folder has none of them, or they cannot be read.
+        InputError: the folder contains none of them, or they cannot be read.
     """
     try:
         files = sorted(each for each in (folder / "programs").glob("*") if each.suffix in (".json", ".lua"))

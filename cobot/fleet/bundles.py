@@ -84,7 +84,7 @@ class BundlesCell(Protocol):
     """Interface of a cell for its bundles.
 
     Attributes:
-        config: the settings file in force, which a reload replaces.
+        config: the settings file that is in force. A reload replaces it.
         source: the settings file of the user.
     """
 
@@ -96,7 +96,7 @@ class BundlesCell(Protocol):
 
 
 class RobotBundles:
-    """The bundles of one robot of a cell. One method at a time.
+    """The bundles of one robot of a cell. Only one method may run at a time.
 
     Args:
         settings: settings of the robot.
@@ -112,14 +112,16 @@ class RobotBundles:
 
     @property
     def title(self) -> str:
-        """Name, version and hash of the latest bundle; "" without one."""
+        """Name, version and hash of the latest bundle; "" if there is none."""
         found = self.installed
         return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
 
     @property
     def restart(self) -> str:
-        """The rolled-out or rolled-back settings that need a restart of this cell, as text; "" for none."""
-        found, pending = self.installed, self._pending  # another thread may replace them
+        """The settings that a roll-out or a rollback has changed and that need a restart of this cell, as
+        text; "" if there are none.
+        """
+        found, pending = self.installed, self._pending  # a different thread may replace them
         texts = []
         if found is not None and found.restart_for and found.supervisor == os.getppid():
             texts.append(f"{found.title} needs a restart of this cell: {'; '.join(found.restart_for)}")
@@ -135,7 +137,7 @@ class RobotBundles:
         Args:
             versions: the latest version of each stored program.
         """
-        found = self.installed  # another thread may replace it
+        found = self.installed  # a different thread may replace it
         if found is None or not found.complete:
             return []
         changed = sorted(name for name, version in found.versions.items() if versions.get(name) != version)
@@ -143,15 +145,15 @@ class RobotBundles:
         return [*changed, *(["settings"] if other else [])]
 
     def stage(self, name: str, role: Role) -> str:
-        """Fetch a bundle and check it completely. Nothing changes.
+        """Fetch a bundle and check it completely. This changes nothing in the cell.
 
         Args:
-            role: role of the person at the hub.
+            role: role that the person has at the hub.
 
         Raises:
             UnavailableError: the hub does not have the bundle.
-            PermissionDenied: the bundle has settings, and the role may not change them.
-            InputError: the content is another bundle, is invalid, or does not fit this robot.
+            PermissionDenied: the bundle contains settings, and this role may not change them.
+            InputError: the content does not match the name, is invalid, or is not suitable for this robot.
         """
         content = self._cell.fetch_bundle(name)
         if content is None:
@@ -166,7 +168,7 @@ class RobotBundles:
                     self._check(bundle, settings)
             else:
                 self._check(bundle, load_settings(self._cell.config).of(self._settings.robot.name))
-        except OSError as exc:  # of the files that are made for the checks
+        except OSError as exc:  # about the files that are created for the checks
             raise exhausted(exc) or UnavailableError(f"the bundle cannot be checked: {exc}") from exc
         self._staged = {name: bundle}
         parts = f"{len(bundle.programs)} programs, {len(bundle.positions)} positions"
@@ -181,15 +183,15 @@ class RobotBundles:
             )
 
     def activate(self, name: str, role: Role) -> str:
-        """Activate the staged bundle. The arm must rest. If this fails, everything is restored.
+        """Activate the staged bundle while the arm does not move. If this fails, everything is restored.
 
         Args:
-            role: role of the person at the hub.
+            role: role that the person has at the hub.
 
         Raises:
-            ConflictError: the bundle is not staged, or a job runs.
+            ConflictError: the bundle is not staged, or a job is running.
             PermissionDenied: see `stage`.
-            CobotError: the service does not accept a part of it; the message says which.
+            CobotError: the service rejects a part of the bundle; the message names the part.
         """
         bundle = self._staged.get(name)
         if bundle is None:
@@ -198,14 +200,14 @@ class RobotBundles:
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
-        self.recover()  # what an interrupted activation has changed is not what was before
+        self.recover()  # else an interrupted activation's changes would count as earlier
         previous = self.installed
         self._keep(self._before(name, bundle))
         restart_for: list[str] = []
         try:
             if bundle.settings:
                 restart_for = self._own.activate(name, bundle.settings)
-                self._keep_pending("", [])  # these are all that differ from the running cell
+                self._keep_pending("", [])  # `restart_for` lists all differences from the running cell
         except (ConflictError, InputError) as exc:
             self._keep(previous)
             raise type(exc)(f"{exc}; nothing has changed") from exc
@@ -238,12 +240,12 @@ class RobotBundles:
         """Restore what a bundle has replaced.
 
         Args:
-            role: role of the person at the hub.
+            role: role that the person has at the hub.
 
         Raises:
             NotFoundError: the bundle is not the latest one.
             PermissionDenied: see `stage`.
-            ConflictError: a job runs.
+            ConflictError: a job is running.
         """
         if self.installed is None or self.installed.bundle != name:
             raise NotFoundError(f"the bundle {name[:SHORT]} is not the latest one here; nothing was changed")
@@ -256,7 +258,7 @@ class RobotBundles:
         """Roll back an activation that was interrupted.
 
         Raises:
-            CobotError: the service does not answer yet, or a job runs.
+            CobotError: the service does not answer yet, or a job is running.
         """
         if self.installed is not None and not self.installed.complete:
             self._require_rest()
@@ -264,7 +266,7 @@ class RobotBundles:
             log.warning("an activation was interrupted; its changes have been undone%s", _restart(changes))
 
     def _check(self, bundle: Bundle, settings: Settings) -> None:
-        """Check programs and positions with settings, which are those of this cell or of the bundle."""
+        """Check programs and positions with the given settings: those of this cell or those of the bundle."""
         limits = load_joint_limits(settings.web.joint_limits)
         fixed = {each["name"] for each in self._client.positions() if not each["taught"]}
         for position in bundle.positions:
@@ -341,8 +343,9 @@ class RobotBundles:
         return int(saved["version"])
 
     def _restore(self, program: BundleProgram, note: str) -> None:
-        """Save a program again, unless it is already the latest version because an earlier undo was
-        interrupted."""
+        """Save the earlier program again. If an interrupted rollback has already made it the latest version,
+        nothing is saved.
+        """
         with contextlib.suppress(NotFoundError):
             newest = self._client.program(program.id)
             if all(newest[field] == value for field, value in program.model_dump().items()):
@@ -358,7 +361,7 @@ class RobotBundles:
         """Restore everything after an error.
 
         Raises:
-            CobotError: the same error. Its message also says whether everything is as before.
+            CobotError: the same error. Its message also reports whether everything was restored.
         """
         try:
             self._undo()
@@ -367,7 +370,7 @@ class RobotBundles:
         raise type(exc)(f"{exc}; everything is as before") from exc
 
     def _undo(self) -> list[str]:
-        """Restore everything. Returns the changes of settings that need a restart."""
+        """Restore everything. Returns the changes of settings that need a restart of the cell."""
         assert self.installed is not None
         before = self.installed.settings_before
         restart_for: list[str] = []
@@ -406,7 +409,7 @@ class RobotBundles:
             file.unlink(missing_ok=True)
 
     def _read_pending(self) -> PendingRestart | None:
-        with contextlib.suppress(OSError, ValidationError):  # it is a hint for people
+        with contextlib.suppress(OSError, ValidationError):  # it is only a hint for people
             return PendingRestart.model_validate_json(read_kept(self._settings.restart_file))
         return None
 

@@ -62,12 +62,12 @@ log = logging.getLogger("cobot.fleet")
 
 
 class FleetCell:
-    """The cell: its robots, its session, and its loop.
+    """The cell in its fleet: its robots, its session on Zenoh, and its loop.
 
     Args:
-        config: the settings file in force, which a reload replaces.
+        config: the settings file that is in force. A reload replaces it.
         source: the settings file of the user.
-        url: URL of the service; "" without one.
+        url: URL of the service; "" if the cell has none.
     """
 
     def __init__(self, settings: Settings, config: Path, source: Path, url: str, token: str) -> None:
@@ -108,7 +108,7 @@ class FleetCell:
             EventWatch(url, token, self._tell_event)
 
     def run(self, ended: threading.Event) -> None:
-        """Publish states until the end is requested."""
+        """Publish states until the process is asked to end."""
         log.info(
             "fleet %s: this cell is %s, hub %s", self._fleet.name, self.name, ", ".join(self._fleet.connect)
         )
@@ -124,7 +124,7 @@ class FleetCell:
                     self._publish(robot, "state", state)
 
     def close(self) -> None:
-        """Leave the fleet. Without this, Zenoh may wait at the exit for a hub that does not answer."""
+        """Leave the fleet. Otherwise Zenoh may wait at the exit for a hub that does not answer."""
         if self._session is not None:
             self._session.close()
         self._panel.close()
@@ -152,7 +152,7 @@ class FleetCell:
         return None
 
     def ask_time(self) -> HubTime | None:
-        """The hub's time; None if it does not answer."""
+        """The time of the hub; None if the hub does not answer."""
         import zenoh
 
         if self._session is None:
@@ -163,7 +163,7 @@ class FleetCell:
         return None
 
     def _connect(self) -> bool:
-        """Whether the hub is connected. The first connection is retried until it succeeds."""
+        """Whether the hub is connected. The first connection is tried again until it succeeds."""
         if self._session is None:
             try:
                 self._session = open_cell(self._fleet.connect, self._fleet.certificates)
@@ -200,11 +200,11 @@ class FleetCell:
                 robot.workers.submit(self._stop_for_loss, robot, why)
 
     def _stop_for_loss(self, robot: FleetRobot, why: str) -> None:
-        with contextlib.suppress(CobotError):  # it is in the log and in the audit
+        with contextlib.suppress(CobotError):  # the error is in the log and in the audit
             robot.stop("cobot", why)
 
     def _join(self) -> None:
-        """Declare this cell, unless another cell has the same name."""
+        """Declare this cell, unless a different cell already uses its name."""
         now_s = time.monotonic()
         if self._token is not None:
             if now_s >= self._synchronize_s:
@@ -240,22 +240,27 @@ class FleetCell:
         self._synchronize()
         self._synchronize_s = now_s + SYNCHRONIZE_S
         self._token = token
-        for robot in self.robots.values():  # the hub may have asked for them before they were there
+        for robot in self.robots.values():  # the hub may have asked for these before
             for event in list(robot.events):
                 self._publish(robot, "event", event)
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
 
     def _wait_for_time(self) -> None:
-        """Wait until the hub answers. On a slow line, this session does not know at once whom to ask, and the
-        first commands would be rejected because they are older than the first known time."""
+        """Wait until the hub answers.
+
+        On a slow line, this session needs time to find the hub. Without this wait, the first commands would
+        be rejected because they are older than the first time that the cell has received from the hub.
+        """
         for _ in range(TIME_TRIES):
             if self.ask_time() is not None:
                 return
             time.sleep(PERIOD_S)
 
     def _declare(self, robot: FleetRobot) -> None:
-        """Declare the queries that a robot answers. An answer must not wait, because that would block the
-        session."""
+        """Declare the queries that a robot answers.
+
+        A function that answers must not wait, because that would block the session.
+        """
         keys = (self._key(robot, last) for last in ("state", "events", "programs", "command"))
         state, events, programs, command = keys
         assert self._session is not None
@@ -272,14 +277,14 @@ class FleetCell:
             self._answer_to(robot, "recording", robot.recordings.answer)
 
     def _answer_to(self, robot: FleetRobot, last: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer the queries to one of the robot's keys, in its thread for files."""
+        """Answer the queries for one of the robot's keys, in the thread that reads files."""
         assert self._session is not None
         key = self._key(robot, last)
         give = partial(robot.files.submit, partial(_give, key=key, answer=answer))
         self._declared.append(self._session.declare_queryable(key, give))
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
-        """Pass a command to a thread, because it takes as long as the arm needs."""
+        """Pass a command to a thread, because a command takes as long as the arm needs."""
         if not self._waiting.acquire(blocking=False):
             busy = CommandAnswer(
                 id="", cell=self.name, robot=robot.name, code="busy",
@@ -301,7 +306,7 @@ class FleetCell:
             self._waiting.release()
 
     def _answer(self, content: bytes, robot: FleetRobot) -> CommandAnswer | None:
-        """The answer to a command; None if it is for another zone."""
+        """The answer to a command; None if the command is for a different zone."""
         try:
             command = (
                 read(FleetCommand, content) if self._verifier is None else self._verifier.command_of(content)
@@ -312,7 +317,7 @@ class FleetCell:
         if command.zone not in (None, self.facts["zone"]):
             return None
         who = command.who if self._verifier is not None else _unproven(command.who)
-        tried: list[str] = []  # then it is in the audit
+        tried: list[str] = []  # not empty if the command is in the audit
 
         def execute() -> str:
             tried.append(command.id)
@@ -332,10 +337,11 @@ class FleetCell:
         return answer
 
     def _require_accepted(self, command: FleetCommand, robot: FleetRobot) -> None:
-        """
+        """Check that this cell accepts a command.
+
         Raises:
-            InputError: the command is for another fleet, cell or robot.
-            PermissionDenied: the settings do not accept it from this role.
+            InputError: the command is for a different fleet, cell or robot.
+            PermissionDenied: the settings do not accept the command from this role.
         """
         own = self._fleet.name, self.name, robot.name
         given = command.fleet, command.cell, command.robot
@@ -388,12 +394,12 @@ class FleetCell:
 
 
 def _unproven(who: str) -> str:
-    """The name in a command that no hub has signed."""
+    """The name for the audit if no hub has signed the command."""
     return who if who == ANONYMOUS else claimed(who.strip('"'))
 
 
 def _give(query: zenoh.Query, *, key: str, answer: Callable[[bytes], bytes]) -> None:
-    """Answer a query. If that is impossible, the query gets no answer."""
+    """Answer a query. If this is impossible, the query gets no answer."""
     with query:
         try:
             query.reply(key, answer(bytes(query.payload or b"")))
@@ -408,7 +414,7 @@ def _list_of(events: Iterable[RobotEvent]) -> bytes:
 
 
 def main() -> int:
-    """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
+    """Serve until SIGTERM. Returns the exit status: 0, or 2 if the process could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.fleet.cell", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
     parser.add_argument("--source", type=Path, help="settings file of the user, if --config is a copy of it")
@@ -439,7 +445,7 @@ def main() -> int:
 
 
 def _check(config: Path | None) -> int:
-    """Print whether the cell's certificate can be used."""
+    """Print whether the cell's certificate is usable."""
     try:
         section = load_settings(config).fleet
         if section.certificates is not None:

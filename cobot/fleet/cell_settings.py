@@ -1,7 +1,7 @@
 """Checks, activates and removes settings of a cell that come with a bundle.
 
-The files of each bundle are in a folder named by its hash, and a link points to the folder in force. The
-user's own settings file does not change, see `cobot.config.rolled_out`.
+The files of each bundle are in a folder named by the hash of the bundle. A link points to the folder that is
+in force. The user's own settings file does not change; see `cobot.config.rolled_out`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cobot.strict import StrictModel
 
 CHECK_S = 120.0
 PLACES = ("fleet", "logs", "kept", "sequences")
-"""Sections that differ from cell to cell."""
+"""Sections of the settings that differ between cells."""
 _NAME = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
 
 
@@ -68,7 +68,7 @@ class CellSettings:
 
     @property
     def active(self) -> str:
-        """The bundle whose settings are in force, or will be after a restart; "" for none."""
+        """The bundle whose settings are in force, or will be after a restart; "" if there is none."""
         try:
             return self._link.readlink().name
         except OSError:
@@ -76,10 +76,12 @@ class CellSettings:
 
     @contextlib.contextmanager
     def trial(self, files: Sequence[BundleFile]) -> Iterator[Settings]:
-        """A context with the settings of this cell with these files. The files exist only during the context.
+        """A context that gives the settings of this cell with these files. The files exist only during the
+        context.
 
         Raises:
-            InputError: the settings are invalid, do not fit this cell, or `cobot check` finds an error.
+            InputError: the settings are invalid or not suitable for this cell, or `cobot check` finds an
+                error.
         """
         with TemporaryDirectory(prefix="cobot-settings-") as name:
             folder = Path(name).resolve()
@@ -103,20 +105,20 @@ class CellSettings:
             The changes that need a restart of the cell.
 
         Raises:
-            CobotError: the service does not accept them, or the disk is full.
+            CobotError: the service rejects the settings, or the disk is full.
         """
         folder = self._folder / name
-        _write(folder, files)  # file by file: the folder may be in force already
+        _write(folder, files)  # written file by file, because the folder may already be in force
         return self.switch(name)
 
     def switch(self, name: str) -> list[str]:
-        """Put the settings of an earlier bundle in force; "" for those of the user alone.
+        """Put the settings of an earlier bundle in force; with "", only the settings of the user.
 
         Returns:
             The changes that need a restart of the cell.
 
         Raises:
-            CobotError: the service does not accept them.
+            CobotError: the service rejects the settings.
         """
         before = self.active
         self._point_to(name)
@@ -148,10 +150,11 @@ class CellSettings:
 
 
 def files_of(folder: Path) -> list[dict[str, str]]:
-    """The files in the settings folder of a bundle, as in `BundleFile`; none if there is no such folder.
+    """The files in the settings folder of a bundle, in the form of `BundleFile`. The list is empty if the
+    folder does not exist.
 
     Raises:
-        InputError: the folder has no settings.yaml, or one that cannot be rolled out.
+        InputError: the folder contains no settings.yaml, or the settings cannot be rolled out.
         OSError: a file cannot be read.
     """
     if not folder.is_dir():
@@ -168,8 +171,9 @@ def files_of(folder: Path) -> list[dict[str, str]]:
 
 
 def configuration_of(settings: Settings) -> str:
-    """A hash of settings and the content of their files, without names and paths, which differ between
-    cells."""
+    """A hash of the settings and the content of their files. Names and paths are left out, because they
+    differ between cells.
+    """
     content = []
     for each in settings.each.values():
         dumped = _without_paths(each.model_dump(exclude={"robots", *PLACES}))
@@ -199,14 +203,14 @@ def _write(folder: Path, files: Sequence[BundleFile]) -> None:
 
 
 def _check(settings: Settings, folder: Path) -> None:
-    """Check settings as `cobot check` does, except those of the fleet.
+    """Check settings as `cobot check` does, except the section `fleet`.
 
     Raises:
-        InputError: there is an error.
+        InputError: the check finds an error.
     """
     content = settings.model_dump(mode="json", exclude={"robots"})
     content["fleet"]["connect"] = []
-    trial = folder / ".trial.yaml"  # no file of a bundle begins with a dot
+    trial = folder / ".trial.yaml"  # the name of a bundle's file never begins with a dot
     trial.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
     command = [*RUN_MODULE, "cobot", "check", "--config", str(trial)]
     try:

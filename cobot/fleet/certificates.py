@@ -1,11 +1,11 @@
 """The certificates of a fleet, and commands that the hub has signed.
 
-    FLEET/ca.pem, ca.key                the fleet's own authority; ca.key is needed only to issue certificates
-    FLEET/hub/hub.pem, hub.key          of the hub: it is the only one that may be a server and sign commands
-    FLEET/cells/CELL/cell.pem, cell.key, ca.pem    for the computer of a cell
+FLEET/ca.pem, ca.key                the fleet's own authority; ca.key is needed only to issue certificates
+FLEET/hub/hub.pem, hub.key          for the hub, which alone may be a server and sign commands
+FLEET/cells/CELL/cell.pem, cell.key, ca.pem    for the computer of a cell
 
-Commands are signed although the connection is encrypted, because otherwise a router between hub and cell
-could forge commands.
+Commands are signed although the connection is encrypted, because otherwise a router between the hub and a
+cell could forge commands.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from cobot.strict import StrictModel
 AUTHORITY, HUB_FOLDER, CELLS = "ca", "hub", "cells"
 CELL = "cell"
 EARLIER = timedelta(days=1)
-"""Certificates are valid from a day before their creation, for computers whose clock is late."""
+"""Certificates are valid from a day before their creation, because the clock of a computer may be late."""
 AUTHORITY_DAYS = 3650
 CURVE = ec.SECP256R1()
 
@@ -54,7 +54,7 @@ class SignedCommand(StrictModel):
 
 
 def make_authority(folder: Path, fleet: str) -> None:
-    """Create the fleet's authority, unless the folder has one.
+    """Create the fleet's authority, unless the folder already contains one.
 
     Raises:
         ConfigError: the folder cannot be written.
@@ -81,10 +81,10 @@ def issue_hub(folder: Path, hosts: Iterable[str], days: int) -> Path:
 
     Args:
         folder: folder of the fleet, with its authority.
-        hosts: names and addresses by which cells and browsers reach the hub.
+        hosts: names and addresses at which cells and browsers reach the hub.
 
     Raises:
-        ConfigError: the folder cannot be read or written, or already has a hub's certificate.
+        ConfigError: the folder cannot be read or written, or already contains a certificate of a hub.
     """
     names: list[x509.GeneralName] = []
     for host in hosts:
@@ -112,9 +112,10 @@ def cells_with_certificates(folder: Path) -> list[str]:
 
 
 def check_cell_folder(folder: Path) -> None:
-    """
+    """Check the files in the folder of a cell's certificate.
+
     Raises:
-        ConfigError: a file of a cell cannot be read, does not fit the others, or has expired.
+        ConfigError: a file cannot be read, does not belong to the other files, or has expired.
     """
     authority = _read_certificate(folder / f"{AUTHORITY}.pem")
     certificate, key = _read_certificate(folder / f"{CELL}.pem"), _read_key(folder / f"{CELL}.key")
@@ -129,7 +130,7 @@ def check_cell_folder(folder: Path) -> None:
 
 
 class Signer:
-    """Signs commands of the hub.
+    """Signs the commands of a hub.
 
     Args:
         folder: folder of the fleet.
@@ -151,7 +152,7 @@ class Signer:
         self.hosts = [str(each.value) for each in names]
 
     def signed(self, command: StrictModel) -> SignedCommand:
-        """Sign a command, or another message."""
+        """Sign a command or a different message."""
         text = command.model_dump_json()
         signature = self._key.sign(text.encode(), ec.ECDSA(hashes.SHA256()))
         return SignedCommand(
@@ -162,7 +163,7 @@ class Signer:
 
 
 class Verifier:
-    """Checks in a cell that commands are from a hub of its fleet.
+    """Checks, in a cell, that commands come from a hub of its fleet.
 
     Args:
         folder: folder of the cell's certificate.
@@ -179,7 +180,7 @@ class Verifier:
         return self.read(FleetCommand, content)
 
     def read(self, kind: type[Model], content: bytes) -> Model:
-        """The signed part of a message.
+        """Check a signed message, and read its content.
 
         Raises:
             InputError: the content is not a signed command.
@@ -264,7 +265,7 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
-    """Write the key first, so that a certificate never exists without its key."""
+    """Write the key before the certificate, so that a certificate never exists without its key."""
     secret = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
@@ -300,7 +301,7 @@ def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """A context in which errors of a file become a ConfigError.
+    """A context in which an error about this file becomes a ConfigError.
 
     Raises:
         ConfigError: the file cannot be read, or is invalid.

@@ -1,8 +1,8 @@
-"""Decides which commands a cell executes: each one once, and none after its deadline.
+"""Decides which commands a cell executes: each command once, and none after its deadline.
 
-The clock of a computer may be wrong by minutes, so deadlines are on the hub's clock. A cell asks the hub for
-its time. That time is uncertain by the round trip. The cell uses the latest possible time, so a command that
-may be late is rejected.
+The clock of a computer may be wrong by minutes, so deadlines use the hub's clock. A cell asks the hub for its
+time. The answer is uncertain by the duration of the round trip. The cell uses the latest possible time, so it
+rejects a command that may be late.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cobot.errors import BusyError, CobotError, ConflictError, InputError, Unava
 from cobot.fleet.messages import MAX_LIFETIME_S, CommandAnswer, FleetCommand, HubTime, StopArm
 
 FRESH_S = 30.0
-"""Maximum age of a known time of the hub, s. After it the cell asks again."""
+"""Maximum age of the time that the hub has sent, s. After this, the cell asks again."""
 MAX_COMMANDS = 1000
 """Maximum number of commands that are remembered until their deadline."""
 MAX_MESSAGES = 20_000
@@ -27,12 +27,14 @@ MAX_MESSAGES = 20_000
 ANSWER_S = 20.0
 """Longest wait of a retry for the answer to the first try."""
 AHEAD_S = 1.0
-"""Maximum time by which a command's issue may be ahead of the hub's time in this cell, s."""
+"""Maximum difference by which the issue time of a command may be later than the hub's time as this cell knows
+it, s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownTime:
-    """The hub's time, with the times of this computer's clock before and after the question."""
+    """A time that the hub has sent, and the times on this computer's clock before and after the question."""
 
     hub: HubTime
     asked_s: float
@@ -48,7 +50,7 @@ class KnownTime:
 
 
 class HubMessage(Protocol):
-    """A message with an id, and with a deadline on the clock of the hub with this epoch."""
+    """A message with an id and a deadline. The deadline is on the clock of the hub that has this epoch."""
 
     @property
     def id(self) -> str: ...
@@ -74,8 +76,9 @@ class Deadlines:
         self._started: KnownTime | None = None
 
     def synchronize(self) -> None:
-        """Ask the hub for its time. Call this at the start, because messages from before the first answer are
-        rejected."""
+        """Ask the hub for its time. Call this at the start, because messages issued before the first answer
+        are rejected.
+        """
         asked_s = self._clock.now_s()
         found = self._ask_time()
         if found is not None:
@@ -83,7 +86,7 @@ class Deadlines:
             self._started = self._started or self._known
 
     def time_for(self, message: HubMessage) -> KnownTime:
-        """The hub's time. The hub is asked again if the known time is old or from another epoch.
+        """The hub's time. If the known time is old or has a different epoch, the hub is asked again.
 
         Raises:
             UnavailableError: the hub's time is unknown.
@@ -103,7 +106,8 @@ class Deadlines:
         return known
 
     def check(self, message: HubMessage, known: KnownTime, *, harmless_twice: bool = False) -> None:
-        """
+        """Check that a message is in time.
+
         Args:
             harmless_twice: whether a message from before the start of this process may be executed.
 
@@ -153,12 +157,14 @@ class Deadlines:
 
 
 def _same(one: FleetCommand, other: FleetCommand) -> bool:
-    """Whether one command is a retry of the other. A retry may have another deadline, or fewer robots."""
+    """Whether one command is a retry of the other. The deadline of a retry may differ, and it may name fewer
+    robots.
+    """
     return (one.action, one.who, one.role, one.epoch) == (other.action, other.who, other.role, other.epoch)
 
 
 class SeenMessages:
-    """The messages of the hub that a cell has executed, each once. Thread safe."""
+    """The messages of the hub that a cell has executed. Each is executed only once. Thread safe."""
 
     def __init__(self, deadlines: Deadlines) -> None:
         self._deadlines = deadlines
@@ -166,7 +172,8 @@ class SeenMessages:
         self._lock = threading.Lock()
 
     def require_new(self, message: HubMessage) -> None:
-        """
+        """Check that a message has not been executed before, and store it.
+
         Raises:
             CobotError: the message is late, invalid, or was executed before.
         """
@@ -228,7 +235,7 @@ class CommandBook:
         return answer
 
     def _begin(self, command: FleetCommand) -> Future[CommandAnswer] | None:
-        """None if the command must be executed now; otherwise the future of its first try.
+        """Begin a command. Returns None if it must be executed now; otherwise the future of its first try.
 
         Raises:
             InputError: the times of the command are invalid.
@@ -242,7 +249,7 @@ class CommandBook:
                 return entry[0]
             if entry is not None:
                 raise ConflictError(f"id {command.id}: another command had this id already; use a new id")
-            # A second stop does no harm, a stop that is rejected may.
+            # A second stop does no harm, but a stop that is rejected may.
             self._deadlines.check(command, known, harmless_twice=isinstance(command.action, StopArm))
             self._forget(known)
             if len(self._answers) >= MAX_COMMANDS:
@@ -254,7 +261,9 @@ class CommandBook:
             return None
 
     def _forget(self, known: KnownTime) -> None:
-        """Drop the commands whose deadline has passed. A retry of one is rejected as late."""
+        """Forget the commands whose deadline has passed. A retry of such a command is rejected because it is
+        late.
+        """
         over = [
             name
             for name, (future, command) in self._answers.items()

@@ -1,4 +1,4 @@
-"""Connections of clients to the hub."""
+"""Connections from clients to the hub."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 
 class HubConnection(HttpToolsProtocol):
-    """Closes a connection on which no request arrives in time, also before its first request. Otherwise
-    clients without a token could use up all connections that the operating system permits to the hub.
+    """Closes a connection if no request arrives in time, even before its first request.
+
+    Otherwise clients without a token could use up all the connections that the operating system permits to
+    the hub.
     """
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]

@@ -1,4 +1,4 @@
-"""Executes the commands of a fleet, except stops, through the cell's own service."""
+"""Executes the commands of a fleet through the cell's own service. Stops are executed elsewhere."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from cobot.fleet.messages import (
 )
 
 CONTROL_S = 600.0
-"""Time without a motion after which the fleet loses control."""
+"""Time without a motion after which the fleet loses control, s."""
 LEASE = "explicit"
-"""The service's value for control by a lease."""
+"""The value in the service that means control by a lease."""
 NEWEST = 20
 PROGRAM = "sequence"
 
 
 class ServiceCommands:
-    """Sends commands for one robot to the cell's service. Thread safe; one command at a time.
+    """Sends commands for one robot to the cell's service, one command at a time. Thread safe.
 
     Args:
         cell: gives access to bundles and settings.
@@ -52,12 +52,12 @@ class ServiceCommands:
         """Execute an action. Returns a sentence about the result.
 
         Args:
-            role: role of the person at the hub.
+            role: role that the person has at the hub.
 
         Raises:
-            CobotError: the service's error.
+            CobotError: the error that the service reports.
         """
-        if isinstance(action, StageBundle):  # takes long, and changes nothing: a pause does not wait for it
+        if isinstance(action, StageBundle):  # takes long and changes nothing, so a pause does not wait for it
             with self._staging:
                 return self.bundles.stage(action.bundle, role)
         with self._lock:
@@ -91,18 +91,19 @@ class ServiceCommands:
                     raise AssertionError(f"{action.kind} does not need the service")
 
     def picture(self) -> bytes:
-        """A picture of the arm, as PNG; a command in progress does not delay it.
+        """A picture of the arm, as PNG. A command in progress does not delay it.
 
         Raises:
-            CobotError: the service's error.
+            CobotError: the error that the service reports.
         """
         return self._client.picture()
 
     def recover(self) -> None:
-        """Undo the effects of a killed process: release its control, and roll back an interrupted activation.
+        """Undo the effects of an earlier process that was killed: release its control, and roll back an
+        interrupted activation.
 
         Raises:
-            CobotError: the service does not answer yet, or a job runs.
+            CobotError: the service does not answer yet, or a job is running.
         """
         with self._lock:
             if self._looks_for_left_control:
@@ -117,10 +118,10 @@ class ServiceCommands:
             self._client.close()
 
     def _release(self) -> None:
-        """Release control, including that of a killed process, whose token is lost.
+        """Release control, even if a killed process took it, whose token is lost.
 
         Raises:
-            ConflictError: a job runs under that control, and would end.
+            ConflictError: a job is running under that control, and would end.
         """
         self._control.close()
         state = self._client.who_controls()
@@ -138,10 +139,10 @@ class ServiceCommands:
         return f"started {action.program}, version {version}"
 
     def _job(self, state: str) -> str:
-        """The id of the program in this state, or without one that of the single motion.
+        """The id of the program in this state. If there is no program, the id of the single motion.
 
         Raises:
-            ConflictError: there is neither.
+            ConflictError: there is no program and no motion in this state.
         """
         jobs = self._client.jobs(NEWEST, state)
         found = [job for job in jobs if job["kind"] == PROGRAM] or jobs

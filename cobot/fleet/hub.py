@@ -1,4 +1,4 @@
-"""The hub: its data on all cells, and commands to them."""
+"""The hub: its data about all cells, and the commands that it sends to them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MAX_ROBOTS = 10_000
 STOP = StopArm(kind="stop")
 RETRY_S = 0.1
 FILE_S = 30.0
-"""Timeout of a piece of a recording, of the hash of a large one, and of a picture, in seconds."""
+"""Timeout for a piece of a recording, for the hash of a large recording, and for a picture, in seconds."""
 ROLL_OUT_S = 20.0
 """Deadline for the commands of a roll-out, in seconds."""
 CHECK_S = 180.0
@@ -67,12 +67,12 @@ log = logging.getLogger("cobot.fleet")
 
 @dataclass(slots=True)
 class Tile:
-    """The hub's data on a robot.
+    """The hub's data about a robot.
 
     Attributes:
         heard_s: time at which the latest state arrived, on this computer's clock.
-        gone_s: time at which its cell was lost; None while the cell is connected.
-        asked: instances of the cell that the hub has asked for earlier events.
+        gone_s: time at which the robot's cell was lost; None while the cell is connected.
+        asked: those instances of the cell that the hub has asked for earlier events.
     """
 
     state: FleetState
@@ -89,8 +89,10 @@ class Tile:
 
 
 def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]:
-    """One answer for each name: the worst one. If two cells have the same name, one that continues must not
-    be hidden."""
+    """One answer for each name: the worst one.
+
+    If two cells use the same name, the answer of a cell that continues must not be hidden.
+    """
     found: dict[tuple[str, str], CommandAnswer] = {}
     for answer in answers:
         name = answer.cell, answer.robot
@@ -100,7 +102,8 @@ def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]
 
 
 def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
-    """
+    """Read events from the answer of a robot.
+
     Raises:
         InputError: the content is too long.
         ValidationError: the content is not a list of events.
@@ -120,21 +123,21 @@ class Hub:
     """One hub of a fleet. Its methods may be called from any thread.
 
     Attributes:
-        hosts: names and addresses of this computer in the hub's certificate.
-        panels: panels of cells that people have open; None without certificates.
-        counts: number of answers to commands, by action and code.
+        hosts: names and addresses of this computer that the hub's certificate contains.
+        panels: the cells' panels that people have opened; None if there are no certificates.
+        counts: numbers of answers to commands, by action and code.
 
     Args:
         listen: addresses for the cells, such as tcp/127.0.0.1:7447.
-        connect: routers that the hub joins.
+        connect: routers to which the hub connects.
         certificates: folder of the fleet's certificates. With it, connections are encrypted, both sides show
             their certificates, and commands are signed.
-        recordings: store for recordings of the cells; None: recordings are not fetched.
+        recordings: store for recordings from the cells; None means that recordings are not fetched.
 
     Raises:
         ConfigError: a certificate cannot be used.
         UnavailableError: the hub cannot listen on an address, or cannot reach a router.
-        ConflictError: the fleet has another hub.
+        ConflictError: the fleet already has a hub.
     """
 
     def __init__(
@@ -198,11 +201,11 @@ class Hub:
         raise UnavailableError(f"{cell}/{robot}: the cell does not answer")
 
     def picture(self, cell: str, robot: str) -> bytes:
-        """A picture of the arm as it is now, as PNG.
+        """A picture that shows the arm as it is now, as PNG.
 
         Raises:
             NotFoundError: the fleet has no such cell or robot.
-            UnavailableError: the cell does not answer, or cannot make one.
+            UnavailableError: the cell does not answer, or cannot make a picture.
         """
         self.robots_of(cell, robot)
         for content in payloads(self._session.get(self._keys.of(cell, robot, "picture"), timeout=FILE_S)):
@@ -226,7 +229,7 @@ class Hub:
         return HubTime(epoch=self.instance, time_s=time.monotonic())
 
     def cells(self) -> list[dict[str, Any]]:
-        """All robots of all cells, by their names."""
+        """All robots of all cells, sorted by their names."""
         with self._lock:
             return [self._shown(tile) for _, tile in sorted(self._tiles.items())]
 
@@ -234,7 +237,7 @@ class Hub:
         """All robots of a cell, or one robot.
 
         Raises:
-            NotFoundError: the fleet has no such cell or robot. The error lists the names.
+            NotFoundError: the fleet has no such cell or robot. The error lists the names that exist.
         """
         robots = [each for each in self.cells() if each["cell"] == cell]
         if not robots:
@@ -247,11 +250,11 @@ class Hub:
         return found
 
     def forget(self, cell: str) -> None:
-        """Remove the data of a cell that is gone. If it connects again, it is a new cell.
+        """Remove the data of a cell that is gone. If the cell connects again, it counts as a new cell.
 
         Raises:
             NotFoundError: the fleet has no such cell.
-            ConflictError: it is connected.
+            ConflictError: the cell is connected.
         """
         self.robots_of(cell)
         with self._lock:
@@ -261,7 +264,7 @@ class Hub:
                 del self._tiles[name]
 
     def events(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
-        """The last events of a cell, the oldest first.
+        """The last events of a cell, sorted from the oldest on.
 
         Raises:
             NotFoundError: the fleet has no such cell or robot.
@@ -291,11 +294,12 @@ class Hub:
     ) -> list[dict[str, Any]]:
         """Send a command to several robots at the same time, and wait until it is done.
 
-        A cell that does not answer is asked again until the deadline. It recognises the retry by the id.
+        The command is sent again, until the deadline, to a cell that does not answer. The cell recognises the
+        retry by the id.
 
         Args:
             who, role: the person or program, and its role at the hub.
-            cell, robot: names; "*" for all.
+            cell, robot: names of the targets; "*" for all.
             zone: if given, only cells of this zone.
             deadline_s: time in which a cell must receive the command.
             work_s: time in which a cell must execute it.
@@ -417,8 +421,8 @@ class Hub:
             robots: pairs of cell and robot; "*" means the only robot of a cell.
 
         Raises:
-            NotFoundError, BusyError, InputError: see `RollOuts.begin`; or a robot is unknown, or there are
-                several in a cell.
+            NotFoundError, BusyError, InputError: see `RollOuts.begin`. Also if a robot is unknown, or if "*"
+                is given for a cell with several robots.
         """
         named = [self._only(cell, robot) for cell, robot in robots]
         twice = sorted({robot for robot in named if named.count(robot) > 1})
@@ -458,12 +462,12 @@ class Hub:
             if not instances:
                 del self._instances[cell]
             for (name, _), tile in self._tiles.items():
-                if name == cell:  # a new process has to publish a state first: this one is of the last
+                if name == cell:  # this state is the last one of the previous process
                     known = tile.state.instance in instances
                     tile.gone_s = None if known else tile.gone_s or time.monotonic()
         log.info("the cell %s %s", cell, "is connected" if here else "is no longer connected")
         if here:
-            # Another thread: a callback that waits blocks the session.
+            # Runs in a new thread, because a callback that waits would block the session.
             threading.Thread(target=self._ask_states, args=(cell,), daemon=True).start()
 
     def _ask_states(self, cell: str) -> None:
@@ -474,7 +478,7 @@ class Hub:
             for content in payloads(self._session.get(self._keys.of(cell, "*", "state"), timeout=ASK_S)):
                 with contextlib.suppress(InputError):
                     state = read(FleetState, content)
-                    if state.cell == cell:  # a cell does not answer for another one
+                    if state.cell == cell:  # a cell may only answer for itself
                         self._keep(state)
 
     def _ask_events(self, tile: Tile) -> None:
@@ -487,7 +491,7 @@ class Hub:
                 with contextlib.suppress(ValidationError, InputError):
                     self._keep_events(_events_in(content, cell, robot))
                     return
-        tile.asked.discard(instance)  # the next state asks again
+        tile.asked.discard(instance)  # the next state causes a new request
 
     def _take_state(self, sample: zenoh.Sample) -> None:
         try:
@@ -505,7 +509,7 @@ class Hub:
         with self._lock:
             instances = self._instances.get(state.cell, set())
             if state.instance not in instances:
-                return  # a late message of a cell that is gone, or of a client that is not a cell
+                return  # a late message from a cell that is gone, or from a client that is not a cell
             tile = self._tiles.get(name)
             if tile is None:
                 if len(self._tiles) >= MAX_ROBOTS:
@@ -515,7 +519,7 @@ class Hub:
             if state.instance in tile.asked:
                 return
             tile.asked = (tile.asked & instances) | {state.instance}
-        # A cell answers by the time it publishes states. When it appears, it may not answer yet.
+        # A cell that publishes states can answer. When it appears, it may not answer yet.
         threading.Thread(target=self._ask_events, args=(tile,), daemon=True).start()
 
     def _take_event(self, sample: zenoh.Sample) -> None:

@@ -1,4 +1,4 @@
-"""The session on Zenoh: its configuration, and errors that name the settings."""
+"""The session on Zenoh: its configuration, and errors that name the settings to change."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ if TYPE_CHECKING:
     import zenoh
 
 LEASE_MS = 2000
-"""Time without a heartbeat after which a hung peer counts as gone. The end of a peer is noticed at
-once."""
+"""Time without a heartbeat after which a peer that hangs counts as gone, ms. The end of a peer is noticed at
+once.
+"""
 CONNECT_MS = 3000
-"""Timeout for a cell's first connection: TLS takes several round trips. After it the cell tries again."""
+"""Timeout for a cell's first connection, ms. TLS takes several round trips. After the timeout, the cell tries
+again.
+"""
 TLS = "transport/link/tls"
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 
 
 def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh.Session:
-    """Open the session of a cell. After a loss it reconnects by itself.
+    """Open the session of a cell. After the connection is lost, it reconnects by itself.
 
-    The cell is a client, not a peer, because a router expects that peers find each other, and does not
-    introduce them.
+    The cell is a client and not a peer, because a router expects that peers find each other, and does not
+    introduce them to each other.
 
     Args:
         certificates: folder of the cell's certificate, for addresses that begin with tls.
@@ -53,7 +56,7 @@ def open_hub(
     """Open the session of a hub, to which cells connect.
 
     Args:
-        connect: routers that this one joins.
+        connect: routers to which this hub connects.
         certificates: folder of the fleet. With it, each cell can access only its own keys.
     """
     values: dict[str, Any] = {
@@ -126,7 +129,7 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
 
     config = zenoh.Config()
     common = {
-        # Nothing is announced to the network: each side knows whom it connects to.
+        # Nothing is announced to the network, because each side knows the addresses to which it connects.
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
@@ -137,7 +140,7 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as exc:
-        reason = str(exc).split(" at /")[0]  # without the place in Zenoh's own sources
+        reason = str(exc).split(" at /")[0]  # without the place in Zenoh's source code
         if "Address already in use" in reason:
             raise UnavailableError(
                 f"{place}: the address is in use: another hub runs here; stop it, or choose another port"
@@ -146,7 +149,7 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
 
 
 def has_router(session: zenoh.Session) -> bool:
-    """Whether a router is connected: the hub, or a router on the way to it."""
+    """Whether a router is connected. It is the hub, or a router between this cell and the hub."""
     return bool(list(session.info.routers_zid()))
 
 

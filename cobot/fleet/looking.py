@@ -1,4 +1,4 @@
-"""`cobot fleet list`, `show` and `watch`: what the hub knows of the cells."""
+"""`cobot fleet list`, `show` and `watch`: they show the data that the hub has about the cells."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cobot.foreign import plain_lines, plain_text
 PICTURE_S = 40.0
 WATCH_S = 0.5
 MAX_CELL = 48
-"""Maximum number of characters in a column of the list; `show` has the whole text."""
+"""Maximum number of characters in a column of the list. `show` prints the whole text."""
 MAX_LINE = 4000
 COLUMNS = ("cell", "robot", "state", "mode", "job", "program", "control", "version")
 EXIT_OK = 0
@@ -39,7 +39,9 @@ def list_robots(chosen: argparse.Namespace) -> int:
 
 
 def tell(line: str) -> None:
-    """Print a line with texts of cells. They can neither move the cursor nor look like another line."""
+    """Print a line that contains texts from cells. These texts can neither move the cursor nor look like a
+    different line.
+    """
     print(plain_text(line, MAX_LINE), flush=True)
 
 
@@ -72,7 +74,8 @@ def show(chosen: argparse.Namespace) -> int:
 
 
 def _write_picture(chosen: argparse.Namespace, robots: list[str]) -> None:
-    """
+    """Write a picture of a robot to a file.
+
     Raises:
         InputError: the cell has several robots, or the file cannot be written.
         UnavailableError: the hub or the cell does not answer.
@@ -107,7 +110,9 @@ def watch(chosen: argparse.Namespace) -> int:
 
 
 def _robots_again(chosen: argparse.Namespace) -> list[dict[str, Any]]:
-    """All robots of the hub; asks again until the hub answers, for example after a restart."""
+    """All robots that the hub knows. If the hub does not answer, for example during a restart, it is asked
+    again.
+    """
     problem = ""
     while True:
         try:
@@ -120,5 +125,5 @@ def _robots_again(chosen: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def _said(robot: dict[str, Any]) -> list[str]:
-    """The problems of a robot, without ages, which always change."""
+    """The problems of a robot, without ages, because these change all the time."""
     return _concerns(robot | {"age_s": 0.0})[0 if robot["alive"] else 1 :]

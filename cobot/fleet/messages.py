@@ -12,7 +12,7 @@ from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
 MAX_BYTES = 64 * 1024
-"""Maximum size of a message."""
+"""Maximum size of a message, in bytes."""
 KEPT_EVENTS = 50
 """Number of events per robot that cells and hubs keep for clients that connect later."""
 MAX_PROBLEMS, MAX_DRIFT = 20, 100
@@ -24,7 +24,7 @@ NOT_ENDED = ("queued", "planning", "running", "paused")
 DEADLINE_S = 2.0
 """Default timeout for a cell to receive a command, in seconds."""
 REST_S = 6.0
-"""Timeout for a cell to stop the arm and answer, after the deadline of a command, in seconds."""
+"""Time after the deadline of a command in which a cell must stop the arm and answer, in seconds."""
 Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 Person = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,64}$")]
@@ -185,7 +185,7 @@ class RollBackBundle(StrictModel):
     bundle: Hash
 
 
-# `accepted_by` is the setting below fleet.accept of a cell.
+# `accepted_by` is the name of the setting, below fleet.accept of a cell, that lists the accepted roles.
 FleetAction = Annotated[
     StopArm
     | StartProgram
@@ -245,7 +245,8 @@ Model = TypeVar("Model", bound=StrictModel)
 
 
 def read(kind: type[Model], content: bytes) -> Model:
-    """
+    """Read a message.
+
     Raises:
         InputError: the content is not a message of this kind.
     """

@@ -1,4 +1,4 @@
-"""Metrics of a hub for Prometheus: its cells, the age of their states, and the commands."""
+"""Metrics of a hub for Prometheus: its cells, the age of their states, and the commands that it has sent."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def metrics_of(hub: Hub) -> bytes:
 
 
 class HubMetrics(Collector):
-    """Reads the hub at each scrape."""
+    """Reads the data of the hub each time that Prometheus asks for the metrics."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -50,7 +50,7 @@ class HubMetrics(Collector):
         problems = GaugeMetricFamily(
             "cobot_fleet_problems", "Number of problems that a robot reports.", labels=["cell", "robot"]
         )
-        counters = GaugeMetricFamily(  # they begin at 0 with each start of a real-time process
+        counters = GaugeMetricFamily(  # they restart from 0 with each real-time process
             "cobot_fleet_robot_counter",
             "Number of events since the start of the real-time process of a robot.",
             labels=["cell", "robot", "counter"],

@@ -37,12 +37,12 @@ class FleetKeys:
         return f"{PREFIX}/{self.fleet}/{cell}/{robot}/{last}"
 
     def alive(self, cell: str, instance: str) -> str:
-        """The liveliness token of a cell's process."""
+        """The key of the liveliness token of a cell's process."""
         return f"{PREFIX}/{self.fleet}/{cell}/{instance}"
 
     def panel(self, cell: str) -> str:
-        """Requests to the panel of a cell. A robot named `panel` does not conflict, because robots have no
-        key `request`.
+        """The key for requests to the panel of a cell. A robot named `panel` does not conflict with it,
+        because robots have no key `request`.
         """
         return self.of(cell, "panel", "request")
 
@@ -51,20 +51,20 @@ class FleetKeys:
         return f"{PREFIX}/{self.fleet}/{HUB}/time"
 
     def bundle(self, name: str) -> str:
-        """The content of a bundle; `*` for all of them."""
+        """The key of a bundle's content; `*` for all bundles."""
         return f"{PREFIX}/{self.fleet}/{HUB}/bundles/{name}"
 
     def hub(self, instance: str) -> str:
-        """The liveliness token of a hub."""
+        """The key of the liveliness token of a hub."""
         return f"{PREFIX}/{self.fleet}/{HUB}/{instance}"
 
 
 def parts(key: str) -> tuple[str, str]:
-    """The cell, and the robot or the instance, in a key."""
+    """The names in a key: the cell, and the robot or the instance."""
     chunks = key.split("/")
     return chunks[2], chunks[3]
 
 
 def own_cell_name(given: str | None) -> str:
-    """The name of this cell: that in the settings, or without one the name of this computer."""
+    """The name of this cell: the name in the settings, or without one the name of this computer."""
     return given or NOT_IN_NAMES.sub("-", socket.gethostname())[:48].strip("-") or "cell"

@@ -1,4 +1,4 @@
-"""`cobot fleet stop`, `run` and the other commands that change something in cells or in the hub."""
+"""`cobot fleet stop`, `run` and the other commands that change something in the cells or in the hub."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ EXIT_OK, EXIT_FAILED = 0, 1
 
 
 def command(chosen: argparse.Namespace) -> int:
-    """Send `chosen.action_of(chosen)` to all named targets at the same time; None stands for a stop."""
+    """Send a command to all named targets at the same time.
+
+    The function `chosen.action_of(chosen)` makes the command; None stands for a stop.
+    """
     action: dict[str, Any] | None = chosen.action_of(chosen)
     last, refusal = ("stop", "NOT stopped") if action is None else ("commands", "not done")
     body = {"deadline_s": chosen.deadline} | ({} if action is None else {"action": action})
     good, answers = True, []
     paths = [f"{target}/{last}" for target in _targets(chosen)]
-    with ThreadPoolExecutor(len(paths)) as pool:  # no cell waits until another one has answered
+    with ThreadPoolExecutor(len(paths)) as pool:  # no cell waits until a different cell has answered
         timeout_s = chosen.deadline + REST_S + TIMEOUT_S
         asked = [pool.submit(ask, chosen, "POST", path, body, timeout_s) for path in paths]
     for each in asked:
         try:
             answers.append(each.result())
-        except CobotError as exc:  # the other cells have the command nevertheless
+        except CobotError as exc:  # the other cells have received the command nevertheless
             print(f"cobot: {refusal}: {plain_lines(exc)}", file=sys.stderr)
             good = False
     if chosen.json:
@@ -49,7 +52,7 @@ def command(chosen: argparse.Namespace) -> int:
 
 
 def _targets(chosen: argparse.Namespace) -> list[str]:
-    """The paths of the targets of a command."""
+    """The URL paths of the targets of a command."""
     if chosen.all:
         return [""]
     if chosen.zone:
@@ -80,7 +83,7 @@ def roll_out(chosen: argparse.Namespace) -> int:
                 break
             time.sleep(WATCH_S)
         except KeyboardInterrupt:
-            with contextlib.suppress(ConflictError):  # it has ended: the next answer has the result
+            with contextlib.suppress(ConflictError):  # it has ended: the next answer gives the result
                 ask(chosen, "POST", f"{path}/cancel")
     if chosen.json:
         print(json.dumps(found, indent=1))

@@ -1,7 +1,8 @@
-"""The cell's part of its panel at the hub: requests to its own service, with the rights that it permits.
+"""The cell's part of its panel at the hub: requests to the cell's own service, with the rights that the cell
+permits.
 
-Everything runs in one event loop in a thread of its own, so no command of the fleet waits for it. The service
-decides what a request may do, by the role of the token that comes with it.
+Everything runs in one event loop in a separate thread, so no command of the fleet waits for it. The service
+decides what a request may do, by the role of the token that is sent with the request.
 """
 
 from __future__ import annotations
@@ -49,23 +50,26 @@ MAX_WAITING = 200
 """Maximum number of queries that are answered at the same time."""
 CONNECT_S = 5.0
 LONG_S = 150.0
-"""Timeout for an answer of the service: longer than those of the panel."""
+"""Timeout for an answer from the service. It is longer than the timeouts of the panel."""
 READING = ("GET", "HEAD")
 NO_ROLE = "none"
 HIGHEST = Role.PROGRAMMER
-"""Highest role of a person at the hub. Tokens, backups and reloads need a higher one."""
+"""Highest role that a person at the hub can have in this cell. Tokens, backups and reloads need a higher
+role.
+"""
 
 log = logging.getLogger("cobot.fleet")
 
 
 class CellPanel:
-    """Answers the requests of the hub to the panel of this cell.
+    """Answers the requests that the hub sends to the panel of this cell.
 
     Args:
-        fleet, cell: the names of this cell.
-        url: URL of its service; "" without one.
-        token: of this process at the service.
-        record: adds a changing request to the audit. Arguments: person, request, outcome, id.
+        fleet, cell: the names of the fleet and of this cell.
+        url: URL of the cell's service; "" if it has none.
+        token: token of this process for the service.
+        record: function that adds a request that changes something to the audit. Its arguments are the
+            person, the request, the outcome and the id.
     """
 
     def __init__(
@@ -100,7 +104,7 @@ class CellPanel:
         asyncio.run_coroutine_threadsafe(self._answer(query, key), self._loop)
 
     def close_streams(self) -> None:
-        """Close all streams, because the hub is lost."""
+        """Close all streams, because the connection to the hub is lost."""
         self._loop.call_soon_threadsafe(self._streams.close_unread, -1.0)
 
     def close(self) -> None:
@@ -148,7 +152,8 @@ class CellPanel:
             self._places.release()
 
     async def _execute(self, content: bytes, body: bytes) -> tuple[PanelHead, bytes]:
-        """
+        """Execute a request from the hub.
+
         Raises:
             CobotError: the request is not accepted, or cannot be executed.
         """
@@ -165,7 +170,7 @@ class CellPanel:
                 f"the request is for {request.fleet}/{request.cell}, but {self._fleet}/{self._cell} "
                 "received it"
             )
-        await asyncio.to_thread(self._seen.require_new, request)  # it may ask the hub for its time
+        await asyncio.to_thread(self._seen.require_new, request)  # may ask the hub for its time
         match request.wish:
             case OpenHttp():
                 role = self._role(request, changes=request.wish.method not in READING)
@@ -180,7 +185,7 @@ class CellPanel:
                 send = self._streams.get(request.wish.stream).send
                 if send is None:
                     raise InputError("this stream takes no messages")
-                with contextlib.suppress(WebSocketException):  # its end is read from the stream
+                with contextlib.suppress(WebSocketException):  # the stream reports the end of the WebSocket
                     await send(body.decode("utf-8", "replace") if request.wish.is_text else body)
                 return PanelHead(), b""
             case CloseStream():
@@ -188,10 +193,10 @@ class CellPanel:
                 return PanelHead(ended=True), b""
 
     def _role(self, request: PanelRequest, *, changes: bool) -> Role:
-        """The role of a request at the service.
+        """The role with which a request is sent to the service.
 
         Raises:
-            PermissionDenied: this cell does not permit it.
+            PermissionDenied: this cell does not permit the request.
             NotFoundError: this cell has no service.
         """
         if not self._url:
@@ -216,7 +221,7 @@ class CellPanel:
     async def _piece(self, stream: PanelStream) -> tuple[PanelHead, bytes]:
         frames, ended = await stream.read(WAIT_S)
         status, headers = stream.status, stream.headers
-        stream.status, stream.headers = 0, {}  # they are sent once
+        stream.status, stream.headers = 0, {}  # they are sent only once
         if ended:
             self._streams.close(stream.name)
         told = [] if stream.send is None else [(is_text, len(content)) for is_text, content in frames]
@@ -226,7 +231,7 @@ class CellPanel:
     async def _ask(
         self, request: PanelRequest, wish: OpenHttp, body: bytes, role: Role, stream: PanelStream
     ) -> None:
-        """Fill a stream with the answer of the service."""
+        """Fill a stream with the answer from the service."""
         if self._http is None:
             timeout = httpx2.Timeout(LONG_S, connect=CONNECT_S)
             self._http = httpx2.AsyncClient(timeout=timeout, verify=tls_context(True), trust_env=False)

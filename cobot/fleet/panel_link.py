@@ -1,4 +1,6 @@
-"""The hub's part of the panels of cells: people who have one open, and signed requests to the cells."""
+"""The hub's part of the panels of cells: the people who have opened a panel, and signed requests to the
+cells.
+"""
 
 from __future__ import annotations
 
@@ -37,15 +39,16 @@ if TYPE_CHECKING:
     import zenoh
 
 MAX_PANELS = 200
-"""Maximum number of panels that are open at the same time. Beyond it, the least recently used one is closed.
+"""Maximum number of panels that are open at the same time. If one more is opened, the least recently used
+panel is closed.
 """
 UNUSED_S = 900.0
 """Time without a request after which a panel is closed."""
 MAX_OPEN_S = 12 * 3600.0
-"""Time after which a panel is closed, and must be opened again from the page of the fleet."""
+"""Time after which a panel is closed. It must then be opened again from the fleet page."""
 NOT_OPEN = "this panel is no longer open; open it again from the page of the fleet"
 ANSWER_S = 10.0
-"""Timeout for an answer of a cell. A cell answers after 1 s, also without content."""
+"""Timeout for an answer from a cell. A cell answers after 1 s even if it has no content."""
 
 
 class PanelPerson(NamedTuple):
@@ -57,15 +60,15 @@ class PanelPerson(NamedTuple):
 
 @dataclass(slots=True)
 class OpenPanel:
-    """A panel that a person has open. Its address has a secret, so that the panel needs no token: scripts of
-    a cell never see the token of the person.
+    """A panel that a person has opened. Its address contains a secret, so the panel needs no token. The
+    scripts of a cell therefore never see the token of the person.
 
     Attributes:
-        find: finds the person; None once the token is no longer valid.
-        used_s: time of the last request, also of one for a piece of a WebSocket.
+        find: function that returns the person, or None if the token is no longer valid.
+        used_s: time of the last request, including requests for a piece of a WebSocket.
         closed: whether it was closed to make room for another panel.
-        requests, sockets: numbers of those in progress.
-        turns: limits the pieces of answers that are on their way.
+        requests, sockets: numbers of requests and of WebSockets in progress.
+        turns: limits the number of answer pieces that are in transit.
     """
 
     cell: str
@@ -79,12 +82,12 @@ class OpenPanel:
 
     @property
     def is_over(self) -> bool:
-        """Whether it was closed, was open for too long, or was not used for too long."""
+        """Whether the panel was closed, was open for too long, or was not used for too long."""
         now_s = time.monotonic()
         return self.closed or now_s - self.opened_s >= MAX_OPEN_S or now_s - self.used_s >= UNUSED_S
 
     def use(self) -> PanelPerson:
-        """Note a request of the panel, and find the person.
+        """Record that the panel sends a request, and find the person.
 
         Raises:
             NotFoundError: the panel is no longer open.
@@ -125,7 +128,8 @@ class PanelLink:
             return name
 
     def get(self, name: str) -> OpenPanel:
-        """
+        """Find an open panel.
+
         Raises:
             NotFoundError: no panel is open under this name.
         """
@@ -145,7 +149,7 @@ class PanelLink:
         Raises:
             NotFoundError, AuthenticationError: see `OpenPanel.use`.
             UnavailableError: the cell does not answer.
-            CobotError: the error of the cell.
+            CobotError: the error that the cell reports.
         """
         import zenoh
 
@@ -180,7 +184,8 @@ class PanelLink:
                 payload=written(self._signer.signed(request)),
                 attachment=body,
                 timeout=ANSWER_S,
-                # Below states and commands, and dropped rather than waited for.
+                # Its priority is below states and commands. On congestion it is dropped, so that nothing
+                # waits for it.
                 priority=zenoh.Priority.DATA_LOW,
                 congestion_control=zenoh.CongestionControl.DROP,
             )
@@ -201,7 +206,8 @@ class PanelLink:
 
 
 def require_room(now: int, most: int, what: str) -> None:
-    """
+    """Check that one more request may begin.
+
     Raises:
         BusyError: the maximum number of requests is in progress.
     """

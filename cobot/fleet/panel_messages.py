@@ -1,8 +1,8 @@
-"""The messages by which a hub passes requests of a browser on to the panel of a cell, and the answers.
+"""The messages with which a hub forwards requests from a browser to the panel of a cell, and the answers.
 
-A request is a query with a signed `PanelRequest` and its body as an attachment. The answer is a piece of the
+A request is a query with a signed `PanelRequest`; the body is an attachment. The answer is a piece of the
 content, with a `PanelHead` as an attachment. Long answers and WebSockets are streams, which the hub reads
-piece by piece, so a slow connection slows down the sender, and little data is on its way at any time.
+piece by piece. So a slow connection slows down the sender, and little data is in transit at any time.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from cobot.fleet.messages import Hash, Id, Name, Person, Seconds, Text
 from cobot.strict import StrictModel
 
 MAX_BODY_BYTES = 256 * 1024
-"""Maximum size of a body that is sent to a cell."""
+"""Maximum size of a body that is sent to a cell, in bytes."""
 MAX_ANSWER_BYTES = 64 * 2**20
-"""Maximum size of an answer of a cell."""
+"""Maximum size of an answer from a cell, in bytes."""
 MAX_FRAME_BYTES = 64 * 1024
-"""Maximum size of a message of a WebSocket to a cell."""
+"""Maximum size of a WebSocket message to a cell, in bytes."""
 PIECE_BYTES = 16 * 1024
-"""Size of a piece of an answer. Only a single message may be larger."""
+"""Size of a piece of an answer, in bytes. Only a piece with a single message may be larger."""
 MAX_PIECES = 4
-"""Maximum number of pieces that are on their way to a panel. On a slow line, the answer to a stop must wait
-for pieces that were sent before, whatever its priority.
+"""Maximum number of pieces that are in transit to a panel. On a slow line, the answer to a stop must wait for
+the pieces that were sent before it, regardless of its priority.
 """
 MAX_PIECE_BYTES = 512 * 1024
-"""Maximum size of a piece: a single message of a WebSocket may be larger than `PIECE_BYTES`."""
+"""Maximum size of a piece, in bytes, because a single WebSocket message may be larger than `PIECE_BYTES`."""
 MAX_REQUESTS, MAX_SOCKETS = 16, 8
-"""Maximum number of HTTP requests and of WebSockets that are open at the same time, for each open panel."""
+"""For each open panel, the maximum number of HTTP requests in progress and of open WebSockets."""
 WAIT_S = 1.0
-"""Time for which a cell waits for content before it answers without any."""
+"""Time for which a cell waits for content before it answers without content."""
 IDLE_S = 5.0
 """Time after which a cell closes a stream that the hub does not read."""
 OPEN_S = 10.0
-"""Deadline for a cell to receive a request."""
+"""Time in which a cell must receive a request."""
 REQUEST_HEADERS = (
     "accept",
     "accept-language",
@@ -74,7 +74,7 @@ _SOCKET = re.compile(rf"(/v1)?(/robots?(/{NAME})?)?/(stream|events)")
 
 
 def _a_path(path: str) -> str:
-    """Reject paths that two readers could understand differently."""
+    """Reject paths that two programs could interpret differently."""
     plain = unquote_to_bytes(path)
     odd = re.search(r"%(?![0-9A-Fa-f]{2})|%2[fF]|%5[cC]|//", path) or re.search(rb"[\x00-\x1f\x7f\\]", plain)
     if odd or not _PATH.fullmatch(path) or {b".", b".."} & set(plain.split(b"/")):

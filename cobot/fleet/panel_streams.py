@@ -17,11 +17,12 @@ MAX_STREAMS = 64
 
 
 class PanelStream:
-    """Content between a sender, which waits while it is not read, and the hub.
+    """Content on its way from a sender to the hub. The sender waits while the hub does not read.
 
     Attributes:
-        status, headers: of an HTTP answer; 0 until they have come, and for a WebSocket.
-        send: sends a message of the hub; None for an HTTP answer.
+        status, headers: status and headers of an HTTP answer. The status is 0 until they have arrived, and
+            for a WebSocket.
+        send: function that sends a message from the hub; None for an HTTP answer.
         read_s: time of the last read.
     """
 
@@ -70,7 +71,7 @@ class PanelStream:
             try:
                 async with asyncio.timeout(wait_s):
                     await self._changed.wait_for(lambda: self._frames or self._ended or self.status)
-                    if not self._frames and not self._ended:  # the status alone: content is just behind
+                    if not self._frames and not self._ended:  # only the status has arrived: content follows
                         await self._changed.wait_for(lambda: self._frames or self._ended)
             except TimeoutError:
                 pass
@@ -109,7 +110,8 @@ class PanelStreams:
         return stream
 
     def get(self, name: str) -> PanelStream:
-        """
+        """Find an open stream.
+
         Raises:
             NotFoundError: the stream has been closed.
         """
@@ -125,8 +127,8 @@ class PanelStreams:
             stream.task.cancel()
 
     def close_unread(self, longest_s: float = IDLE_S) -> None:
-        """Close the streams that were not read for longer than `longest_s`: their hub is not connected any
-        more.
+        """Close the streams that were not read for longer than `longest_s`, because their hub is no longer
+        connected.
         """
         now_s = time.monotonic()
         for name in [name for name, each in self._streams.items() if now_s - each.read_s > longest_s]:
@@ -142,9 +144,10 @@ class PanelStreams:
 
 
 def require_piece(content: bytes) -> bytes:
-    """
+    """Check the size of a WebSocket message.
+
     Raises:
-        UnavailableError: a message is too large for the hub.
+        UnavailableError: the message is too large for the hub.
     """
     if len(content) > MAX_PIECE_BYTES:
         raise UnavailableError(

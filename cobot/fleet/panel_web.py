@@ -1,9 +1,9 @@
-"""The panels of cells at the hub, on a port of their own.
+"""The cells' panels at the hub, on a separate port.
 
-The scripts of a panel come from the cell. On another port they are of another origin than the page of the
-fleet, so a cell whose software has been changed cannot use the rights of the person at the hub elsewhere.
-An address is https://HUB:PORT/SECRET/PATH, with the path at the cell. The panel names everything relative to
-its own address.
+The scripts of a panel come from the cell. The separate port gives them a different origin than the fleet
+page. So a cell whose software has been changed cannot use the rights that the person has at the hub. An
+address is https://HUB:PORT/SECRET/PATH, where PATH is the path in the cell. The panel uses only addresses
+relative to its own.
 """
 
 from __future__ import annotations
@@ -63,13 +63,15 @@ from cobot.fleet.status import status_of
 from cobot.strict import sentences
 
 MAX_ALL_REQUESTS, MAX_CONNECTIONS = 200, 500
-"""Maximum number of requests of all panels, and of connections of browsers."""
+"""Maximum number of requests in progress for all panels together, and of connections from browsers."""
 BROWSER_S = 30.0
-"""Timeout for a browser to send the body of a request, and to take a piece of an answer. Without it, browsers
-that hang would use up the permitted number of requests.
+"""Timeout for a browser to send the body of a request, and to accept a piece of an answer. Without it,
+browsers that hang would use up the permitted number of requests.
 """
 MAX_STOPS = 20
-"""Maximum number of stops that are in progress at the same time; others wait for one of them."""
+"""Maximum number of stops that are in progress at the same time. Further stops wait for one of them to
+end.
+"""
 POLICY = "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"
 HEADERS = {
     "content-security-policy": POLICY,
@@ -87,10 +89,10 @@ log = logging.getLogger("cobot.fleet")
 
 
 class PanelApp:
-    """The application that passes requests on to the cells.
+    """The application that forwards requests to the cells.
 
     Args:
-        connections: returns the number of connections of browsers.
+        connections: returns the number of connections from browsers.
     """
 
     def __init__(self, hub: Hub, link: PanelLink, connections: Callable[[], int]) -> None:
@@ -105,13 +107,14 @@ class PanelApp:
                 await self._serve(request, send)
             except CobotError as exc:
                 await _failure(request, exc)(scope, receive, send)
-            except (OSError, ClientDisconnect) as exc:  # the connection ends, so the answer is incomplete
+            except (OSError, ClientDisconnect) as exc:  # the connection ends, and the answer is incomplete
                 log.warning("an answer of a panel has ended early: %s", exc or type(exc).__name__)
         elif scope["type"] == "websocket":
             await self._join(WebSocket(scope, receive, send))
 
     def _require_alive(self, panel: OpenPanel) -> None:
-        """
+        """Check that the cell of a panel is connected.
+
         Raises:
             UnavailableError: the cell is gone.
         """
@@ -125,7 +128,7 @@ class PanelApp:
         """Answer a request.
 
         Raises:
-            CobotError: it cannot be passed on, or the error of the cell.
+            CobotError: the request cannot be forwarded, or the cell reports an error.
         """
         name, path = _split(request.scope)
         panel = self._link.get(name)
@@ -170,7 +173,7 @@ class PanelApp:
                 head, content = await asyncio.shield(opening)
             except asyncio.CancelledError:
                 with contextlib.suppress(CobotError):
-                    head, _ = await opening  # the name of the stream that is to be closed
+                    head, _ = await opening  # gives the name of the stream that must be closed
                     await self._close(panel, head.stream)
                 raise
         last = [head]
@@ -186,13 +189,13 @@ class PanelApp:
                 await asyncio.shield(self._close(panel, head.stream))
 
     async def _read(self, panel: OpenPanel, last: list[PanelHead]) -> tuple[PanelHead, bytes]:
-        """The piece after the last one."""
+        """The piece that follows the piece `last`."""
         async with panel.turns:
             last[0], content = await self._link.ask(panel, ReadStream(kind="read", stream=last[0].stream))
         return last[0], content
 
     async def _pieces(self, panel: OpenPanel, content: bytes, last: list[PanelHead]) -> AsyncIterator[bytes]:
-        """All pieces of an answer. An error ends it early, so that the browser finds it incomplete."""
+        """All pieces of an answer. An error ends it early, and the browser then finds it incomplete."""
         size = 0
         while True:
             size += len(content)
@@ -205,14 +208,14 @@ class PanelApp:
             try:
                 _, content = await self._read(panel, last)
             except CobotError as exc:
-                raise OSError(str(exc)) from exc  # as if the browser had gone: the connection is closed
+                raise OSError(str(exc)) from exc  # as for a browser that is gone: closes the connection
 
     async def _close(self, panel: OpenPanel, stream: str) -> None:
         with contextlib.suppress(CobotError):
             await self._link.ask(panel, CloseStream(kind="close", stream=stream))
 
     async def _stop(self, panel: OpenPanel, person: PanelPerson, robot: str) -> Response:
-        """Stop the arms with the priority of the fleet's page. Requests to panels do not delay this."""
+        """Stop the arms with the same priority as the fleet page. Requests to panels do not delay this."""
         work = partial(self._hub.command, STOP, person.name, person.role, panel.cell, robot)
         answers = await asyncio.get_running_loop().run_in_executor(self._stops, work)
         bad = [each for each in answers if each["code"] != "ok"]
@@ -220,7 +223,7 @@ class PanelApp:
         return JSONResponse({"success": bool(answers) and not bad, "message": message}, headers=HEADERS)
 
     async def _join(self, browser: WebSocket) -> None:
-        """Connect a browser with a WebSocket of a cell."""
+        """Connect a browser with a WebSocket in a cell."""
         panel: OpenPanel | None = None
         try:
             name, path = _split(browser.scope)
@@ -250,7 +253,7 @@ class PanelApp:
             panel.sockets -= 1
 
     async def _send_up(self, browser: WebSocket, panel: OpenPanel, stream: str) -> None:
-        """Pass the messages of a browser on, one after the other."""
+        """Forward the messages from a browser, one after the other."""
         while (message := await browser.receive())["type"] == "websocket.receive":
             text = message.get("text")
             wish = SendMessage(kind="send", stream=stream, is_text=text is not None)
@@ -259,7 +262,7 @@ class PanelApp:
     async def _send_down(
         self, browser: WebSocket, panel: OpenPanel, stream: str, up: asyncio.Task[None]
     ) -> None:
-        """Pass the messages of a cell on until one side closes."""
+        """Forward the messages from a cell until one side closes the connection."""
         while not up.done():
             head, content = await self._link.ask(panel, ReadStream(kind="read", stream=stream))
             place = 0
@@ -277,7 +280,7 @@ class PanelApp:
 
 
 class PanelServer:
-    """Serves the panels in an event loop and a thread of its own.
+    """Serves the panels in a separate event loop and thread.
 
     Args:
         hosts: names and addresses that requests may use for the hub.
@@ -316,13 +319,14 @@ class PanelServer:
 
 
 def _split(scope: Scope) -> tuple[str, str]:
-    """The secret part of an address, and the path at the cell."""
+    """The secret part of an address, and the path in the cell."""
     name, slash, path = scope["raw_path"].decode("ascii").removeprefix("/").partition("/")
     return name, slash + path
 
 
 def _wish_of(request: Request, path: str) -> OpenHttp:
-    """
+    """Read the request of a browser.
+
     Raises:
         InputError: the path or a header is not one that a panel sends.
     """
@@ -363,11 +367,13 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
 
 
 async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -> None:
-    """Do the work until the browser disconnects. Then the cell ends the request. With
-    `web.stop_on_disconnect` it also ends the motion, as it does for browsers that are connected to the cell.
+    """Do the work until the browser disconnects. Then the cell ends the request.
+
+    With `web.stop_on_disconnect`, the cell also ends the motion, as it does for browsers that are connected
+    to the cell directly.
 
     Args:
-        request: its body was read.
+        request: a request whose body was read.
     """
 
     async def wait_for_departure() -> None:
@@ -385,10 +391,11 @@ async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -
 
 
 async def _body(request: Request) -> bytes:
-    """
+    """Read the body of a request.
+
     Raises:
         PayloadError: the body is too large.
-        InputError: it has not come in time.
+        InputError: the body has not arrived in time.
     """
     announced = request.headers.get("content-length", "0")
     body = b""
@@ -417,7 +424,7 @@ async def _deny(browser: WebSocket, reason: str) -> None:
 
 
 def _failure(request: Request, exc: CobotError) -> Response:
-    """An error as JSON for scripts, and as a page for people."""
+    """The response for an error: JSON for scripts, and a page for people."""
     status = status_of(exc)
     headers = HEADERS | ({"connection": "close"} if isinstance(exc, BusyError) else {})
     if "text/html" not in request.headers.get("accept", ""):

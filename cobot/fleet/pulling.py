@@ -18,11 +18,13 @@ from cobot.fleet.asking import ask, headers
 EXIT_OK = 0
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
-"""HTTP status for the rest of a file, and for a file without a rest."""
+"""HTTP status for the rest of a file, and for a file of which nothing is left."""
 
 
 def pull(chosen: argparse.Namespace) -> int:
-    """Copy recordings that do not exist here yet. An interrupted copy continues where it ended."""
+    """Copy recordings that do not exist on this computer yet. An interrupted copy continues where it
+    ended.
+    """
     found = ask(chosen, "GET", "/recordings")["recordings"]
     known = {each["cell"] for each in [*found, *ask(chosen, "GET", "/cells")["robots"]]}
     for cell in chosen.cells:
@@ -50,10 +52,10 @@ def pull(chosen: argparse.Namespace) -> int:
 
 
 def _plain(name: str) -> str:
-    """Check the name of a file or folder.
+    """Check that a name is that of a file or folder, without a path.
 
     Raises:
-        InputError: the name would lead to another folder.
+        InputError: the name would lead to a different folder.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", name):
         raise InputError(f"the hub's recording has an invalid name: {name!r}")
@@ -61,9 +63,10 @@ def _plain(name: str) -> str:
 
 
 def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
-    """
+    """Download one file from the hub.
+
     Raises:
-        UnavailableError: the hub does not answer. The next call continues.
+        UnavailableError: the hub does not answer. The next call continues the download.
         InputError: the file cannot be written.
     """
     part = file.with_name(f"{file.name}.part")

@@ -1,8 +1,8 @@
 """Transfers recordings: a cell sends pieces of its files, and the hub assembles them.
 
-The hub requests one piece at a time, so a slow link delays no command. A file at the hub is complete when its
-SHA-256 equals that of the cell. Until then its name is NAME.part, and an interrupted transfer continues where
-it ended.
+The hub requests one piece at a time, so that a slow link does not delay commands. A file at the hub is
+complete when its SHA-256 equals that of the file in the cell. Until then its name is NAME.part, and an
+interrupted transfer continues where it ended.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ LISTED = TypeAdapter(list[ListedRecording])
 
 
 class GivenRecordings:
-    """The recordings of one robot of a cell."""
+    """The recordings of one robot, in its cell."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def listing(self, _: bytes = b"") -> bytes:
-        """All complete recordings, the oldest first, as JSON."""
+        """All complete recordings as JSON, sorted from the oldest on."""
         found = []
         for path in sorted(self._folder.glob(f"*{SUFFIX}"), key=_age):
             with contextlib.suppress(OSError, ValidationError):
@@ -85,7 +85,7 @@ class GivenRecordings:
 
 @dataclass(frozen=True, slots=True)
 class TakenRecording:
-    """A recording at the hub."""
+    """A recording that is stored at the hub."""
 
     cell: str
     robot: str
@@ -97,7 +97,8 @@ class FleetRecordingStore:
     """The recordings of a fleet on the hub's disk: FOLDER/CELL/ROBOT/NAME.
 
     Args:
-        max_bytes: maximum size of all files, also of unfinished ones. The oldest are deleted to make room.
+        max_bytes: maximum size of all files together, including unfinished ones. The oldest files are deleted
+            to make room.
 
     Raises (constructor):
         UnavailableError: the folder cannot be written.
@@ -111,7 +112,7 @@ class FleetRecordingStore:
             raise UnavailableError(f"--recordings: {folder}: {exc.strerror}") from exc
 
     def all(self) -> list[TakenRecording]:
-        """All complete recordings, the oldest first."""
+        """All complete recordings, sorted from the oldest on."""
         found = []
         for path in sorted(self._folder.glob(f"*/*/*{SUFFIX}"), key=_age):
             with contextlib.suppress(OSError):
@@ -120,7 +121,8 @@ class FleetRecordingStore:
         return found
 
     def path(self, cell: str, robot: str, name: str) -> Path:
-        """
+        """The file of a recording.
+
         Raises:
             NotFoundError: there is no such recording.
         """
@@ -139,7 +141,8 @@ class FleetRecordingStore:
 
         Raises:
             InputError: the listing is not valid.
-            UnavailableError: the disk is full, or the connection was lost. The next call continues.
+            UnavailableError: the disk is full, or the connection was lost. The next call continues the
+                transfer.
         """
         try:
             found = LISTED.validate_json(listing)
@@ -182,7 +185,7 @@ class FleetRecordingStore:
             right = file_digest(file, "sha256").hexdigest().encode() == expected
             os.fsync(file.fileno())
         if not right:
-            part.unlink()  # the file in the cell is another one now, or the disk has changed a byte
+            part.unlink()  # the file in the cell was replaced, or the disk has changed a byte
             log.warning("%s: the hash differs; fetching it again", part)
             return False
         part.rename(folder / recording.name)
@@ -192,7 +195,7 @@ class FleetRecordingStore:
 
     @staticmethod
     def _known(folder: Path) -> set[str]:
-        """Names of the recordings that were fetched, including those that were deleted to make room."""
+        """Names of the recordings that were fetched, including recordings that were deleted to make room."""
         return {path.name for path in folder.glob(f"*{SUFFIX}")} | _taken(folder)
 
     @staticmethod
@@ -207,11 +210,11 @@ class FleetRecordingStore:
             keep(folder / TAKEN, lines.encode(), "the list of recordings")
 
     def _make_room(self, part: Path, size: int) -> bool:
-        """Delete the oldest files to make room. False if the new one alone is too large.
+        """Delete the oldest files to make room. Returns False if the new file is too large by itself.
 
         Args:
-            part: the unfinished file of the new one. Those of other cells may be left over, because a cell
-                that is gone does not complete them.
+            part: the unfinished file of the new recording. Unfinished files from other cells may be deleted,
+                because a cell that is gone does not complete them.
             size: final size of the new one.
         """
         if size > self._max_bytes:
@@ -233,7 +236,7 @@ class RecordingPuller:
 
     Args:
         robots: returns the cells and robots that currently provide recordings.
-        ask: sends a request to the key of a robot; returns None without an answer.
+        ask: sends a request to the key of a robot; returns None if there is no answer.
     """
 
     def __init__(

@@ -32,9 +32,9 @@ from cobot.fleet.watching import ArmWatch, ServiceWatch
 from cobot.launch.stop import stop
 
 UNCHANGED_S = 1.0
-"""Interval at which an unchanged state is published again, in seconds."""
+"""Interval at which a state is published again if it does not change, in seconds."""
 WORKERS = 8
-"""Maximum number of commands in progress for a robot: the first one, and retries that wait for it."""
+"""Maximum number of commands in progress for a robot: the first try, and retries that wait for its result."""
 FROM = "fleet"
 
 log = logging.getLogger("cobot.fleet")
@@ -63,8 +63,8 @@ class FleetRobot:
         self._commands = ServiceCommands(url, settings, token, cell) if url else None
         self._published_s = 0.0
         self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
-        self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
-        self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
+        self.files = ThreadPoolExecutor(1)  # for reading a large file during commands
+        self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that still moves delays no other arm
         self.state = self._read_state()
 
     def _read_state(self) -> FleetState:
@@ -83,11 +83,11 @@ class FleetRobot:
 
     @property
     def programs(self) -> list[dict[str, Any]]:
-        """The stored programs in the last answer of the service: `id`, `label` and `version`."""
+        """The stored programs as in the last answer from the service: `id`, `label` and `version`."""
         return [] if self._service is None else self._service.programs
 
     def update(self) -> FleetState | None:
-        """The new state if it is due to be published; else None."""
+        """The new state if it must be published now; otherwise None."""
         state, now_s = self._read_state(), time.monotonic()
         if state == self.state and now_s - self._published_s < UNCHANGED_S:
             return None
@@ -137,20 +137,20 @@ class FleetRobot:
         """A picture of the arm, as PNG.
 
         Raises:
-            CobotError: the service does not give one.
+            CobotError: the service does not return a picture.
         """
         if self._commands is None:
             raise UnavailableError("this cell runs without its web service")
         return self._commands.picture()
 
     def recover(self) -> None:
-        """Roll back a bundle whose activation was interrupted, once the service answers."""
+        """Roll back a bundle whose activation was interrupted, as soon as the service answers."""
         if self._commands is not None:
             with contextlib.suppress(CobotError):
                 self._commands.recover()
 
     def wish(self, command: FleetCommand) -> str:
-        """A description of a command, for the audit."""
+        """Describe a command for the audit."""
         action = command.action.model_dump(exclude_defaults=True)
         return " ".join(str(each) for each in (action.pop("kind"), self.name, *action.values()))
 

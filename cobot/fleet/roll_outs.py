@@ -1,5 +1,6 @@
-"""Rolls a bundle out to many cells: first to one, then to the others in waves. If one fails, all are rolled
-back."""
+"""Rolls a bundle out to many cells: first to one cell, then in waves to the others. If one of them fails, all
+are rolled back.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +32,11 @@ WRONG = ("fault", "estop", "gone")
 """States of a robot that end a roll-out."""
 SILENT_S = 5.0
 """Maximum time for which a robot may be silent, s. New limits restart its real-time process, which takes
-about 1 s."""
+about 1 s.
+"""
 UNKNOWN = UnavailableError.code
 Send = Callable[[FleetAction, str, str], dict[str, Any]]
-"""Sends an action to a cell and a robot. Returns the answer with `code` and `text`."""
+"""A function that sends an action to a cell and a robot. It returns the answer with `code` and `text`."""
 log = logging.getLogger("cobot.fleet")
 
 
@@ -43,9 +45,9 @@ class RollOut:
     """One roll-out.
 
     Attributes:
-        waves: pairs of cell and robot; the first wave is one robot.
-        state: `refused`: nothing has changed anywhere; `failed`: `done` lists the robots that still have the
-            bundle.
+        waves: pairs of cell and robot, for each wave. The first wave is a single robot.
+        state: for example `refused`, which means that nothing has changed anywhere, or `failed`, when `done`
+            lists the robots in which the bundle is still active.
         done: the robots in which the bundle is active.
         lines: progress as text for people.
     """
@@ -92,9 +94,10 @@ class RollOuts:
         return self._bundles.get(name)
 
     def get(self, name: str) -> dict[str, Any]:
-        """
+        """A roll-out as JSON.
+
         Raises:
-            NotFoundError: there is none with this id.
+            NotFoundError: there is no roll-out with this id.
         """
         found = self._roll_outs.get(name)
         if found is None:
@@ -142,12 +145,12 @@ class RollOuts:
         Args:
             robots: pairs of cell and robot, in the order of the roll-out.
             wave: number of robots in each wave after the first one.
-            watch_s: time for which the robots of a wave are watched before the next one.
+            watch_s: time for which the robots of a wave are watched before the next wave begins.
             states: returns the current state of each robot.
 
         Raises:
             NotFoundError: the hub does not have the bundle.
-            BusyError: another roll-out runs.
+            BusyError: a roll-out is already running.
             InputError: no robots are named.
         """
         content = self._bundles.get(bundle)
@@ -181,7 +184,7 @@ def _run(
             roll_out.state = _go_back(roll_out, send)
         else:
             roll_out.state = "done"
-    except Exception as exc:  # whatever it was, the state says that it has ended
+    except Exception as exc:  # after any error, the state must report that the roll-out has ended
         log.exception("the roll-out %s ended", roll_out.id)
         roll_out.tell(f"ended because of an error in the hub: {exc}")
         roll_out.state = "failed"
@@ -191,7 +194,8 @@ def _go(
     roll_out: RollOut, watch_s: float, send: Send, states: Callable[[], dict[tuple[str, str], str]]
 ) -> str:
     """Stage the bundle everywhere, then activate it wave by wave. Returns the problem that ended the
-    roll-out, or ""."""
+    roll-out; "" if there was none.
+    """
     everywhere = [robot for wave in roll_out.waves for robot in wave]
     problem = _all(roll_out, everywhere, StageBundle(kind="stage", bundle=roll_out.bundle), send, [])
     if problem:
@@ -219,10 +223,11 @@ def _all(
     """Send an action to several robots at the same time.
 
     Args:
-        done: gets the robots that have executed it, and those that answer with the code `counted`.
+        done: receives the robots that have executed the action, and those that answer with the code
+            `counted`.
 
     Returns:
-        The first problem; "" for none.
+        The first problem; "" if there is none.
     """
     problem = ""
     with ThreadPoolExecutor(min(32, len(robots))) as pool:
@@ -257,7 +262,7 @@ def _go_back(roll_out: RollOut, send: Send) -> Literal["refused", "rolled_back",
         return "refused"
     back: list[tuple[str, str]] = []
     action = RollBackBundle(kind="roll_back", bundle=roll_out.bundle)
-    # A robot that did not answer may have activated it. If it has not, there is nothing to roll back.
+    # A robot that did not answer may have activated the bundle. If it has not, there is nothing to roll back.
     _all(roll_out, roll_out.done, action, send, back, NotFoundError.code)
     roll_out.done = [robot for robot in roll_out.done if robot not in back]
     if not roll_out.done:

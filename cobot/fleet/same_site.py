@@ -1,4 +1,4 @@
-"""Keeps pages of other sites from the hub."""
+"""Keeps requests from pages of other sites away from the hub."""
 
 from __future__ import annotations
 

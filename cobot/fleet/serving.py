@@ -27,7 +27,7 @@ MAX_DAYS = 3650
 PANEL_PORT = 8071
 LISTEN = "tcp/127.0.0.1:7447"
 HOST = "[A-Za-z0-9][A-Za-z0-9.:-]{0,252}"
-"""Pattern of a computer's name or address in a certificate."""
+"""Pattern for the name or the address of a computer in a certificate."""
 
 
 def add_serve(actions: Any) -> None:
@@ -166,10 +166,11 @@ def _serve(chosen: argparse.Namespace) -> int:
         print(
             f"fleet {chosen.name}: {scheme}://{host}:{port}; cells connect to {', '.join(listen)}", flush=True
         )
-        # uvicorn ends at these, and then raises them again, which would end this process before its session.
+        # At these signals uvicorn ends, and then raises them again. That would end this process before it can
+        # close its session.
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)
-        start_logging("fleet")  # errors of the start are for the terminal, as they are
+        start_logging("fleet")  # errors at the start are printed on the terminal unchanged
         logging.getLogger("uvicorn").setLevel(logging.WARNING)
         hosts = [chosen.host, host, "localhost", "127.0.0.1", *hub.hosts]
         if folder is not None and panels is not None:
@@ -188,7 +189,7 @@ def _serve(chosen: argparse.Namespace) -> int:
 
 
 def _authenticator(chosen: argparse.Namespace) -> Authenticator | None:
-    """The check of tokens; None for a hub without certificates."""
+    """The object that checks tokens; None for a hub without certificates."""
     if chosen.certificates is not None:
         return Authenticator(TokenFile(chosen.tokens or chosen.certificates / "tokens.json"))
     if chosen.tokens is not None:
@@ -197,7 +198,7 @@ def _authenticator(chosen: argparse.Namespace) -> Authenticator | None:
 
 
 def _store(chosen: argparse.Namespace) -> FleetRecordingStore | None:
-    """The store of recordings; None if the hub fetches none."""
+    """The store for recordings; None if the hub does not fetch recordings."""
     from cobot.fleet.recordings import FleetRecordingStore
 
     if chosen.recordings is None:
@@ -208,9 +209,10 @@ def _store(chosen: argparse.Namespace) -> FleetRecordingStore | None:
 
 
 def _require_protected(listen: list[str], host: str, folder: Path | None) -> None:
-    """
+    """Check that no other computer can reach a hub without certificates.
+
     Raises:
-        ConfigError: another computer could reach a hub without certificates, or an address is wrong.
+        ConfigError: a different computer could reach it, or an address is invalid.
     """
     scheme = "tcp" if folder is None else "tls"
     hosts = {"--host": [host], "--listen": [_host_of(each, scheme) for each in listen]}

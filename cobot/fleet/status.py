@@ -1,4 +1,4 @@
-"""The status of HTTP with which the hub answers an error."""
+"""The HTTP status with which the hub reports an error."""
 
 from __future__ import annotations
 

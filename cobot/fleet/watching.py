@@ -1,4 +1,6 @@
-"""Data of a robot for the fleet: the mode from shared memory, the rest from the cell's own service."""
+"""The data of a robot for the fleet. The mode is read from shared memory, everything else from the cell's own
+service.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,12 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.types import LoopMode
 
 ASK_S = 1.0
-"""Interval of requests to the service, in seconds."""
+"""Interval between requests to the service, in seconds."""
 TIMEOUT_S = 2.0
 RETRY_S = 0.5
 PROGRAM_FIELDS = tuple(FleetProgram.model_fields)
 PROGRAMS_S = 5.0
-"""Interval of requests for the list of stored programs, in seconds."""
+"""Interval between requests for the list of stored programs, in seconds."""
 EVENT_TYPES = (
     "service",
     "rtloop",
@@ -41,14 +43,16 @@ EVENT_TYPES = (
     "planning",
     "speed",
 )
-"""Types of events that a fleet shows. Events of single motions stay in the cell."""
+"""Types of the events that a fleet shows. Events about single motions are not sent to the hub."""
 COUNTERS = {
     "missed_cycles": "overruns",
     "interventions": "interventions",
     "stops": "stops_seen",
     "estops": "estops_seen",
 }
-"""Fields of the state block, by the names of the counters. Kinds of interventions are added up."""
+"""For each counter, the field of the state block that contains it. The counts of all kinds of interventions
+are added.
+"""
 WORDS = {
     LoopMode.HOLD: "ready",
     LoopMode.STOPPING: "stopping",
@@ -58,7 +62,7 @@ WORDS = {
 
 
 class ArmWatch:
-    """The mode of a robot, read from shared memory. It works whatever the state of the service."""
+    """The mode of a robot, read from shared memory. This works regardless of the state of the service."""
 
     def __init__(self, robot: str, stale_s: float) -> None:
         self._robot = robot
@@ -84,7 +88,7 @@ class ArmWatch:
             self.close()
             return {"state": "silent", "reason": str(exc)}
         if age_s > self._stale_s:
-            self.close()  # a restarted rtloop may have another memory
+            self.close()  # a restarted rtloop may use a different memory
             return {"state": "silent", "reason": "rtloop publishes nothing"}
         word = WORDS.get(mode, "moving")
         return {"state": word, "mode": mode.name, "reason": reason, "counters": counters}
@@ -96,7 +100,7 @@ class ArmWatch:
 
 
 class ServiceWatch:
-    """Asks the service about one robot, once a second, in its own thread.
+    """Asks the service about one robot, once a second, in a separate thread.
 
     Attributes:
         found: fields of `FleetState`: job, program, control, speed override, problems, backend.
@@ -162,15 +166,15 @@ class ServiceWatch:
 
 
 class EventWatch:
-    """Receives the events of the service, in its own thread.
+    """Receives the events of the service, in a separate thread.
 
     Args:
-        tell: called with each event, in that thread.
+        tell: function that is called with each event, in that thread.
     """
 
     def __init__(self, url: str, token: str, tell: Callable[[dict[str, Any]], None]) -> None:
         self._url, self._token, self._tell = url, token, tell
-        # A daemon: it waits for events, and nothing is lost when it ends with the process.
+        # A daemon thread, because it waits for events, and nothing is lost if it ends with the process.
         threading.Thread(target=self._run, name="events", daemon=True).start()
 
     def _run(self) -> None:

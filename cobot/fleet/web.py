@@ -48,12 +48,14 @@ CSP = (
 )
 GONE = "gone"
 MAX_STOPS = 100
-"""Maximum number of stops that are in progress at the same time; others wait for one of them."""
+"""Maximum number of stops that are in progress at the same time. Further stops wait for one of them to
+end.
+"""
 MAX_PICTURES = 8
-"""Maximum number of pictures that are fetched at the same time; further requests are rejected."""
+"""Maximum number of pictures that are fetched at the same time. Further requests are rejected."""
 log = logging.getLogger("cobot.fleet")
 TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
-"""Targets of a command: all, a zone, a cell, a robot."""
+"""Targets of a command as URL paths: all robots, a zone, a cell, or a robot."""
 
 
 class FleetStop(StrictModel):
@@ -101,7 +103,7 @@ class Person:
     """The person who sends a request.
 
     Attributes:
-        name: name of the token; without tokens the name that the client gives itself, in quotes.
+        name: name of the token. Without tokens it is the name that the client gives itself, in quotes.
     """
 
     name: str
@@ -112,7 +114,7 @@ class People:
     """Finds the person who sends a request.
 
     Args:
-        tokens: None if everybody who reaches the hub may use it.
+        tokens: the valid tokens; None if every client that reaches the hub may use it.
     """
 
     def __init__(self, tokens: Authenticator | None) -> None:
@@ -123,11 +125,12 @@ class People:
         authorization: Annotated[str, Header()] = "",
         name: Annotated[str, Header(alias=CLIENT_NAME)] = "",
     ) -> Person:
-        """Find the person who sends a request. Runs in the event loop, because a stop must not wait for a
-        thread that other requests use.
+        """Find the person who sends a request.
+
+        This runs in the event loop, because a stop must not wait for a thread that other requests use.
 
         Raises:
-            AuthenticationError: the hub needs a token, and this one is not valid.
+            AuthenticationError: the hub needs a token, and the token in the request is not valid.
         """
         if self._tokens is None:
             return Person(claimed(unquote(name)), "admin")
@@ -139,7 +142,7 @@ class People:
         return found
 
     def holder(self, authorization: str) -> Person | None:
-        """The person with the token in a header; None if it is not valid."""
+        """The person who holds the token in a header; None if the token is not valid."""
         assert self._tokens is not None
         kind, _, token = authorization.partition(" ")
         holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
@@ -147,7 +150,7 @@ class People:
 
 
 class LimitedBody:
-    """Rejects bodies that are larger than a bundle, before they are loaded into memory."""
+    """Rejects bodies that are larger than a bundle before they are read into memory."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -171,8 +174,8 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None, pa
 
     Args:
         hosts: names and addresses that requests may use for the hub, without ports.
-        tokens: None if everybody who reaches the hub may use it.
-        panel_port: port of the panels of cells; 0 if there are none.
+        tokens: the valid tokens; None if every client that reaches the hub may use it.
+        panel_port: port of the cells' panels; 0 if there are none.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
     app.add_middleware(LimitedBody)
@@ -277,7 +280,8 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str, stops: Capac
 
     @app.post(f"{target}/stop")
     async def stop(request: Request, wish: FleetStop | None = None, who: Person = person) -> dict[str, Any]:
-        # Other requests share threads, and may use all of them for half a minute. Stops have their own.
+        # Other requests share threads, and may use all of them for half a minute. Stops therefore use
+        # separate threads.
         work = partial(send, request, wish or FleetStop(), STOP, who)
         answer = await to_thread.run_sync(work, limiter=stops)
         return {"at_rest": answer["done"], "robots": answer["robots"]}
@@ -314,7 +318,8 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
 
 
 def _require_operator(who: Person, what: str) -> None:
-    """
+    """Check that a person is at least an operator.
+
     Raises:
         PermissionDenied: the role of this person is too low.
     """

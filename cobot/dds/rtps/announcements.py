@@ -24,14 +24,14 @@ from cobot.dds.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY, Address, Gu
 PARTICIPANT_WRITER = bytes((0, 1, 0, 0xC2))
 
 LEASE_S = 20.0
-_DEFAULT_LEASE_S = 100.0  # of a participant that does not say (RTPS 2.2, table 9.13)
+_DEFAULT_LEASE_S = 100.0  # for a participant that does not announce it (RTPS 2.2, table 9.13)
 _MAX_NAME = 1024
 _MAX_USER_DATA = 8192
 
 _BEST_EFFORT, _RELIABLE = 1, 2
 _VOLATILE, _TRANSIENT_LOCAL = 0, 1
 _MAX_BLOCKING_S = 0.1
-# Announcer and detector of participants, publications and subscriptions.
+# The announcers and the detectors of participants, publications and subscriptions.
 _BUILTIN_ENDPOINTS = 0x3F
 
 
@@ -51,7 +51,9 @@ class ParticipantAnnouncement:
 
 @dataclass(frozen=True, slots=True)
 class EndpointAnnouncement:
-    """A writer or reader. `addresses` are its addresses for samples; empty means those of the participant."""
+    """A writer or reader. `addresses` are its addresses for samples; if empty, the addresses of the
+    participant are used.
+    """
 
     guid: Guid
     topic: str
@@ -124,7 +126,7 @@ def pack_endpoint(announcement: EndpointAnnouncement) -> bytes:
 
 def read_endpoint(payload: bytes, *, writer: bool) -> EndpointAnnouncement:
     values = ParameterReader(payload)
-    # What an endpoint does not say has the default of its kind (DDS 1.4, 2.2.3).
+    # A property that an endpoint does not announce has the default of its kind (DDS 1.4, 2.2.3).
     reliability = values.u32(Pid.RELIABILITY, _RELIABLE if writer else _BEST_EFFORT)
     durability = values.u32(Pid.DURABILITY, _VOLATILE)
     return EndpointAnnouncement(
@@ -143,7 +145,7 @@ def pack_key(pid: Pid, guid: Guid) -> bytes:
 
 
 def read_key(payload: bytes) -> Guid:
-    """The guid in a disposal's payload."""
+    """Read the guid in the payload of a disposal."""
     values = ParameterReader(payload)
     for pid in (Pid.ENDPOINT_GUID, Pid.PARTICIPANT_GUID, Pid.KEY_HASH):
         if pid in values:
@@ -152,7 +154,7 @@ def read_key(payload: bytes) -> Guid:
 
 
 def goodbye(participant: Guid) -> bytes:
-    """The datagram with which a participant announces its end and that of all its endpoints."""
+    """The datagram with which a participant announces that it and all its endpoints end."""
     key = pack_key(Pid.PARTICIPANT_GUID, participant)
     body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 2, disposal(participant), key, key=True)
     return submessages.protocol_header(participant.prefix) + body

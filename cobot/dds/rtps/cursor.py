@@ -1,4 +1,4 @@
-"""Reads bytes from the network. All code of this package uses it for that."""
+"""Reads bytes from the network. All code in this package uses it for this."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cobot.dds.rtps.errors import MalformedError
 
 
 class Layout:
-    """A fixed sequence of fields in either byte order; `fields` as in `struct`."""
+    """A fixed sequence of fields in either byte order. `fields` is a format of `struct`."""
 
     __slots__ = ("big", "little", "size")
 
@@ -53,7 +53,7 @@ class Cursor:
         return (layout.little if self.little else layout.big).unpack_from(self._data, start)
 
     def take(self, count: int) -> memoryview:
-        """A view of the next bytes. It is only valid while the datagram is being processed."""
+        """A view of the next bytes. It is valid only while the datagram is processed."""
         start = self.skip(count)
         return self._data[start : start + count]
 

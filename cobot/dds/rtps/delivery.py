@@ -14,8 +14,9 @@ _LAST_CALLBACK_S = 5.0
 
 
 class Delivery:
-    """Makes one call at a time, in the order in which they were put. An error in a callback is logged and
-    counted."""
+    """Makes one call at a time, in the order in which the calls were queued. An error in a callback is logged
+    and counted.
+    """
 
     def __init__(self, statistics: ParticipantStatistics) -> None:
         self._statistics = statistics
@@ -29,7 +30,7 @@ class Delivery:
         self._calls.put(call)
 
     def close(self) -> None:
-        """End after all earlier calls. Waits for this, at most 5 s."""
+        """End after all earlier calls. This waits for them, but at most 5 s."""
         self._calls.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(_LAST_CALLBACK_S)

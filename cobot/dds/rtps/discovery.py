@@ -46,13 +46,13 @@ _SUBSCRIPTIONS_WRITER, _SUBSCRIPTIONS_READER = bytes((0, 0, 4, 0xC2)), bytes((0,
 _LIVELINESS_WRITER, _LIVELINESS_READER = bytes((0, 2, 0, 0xC2)), bytes((0, 2, 0, 0xC7))
 
 _BUILTIN_QOS = Qos(reliable=True, transient_local=True, depth=None)
-_ANNOUNCE_FIRST = 5  # times, quickly, for those who missed one
+_ANNOUNCE_FIRST = 5  # number of announcements in quick succession, because one may be lost
 _ANNOUNCE_FIRST_S = 0.1
 _ANNOUNCE_S = 3.0
 _GREETINGS = 30
 _GREET_S = 0.1
 _MAX_LEASE_S = 300.0
-_SILENT_S = 10.0  # a full house: who was heard from within this time does not make room for a newcomer
+_SILENT_S = 10.0  # if full, a peer heard from within this time is not replaced
 
 
 @dataclass(slots=True)
@@ -68,11 +68,11 @@ class _Peer:
     """A discovered participant.
 
     Attributes:
-        metatraffic, user: its addresses for discovery and for samples.
+        metatraffic, user: addresses of the peer for discovery and for samples.
         lease_s: time without a message after which the peer is removed.
-        heard_s: time of its last message, on the monotonic clock.
-        knows_us: whether it has acknowledged discovery.
-        endpoints: its writers and readers by GUID.
+        heard_s: time of the peer's last message, on the monotonic clock.
+        knows_us: whether the peer has acknowledged our discovery messages.
+        endpoints: writers and readers of the peer by GUID.
     """
 
     public: RemoteParticipant
@@ -85,12 +85,12 @@ class _Peer:
 
 
 def _terms(endpoint: RemoteEndpoint) -> tuple[str, str, Qos]:
-    """The properties of an endpoint that decide with which endpoints it is matched."""
+    """The properties of an endpoint that decide to which endpoints it is matched."""
     return endpoint.topic, endpoint.type_name, endpoint.qos
 
 
 class Discovery:
-    """Discovery for one participant. All methods must be called with the wire's lock held."""
+    """Discovery for one participant. The caller of any method must hold the wire's lock."""
 
     def __init__(
         self,
@@ -129,7 +129,8 @@ class Discovery:
         self._builtin_writers = {
             _PUBLICATIONS_READER: self._publications,
             _SUBSCRIPTIONS_READER: self._subscriptions,
-            # Says nothing, as our endpoints have no leases, but Fast DDS asks it until it answers.
+            # This writer sends nothing, because our endpoints have no leases. But Fast DDS requests data from
+            # it until it answers.
             _LIVELINESS_READER: writer(_LIVELINESS_WRITER),
         }
         self._builtin_readers = {
@@ -212,7 +213,7 @@ class Discovery:
             self._wire.send(datagram, peer.metatraffic)
 
     def note_message(self, prefix: bytes) -> None:
-        """Note a message, which proves that its sender is alive."""
+        """Record a message, which proves that its sender is alive."""
         peer = self._peers.get(prefix)
         if peer is not None:
             peer.heard_s = time.monotonic()
@@ -225,7 +226,7 @@ class Discovery:
     def on_participant(
         self, prefix: bytes, payload: bytes | None, inline: Parameters | None, heard_from: str
     ) -> None:
-        """Process a participant's announcement of itself or of its end."""
+        """Process the announcement of a participant that it exists or that it ends."""
         if disposes(inline):
             self._drop(prefix)
             return
@@ -236,7 +237,7 @@ class Discovery:
             return
         metatraffic = reachable(list(announcement.metatraffic), heard_from, self._wire.interfaces)
         if metatraffic is None:
-            return  # nothing that it offers is UDP over IPv4
+            return  # it offers no address for UDP over IPv4
         user = reachable(list(announcement.user), heard_from, self._wire.interfaces) or metatraffic
         peer = self._peers.get(prefix)
         if peer is None:
@@ -273,8 +274,9 @@ class Discovery:
         return True
 
     def _greet(self, peer: _Peer, times: int) -> None:
-        """Repeat our announcement until the peer answers, because it may not have listened yet when it sent
-        its first one."""
+        """Repeat our announcement until the peer answers, because the peer may not have listened yet when it
+        sent its first one.
+        """
         if peer.knows_us or not times or self._peers.get(peer.public.guid.prefix) is not peer:
             return
         self._wire.send(self._participant_datagram(), peer.metatraffic)

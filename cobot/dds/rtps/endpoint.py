@@ -1,4 +1,4 @@
-"""Base class of the writing and the reading side of a topic."""
+"""Base class of the writing side and the reading side of a topic."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cobot.dds.rtps.types import Guid
 from cobot.dds.rtps.wire import Wire
 
 Proxy = TypeVar("Proxy")
-"""Type of the record that an endpoint keeps of a matched peer."""
+"""Type of the record that an endpoint keeps for a matched peer."""
 
 
 class RtpsEndpoint(Generic[Proxy]):
-    """An endpoint with the properties in its announcement. It keeps a proxy for each matched peer."""
+    """An endpoint with the properties that it announces. It keeps a proxy for each matched peer."""
 
     def __init__(self, wire: Wire, announcement: EndpointAnnouncement) -> None:
         self.announcement = announcement

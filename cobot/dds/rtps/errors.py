@@ -11,7 +11,7 @@ from __future__ import annotations
 
 
 class RtpsError(Exception):
-    """Base of all errors of this package; the message is for people."""
+    """Base class of all errors in this package. The message is for people."""
 
 
 class MalformedError(RtpsError):

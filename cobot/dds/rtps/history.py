@@ -12,12 +12,12 @@ from cobot.dds.rtps.types import ParticipantLimits
 class Change:
     """One sample in the history of a writer.
 
-    inline: parameters without their end.
+    inline: the inline parameters, without their end marker.
     time_s: time at which it was written, on the system clock, for readers.
-    only: the only reader that gets it; None for all.
+    only: the only reader that gets the sample; None for all readers.
     key: key in keyed (discovery) topics; a later change with the same key replaces this one.
-    disposes: whether the payload is only a key, of an entity that is gone.
-    written_s: the same time as time_s on CLOCK_MONOTONIC, for this process.
+    disposes: whether the payload is only the key of an entity that is gone.
+    written_s: the same time on CLOCK_MONOTONIC, for this process.
     """
 
     sequence: int
@@ -44,7 +44,7 @@ class History:
         return len(self._changes)
 
     def __iter__(self) -> Iterator[Change]:
-        """The changes in the order of their numbers."""
+        """The changes in the order of their sequence numbers."""
         return iter(self._changes.values())
 
     def __contains__(self, sequence: int) -> bool:

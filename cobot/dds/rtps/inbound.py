@@ -1,4 +1,4 @@
-"""Limits the memory for incomplete and out-of-order samples of all senders."""
+"""Limits the memory for incomplete and out-of-order samples from all senders together."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from cobot.dds.rtps.types import ParticipantLimits, ParticipantStatistics
 
 
 class BufferHolder:
-    """A remote writer on whose behalf bytes are buffered."""
+    """A remote writer whose bytes are buffered."""
 
     __slots__ = ("held",)
 
@@ -14,13 +14,13 @@ class BufferHolder:
         self.held = 0
 
     def discard(self) -> None:
-        """Drop all buffered bytes. `Inbound` does the accounting."""
+        """Drop all buffered bytes. `Inbound` updates the accounting."""
         raise NotImplementedError
 
 
 class Inbound:
-    """The buffer accounting of one participant. When the limit is reached, the largest holder loses its
-    bytes.
+    """The accounting of buffered bytes for one participant. When the limit is reached, the holder with the
+    most bytes loses them.
 
     A reliable writer sends dropped samples again.
     """
@@ -32,7 +32,7 @@ class Inbound:
         self._holders: set[BufferHolder] = set()
 
     def take(self, holder: BufferHolder, size: int) -> bool:
-        """Reserve `size` more bytes for a holder. Returns whether that is permitted."""
+        """Reserve `size` more bytes for a holder. Returns whether the limit permits this."""
         if holder.held + size > self.limits.buffered_per_writer:
             self.statistics.refused += 1
             return False

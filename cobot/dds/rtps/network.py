@@ -1,4 +1,4 @@
-"""Interfaces, ports, and the choice between the addresses of a peer (IPv4)."""
+"""Network interfaces, ports, and the choice between the addresses of a peer (IPv4)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Ports:
 
 
 def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
-    """First IPv4 address and network of an interface, None without one."""
+    """The first IPv4 address and network of an interface; None if it has none."""
     request = struct.pack("256s", name.encode()[:15])
     try:
         address = fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24]
@@ -56,7 +56,8 @@ def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
 
 
 def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
-    """The interfaces to announce: `wanted` by name or address, or all but loopback if there is another.
+    """The interfaces to announce. `wanted` lists names or addresses. Without it, these are all interfaces
+    except loopback, or loopback alone if there is no other.
 
     Errors: NetworkError if one does not exist, or if there is no interface.
     """
@@ -79,7 +80,7 @@ def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
 
 
 def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
-    """Addresses at which discovery finds the first participants of hosts that multicast does not reach."""
+    """Addresses for finding the first participants on hosts that multicast does not reach."""
     numbers = range(_PORTS_WITHOUT_MULTICAST)
     return [(host, ports.metatraffic(number)) for host in hosts for number in numbers]
 
@@ -87,9 +88,9 @@ def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
 def reachable(offered: list[Address], heard_from: str, ours: Sequence[IPv4Interface]) -> Address | None:
     """The address at which to answer a peer.
 
-    The best one is the address from which the peer has sent, then one in a network of this computer, then the
-    first. If the peer has sent from an address that it does not offer (same host, NAT), only the other two
-    rules apply.
+    The first choice is the address from which the peer has sent; then an address in a network of this
+    computer; then the first address. If the peer has sent from an address that it does not offer (same host,
+    NAT), only the last two rules apply.
     """
 
     def rank(address: Address) -> int:

@@ -1,4 +1,4 @@
-"""Sets of numbers within a range of 256, as in acknowledgements and gaps (RTPS 2.2, 9.4.2.6)."""
+"""Sets of numbers within a range of 256, as used in acknowledgements and gaps (RTPS 2.2, 9.4.2.6)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ def _members(cursor: Cursor, base: int) -> list[int]:
 
 
 def read_sequences(cursor: Cursor) -> tuple[int, list[int]]:
-    """Read a set: its base, below which all numbers belong to it too, and its members in ascending order."""
+    """Read a set. Returns its base and its members in ascending order. All numbers below the base also belong
+    to the set.
+    """
     base = cursor.sequence()
     if base < 0:
         raise MalformedError(f"a set of sequence numbers from {base}")

@@ -36,7 +36,7 @@ class Pid(IntEnum):
     KEY_HASH = 0x0070
     STATUS_INFO = 0x0071
     RELATED_SAMPLE_IDENTITY = 0x0083
-    # Fast DDS before 2.14 knows only its own number for the same thing.
+    # Fast DDS before 2.14 knows only a different number for the same parameter.
     RELATED_SAMPLE_IDENTITY_EPROSIMA = 0x800F
 
 
@@ -80,8 +80,9 @@ def duration(seconds: float) -> bytes:
 
 
 def related_identity(identity: SampleIdentity) -> bytes:
-    """Inline QoS (without its end) with the sample to which this one belongs, under both parameter ids in
-    use."""
+    """Inline QoS, without its end marker, that names the sample to which this sample belongs, under both
+    parameter ids in use.
+    """
     value = _IDENTITY.pack(identity.writer, identity.sequence >> 32, identity.sequence & 0xFFFFFFFF)
     return parameter(Pid.RELATED_SAMPLE_IDENTITY_EPROSIMA, value) + parameter(
         Pid.RELATED_SAMPLE_IDENTITY, value
@@ -89,7 +90,7 @@ def related_identity(identity: SampleIdentity) -> bytes:
 
 
 def disposal(guid: bytes) -> bytes:
-    """Inline QoS (without its end) which says that the entity is gone."""
+    """Inline QoS, without its end marker, that reports that an entity is gone."""
     status = bytes((0, 0, 0, _DISPOSED_OR_UNREGISTERED))
     return parameter(Pid.KEY_HASH, guid) + parameter(Pid.STATUS_INFO, status)
 
@@ -127,7 +128,9 @@ def value_cursor(value: bytes, little: bool) -> Cursor:
 
 
 class ParameterReader:
-    """Typed access to the parameters of an announcement. A value that does not fit its type is malformed."""
+    """Typed access to the parameters of an announcement. A value that does not match its type is
+    malformed.
+    """
 
     def __init__(self, payload: bytes) -> None:
         if len(payload) < len(ENCAPSULATION) or payload[0] != 0 or payload[1] not in (2, 3):
@@ -170,14 +173,14 @@ class ParameterReader:
         return cursor.bytes(length)
 
     def seconds(self, pid: int, default: float) -> float:
-        """A duration in seconds. The value that RTPS defines as infinite gives infinity."""
+        """Read a duration, in seconds. The value that RTPS defines as infinite gives infinity."""
         if pid not in self:
             return default
         whole, fraction = self._cursor(pid).read(Layout("iI"))
         return float("inf") if whole == _INFINITE_S else max(0.0, whole + fraction * 2.0**-32)
 
     def locators(self, pid: int) -> list[Address]:
-        """The UDPv4 addresses among the locators."""
+        """The UDPv4 addresses in a parameter with locators."""
         found = []
         for value in self._values.get(pid, [])[:_MAX_LOCATORS]:
             cursor = value_cursor(value, self._little)

@@ -1,9 +1,9 @@
-"""A DDS participant in pure Python: bytes on topics, as ROS 2 nodes exchange them (RTPS 2.2 over UDP and
+"""A DDS participant in pure Python. It exchanges bytes on topics as ROS 2 nodes do (RTPS 2.2 over UDP and
 IPv4).
 
-One thread serves the sockets and timers, another runs the callbacks; `Writer.write` sends from the calling
-thread. Slow callbacks do not harm the protocol, but all callbacks of a participant share one thread, so long
-waits belong elsewhere.
+One thread serves the sockets and timers, and a second thread runs the callbacks. `Writer.write` sends from
+the calling thread. Slow callbacks do not disturb the protocol, but all callbacks of a participant share one
+thread. Code that waits for a long time must therefore not run in a callback.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Participant:
     Errors: NetworkError if an interface or a free port is missing.
     """
 
-    # Many parameters, because these are all settings of DDS; most have defaults.
+    # There are many parameters, because these are all the settings of DDS. Most have defaults.
     def __init__(
         self,
         domain_id: int = 0,
@@ -80,7 +80,7 @@ class Participant:
     ) -> None:
         self._wire = Wire(domain_id, interfaces, localhost_only, peers, limits, loss)
         self._lock = self._wire.lock
-        # The prefix begins with the vendor, as the specification suggests; the rest is random.
+        # The prefix begins with the vendor, as the specification suggests. All other bytes are random.
         self._prefix = submessages.VENDOR.to_bytes(2, "big") + os.urandom(10)
         self.guid = Guid(self._prefix + PARTICIPANT_ENTITY)
         self._inbound = Inbound(limits, self._wire.statistics)
@@ -116,7 +116,7 @@ class Participant:
     ) -> Writer:
         """A writer of a keyless topic, announced to all participants at once.
 
-        accepts: whether to write for a matching reader; None: for each.
+        accepts: decides whether to write for a matching reader; with None, the writer writes for each.
         lifespan_s: age after which a lost sample is not repeated, s. Readers do not learn of it, because
             their clocks may differ.
         """
@@ -135,7 +135,9 @@ class Participant:
         on_sample: Callable[[Sample], None],
         user_data: bytes = b"",
     ) -> TopicReader:
-        """A reader of a keyless topic; the delivery thread calls `on_sample`, in order for each writer."""
+        """Make a reader of a keyless topic. The delivery thread calls `on_sample` with each sample, in order
+        for each writer.
+        """
         with self._lock:
             guid = self._new_guid(_KEYLESS_READER)
             announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
@@ -151,7 +153,7 @@ class Participant:
             return self._discovery.remotes
 
     def participants(self) -> list[RemoteParticipant]:
-        """The other participants in the domain."""
+        """All other participants in the domain."""
         with self._lock:
             return self._discovery.participants
 
@@ -164,18 +166,20 @@ class Participant:
 
     @property
     def statistics(self) -> ParticipantStatistics:
-        """A copy of the counters."""
+        """A copy of the participant's counters."""
         with self._lock:
             return replace(self._wire.statistics)
 
     def record_in(self, participant_record: ParticipantRecord) -> None:
-        """Record the data with which a successor announces this participant's end if it is killed."""
+        """Record the data with which a successor can announce the end of this participant if it is killed."""
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]
             participant_record.write(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)
 
     def close(self) -> None:
-        """Announce this participant's end to all peers, and end its threads; may be called twice."""
+        """Announce the end of this participant to all peers, and end its threads. This may be called
+        twice.
+        """
         with self._lock:
             if self._closed:
                 return
@@ -191,7 +195,7 @@ class Participant:
         return Guid(self._prefix + number.to_bytes(3, "big") + bytes((kind,)))
 
     def _schedule_notice(self) -> None:
-        """Schedule one notification for all changes until it runs."""
+        """Schedule a single notification for all changes that happen before it runs."""
         if self._on_change is not None and not self._change_is_due:
             self._change_is_due = True
             self._delivery.put(self._tell_change)
@@ -211,7 +215,9 @@ class Participant:
             self._wire.statistics.malformed += 1
 
     def _interpret(self, datagram: memoryview, heard_from: str) -> None:
-        """Process a datagram; the receiver's state between submessages is local here (RTPS 2.2, 8.3.4)."""
+        """Process a datagram. The receiver's state between submessages is local to this function (RTPS 2.2,
+        8.3.4).
+        """
         source, cursor = submessages.read_header(datagram)
         if source.prefix == self._prefix:
             return
@@ -292,7 +298,7 @@ class Participant:
             writer.on_fragments_wanted(prefix + reader, *submessages.read_fragments_wanted(message))
 
     def _readers(self, entity: bytes) -> list[Reader]:
-        """The addressed reader, or all if the submessage names none."""
+        """The addressed reader, or all readers if the submessage names none."""
         if entity == UNKNOWN_ENTITY:
             return list(self._discovery.readers.values())
         reader = self._discovery.readers.get(entity)

@@ -1,7 +1,7 @@
 """A record of a participant for its successor, in case the participant is killed.
 
-Other participants keep a killed one until its lease ends, after many seconds. Until then its services appear
-to exist but never answer. So its successor first announces the end of the killed participant.
+Other participants keep a killed participant until its lease ends, after many seconds. Until then its services
+appear to exist but never answer. So its successor first announces the end of the killed participant.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ _MAX_BYTES = 65536
 
 
 class ParticipantRecord:
-    """A record in a file that outlives the process; `descriptor` is that file, open for reading and
-    writing."""
+    """A record in a file that outlives the process. `descriptor` refers to that file, open for reading and
+    writing.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -31,7 +32,7 @@ class ParticipantRecord:
     ) -> None:
         """Record this participant, replacing its predecessor's record.
 
-        interfaces: addresses of the interfaces on which it multicasts.
+        interfaces: addresses of the interfaces on which the participant sends multicast.
         hosts: addresses of computers whose first participants are notified by unicast.
         """
         note = [participant.hex(), domain_id, list(interfaces), list(hosts)]

@@ -1,7 +1,7 @@
 """The reading side of one topic: matched writers, order, acknowledgements (RTPS 2.2, 8.4.12).
 
-A reliable reader answers heartbeats. If a later sample shows that one is missing, it requests the missing
-sample at once, because some writers send heartbeats only every few seconds.
+A reliable reader answers heartbeats. If a later sample shows that a sample is missing, the reader requests
+the missing one at once, because some writers send heartbeats only every few seconds.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ from cobot.dds.rtps.wire import Wire
 from cobot.dds.rtps.writer_proxy import Arrival, WriterProxy
 
 _FAST_DDS = 0x010F
-_SPACING_S = 0.003  # between acknowledgements to one writer; its heartbeats may come with every sample
-_ASK_AFTER_S = 0.002  # something is missing: perhaps it was only overtaken
-_ASK_AGAIN_S = (0.02, 1.0)  # first and slowest
-_FRAGMENTS_QUIET_S = 0.02  # ask for fragments when none has come for this long
+_SPACING_S = 0.003  # between acknowledgements to one writer, which may send a heartbeat with every sample
+_ASK_AFTER_S = 0.002  # a missing sample may only be delayed
+_ASK_AGAIN_S = (0.02, 1.0)  # the first interval and the longest
+_FRAGMENTS_QUIET_S = 0.02  # request fragments if none has arrived for this time
 _INTRODUCE_S = 0.1
 
 
 class Reader(RtpsEndpoint[WriterProxy]):
-    """Made by `Participant.create_reader`; every public method may be called from any thread."""
+    """The reading side of a topic. Made by `Participant.create_reader`; every public method may be called
+    from any thread.
+    """
 
     def __init__(self, wire: Wire, inbound: Inbound, announcement: EndpointAnnouncement) -> None:
         super().__init__(wire, announcement)
@@ -45,18 +47,19 @@ class Reader(RtpsEndpoint[WriterProxy]):
                 self.unmatch(guid)
 
     def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
-        """Process a sample. Samples of one writer come in order."""
+        """Process a sample. The samples of one writer arrive here in order."""
         raise NotImplementedError
 
     def _has_room(self, size: int) -> bool:
-        """Whether a sample of this size can be accepted. If not, a reliable sample stays unacknowledged, and
-        is sent again."""
+        """Whether a sample of this size can be accepted. A reliable sample that cannot be accepted stays
+        unacknowledged, and is sent again.
+        """
         return True
 
     # What writers say; called by the participant with the lock held
 
     def match(self, guid: bytes, address: Address, qos: Qos, vendor: int) -> None:
-        """Register a discovered writer, or its new address."""
+        """Register a discovered writer, or a new address of a known one."""
         known = self._proxies.get(guid)
         if known is not None:
             known.address = address
@@ -97,7 +100,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
     def on_fragment(
         self, guid: bytes, sequence: int, fragment: DataFragment, arrival: Arrival, piece: memoryview
     ) -> None:
-        """Process a fragment of a sample. `arrival` has no payload yet."""
+        """Process a fragment of a sample. `arrival` does not contain the payload yet."""
         proxy = self._proxies.get(guid)
         if proxy is None or not proxy.expects(sequence):
             return
@@ -134,8 +137,9 @@ class Reader(RtpsEndpoint[WriterProxy]):
             self._acknowledge_in(proxy, 0.0)
 
     def on_heartbeat_fragment(self, guid: bytes, sequence: int) -> None:
-        """Note that a sample is being sent. This is not answered, because some writers report it with every
-        fragment."""
+        """Record that a sample is being sent. There is no answer, because some writers report this with every
+        fragment.
+        """
         proxy = self._proxies.get(guid)
         if proxy is not None and proxy.reliable and proxy.heard and proxy.expects(sequence):
             proxy.last = max(proxy.last, sequence)
@@ -151,7 +155,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
     def _introduce(self, proxy: WriterProxy) -> None:
         """Request the first heartbeat until it arrives, because the writer may not know this reader yet.
 
-        Fast DDS answers a request with base 0 at once, and any other up to 3 s later.
+        Fast DDS answers a request with base 0 at once, and any other request up to 3 s later.
         """
         if proxy.heard or self._proxies.get(proxy.guid) is not proxy:
             return
@@ -161,8 +165,9 @@ class Reader(RtpsEndpoint[WriterProxy]):
         proxy.interval_s = min(1.5 * proxy.interval_s, _ASK_AGAIN_S[1])
 
     def _acknowledge_in(self, proxy: WriterProxy, delay_s: float) -> None:
-        """Acknowledge after `delay_s`, or earlier if an earlier acknowledgement is scheduled, but not too
-        often."""
+        """Acknowledge after `delay_s`, or earlier if an acknowledgement is already scheduled, but not too
+        often.
+        """
         now_s = time.monotonic()
         spacing_s = _ASK_AGAIN_S[0] if proxy.interval_s else _SPACING_S
         due_s = max(now_s + delay_s, proxy.acknowledged_s + spacing_s)
@@ -180,7 +185,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
             return
         proxy.acknowledge_at_s = float("inf")
         if now_s - proxy.quiet_since_s() < _FRAGMENTS_QUIET_S:
-            # More are on their way; asking now would bring them twice.
+            # More fragments are in transit. If they were requested now, they would arrive twice.
             proxy.acknowledge_at_s = now_s + _FRAGMENTS_QUIET_S
             self._wire.later(_FRAGMENTS_QUIET_S, partial(self._acknowledge, proxy))
             return
@@ -197,8 +202,8 @@ class Reader(RtpsEndpoint[WriterProxy]):
 class TopicReader(Reader):
     """A reader that passes its samples to a callback on the participant's delivery thread.
 
-    At most `depth` samples wait for the callback; newer ones replace the oldest. Without depth, a reliable
-    writer must wait while `ParticipantLimits.undelivered` bytes are waiting.
+    At most `depth` samples wait for the callback; newer ones replace the oldest. Without a depth, a reliable
+    writer must wait while `ParticipantLimits.undelivered` bytes wait for the callback.
     """
 
     def __init__(
@@ -219,7 +224,7 @@ class TopicReader(Reader):
         self._scheduled = False
 
     def close(self) -> None:
-        """Close the reader. After this returns no callback begins; one that is running may continue."""
+        """Close the reader. After this returns no callback begins, but one that is running may continue."""
         with self._wire.lock:
             if self._closed:
                 return
@@ -233,7 +238,7 @@ class TopicReader(Reader):
 
     def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
         if arrival.payload is None or disposes(arrival.inline):
-            return  # news of an instance; topics here have no keys
+            return  # a change of an instance, but the topics here have no keys
         sample = Sample(
             arrival.payload, Guid(proxy.guid), sequence, arrival.related, arrival.time_s, arrival.vendor
         )
@@ -259,12 +264,12 @@ class TopicReader(Reader):
             self._waiting_bytes -= len(sample.payload)
             self._scheduled = bool(self._waiting)
             if self._scheduled:
-                self._deliver(self._deliver_one)  # in turn with the other readers
+                self._deliver(self._deliver_one)  # takes turns with the other readers
         self._on_sample(sample)
 
 
 class BuiltinReader(Reader):
-    """A reader of discovery. The network thread processes its samples at once.
+    """A reader of discovery data. The network thread processes its samples at once.
 
     on_announcement(prefix of the sender, payload, inline QoS)
     """

@@ -1,4 +1,4 @@
-"""The record that a writer keeps of a matched reader, and the datagrams to that reader."""
+"""The record that a writer keeps for a matched reader, and the datagrams for that reader."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ from cobot.dds.rtps.history import Change
 from cobot.dds.rtps.types import Address
 
 MAX_PIECE = 60_000
-"""Maximum payload of a datagram in bytes. Longer samples are cut into fragments of this size."""
+"""Maximum payload of a datagram, in bytes. Longer samples are divided into fragments of this size."""
 
 FIRST_HEARTBEAT_S = 0.02
-"""Time after which an unacknowledged sample is followed by a heartbeat, s. It doubles with each further
-heartbeat."""
+"""Time after which a heartbeat follows an unacknowledged sample, s. It doubles with each further
+heartbeat.
+"""
 
 MAX_HEARTBEAT_S = 0.5
 
 
 def pieces(change: Change) -> range:
-    """Numbers of the fragments of a change; only 1 if the change is sent as a whole."""
+    """Numbers of the fragments of a change. If it is sent as a whole, this is only 1."""
     return range(1, max(1, -(-len(change.payload) // MAX_PIECE)) + 1)
 
 
 class ReaderProxy:
     """A matched reader.
 
-    joined: the reader does not get samples up to this number unless they are addressed to it.
+    joined: number of a sample. The reader gets no samples up to this number, unless they are addressed to it.
     asked: all missing samples up to this number are being sent, because one request cannot name all of them.
     sent: highest number that was sent to the reader, declared irrelevant, or left for the reader to request.
     acknowledged: all samples up to this number have arrived.
-    queue: the fragments to be sent: fragment numbers (an ordered set) by change.
+    queue: the fragments that must be sent, as an ordered set of fragment numbers for each change.
     """
 
     __slots__ = (
@@ -79,7 +80,7 @@ class ReaderProxy:
 
     @property
     def passed(self) -> int:
-        """Number up to which this reader needs no more changes from the writer."""
+        """Number of a change. Up to this number, the reader needs no more changes from the writer."""
         if self.reliable:
             return self.acknowledged
         return next(iter(self.queue)).sequence - 1 if self.queue else self.sent
@@ -96,7 +97,9 @@ class ReaderProxy:
         return skipped + submessages.info_time(change.time_s) + body
 
     def skipped(self, sequence: int) -> bytes:
-        """A gap over the samples between the last one sent and this one, which are not for this reader."""
+        """A gap over the samples between the last one that was sent and this one. These samples are not for
+        this reader.
+        """
         if not self.reliable or sequence <= self.sent + 1:
             return b""
         return submessages.gap(self._guid_entity, self._writer, self.sent + 1, sequence)

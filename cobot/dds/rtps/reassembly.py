@@ -10,7 +10,7 @@ MAX_FRAGMENTS = 1 << 16
 
 
 class SampleAssembly:
-    """The bytes of a sample, and marks of the fragments that have arrived.
+    """The bytes of a sample, and a record of the fragments that have arrived.
 
     Errors: MalformedError for a fragment that cannot belong to any sample, or not to this one.
     """
@@ -49,8 +49,9 @@ class SampleAssembly:
         return 0 not in self._marks
 
     def missing(self, span: int) -> list[int]:
-        """The missing fragments among the `span` fragments from the first missing one on. There is at least
-        one."""
+        """The missing fragments among the `span` fragments that begin with the first missing one. There is at
+        least one.
+        """
         first = self._marks.find(0)
         end = min(self.count, first + span)
         return [i + 1 for i in range(first, end) if not self._marks[i]]

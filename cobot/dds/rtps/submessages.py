@@ -17,7 +17,7 @@ from cobot.dds.rtps.number_sets import pack_fragments, pack_sequences, read_frag
 from cobot.dds.rtps.parameters import SENTINEL, Parameters, read_parameters
 
 VENDOR = 0x017E
-"""Our vendor id, which the OMG has not assigned to another vendor."""
+"""Our vendor id. The OMG has not assigned it to any vendor."""
 
 HEADER_BYTES = 20
 _MAGIC = b"RTPS"
@@ -70,14 +70,15 @@ def info_destination(prefix: bytes) -> bytes:
 
 
 def info_time(seconds: float) -> bytes:
-    """INFO_TS. `seconds` counts from 1970; 32 bits last until 2106."""
+    """An INFO_TS submessage. `seconds` counts from 1970; 32 bits are enough until 2106."""
     whole = int(seconds)
     return _TIME.pack(SubmessageKind.INFO_TS, _LITTLE, 8, whole & _U32_MAX, int((seconds - whole) * 2**32))
 
 
 def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, *, key: bool) -> bytes:
-    """DATA. `inline` are parameters without their end; with `key` the payload is only the key of a disposed
-    entity."""
+    """A DATA submessage. `inline` are parameters without their end marker. With `key`, the payload is only
+    the key of a disposed entity.
+    """
     flags = _LITTLE | (_KEY if key else _DATA)
     if inline:
         flags |= _INLINE_QOS
@@ -93,8 +94,9 @@ def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: by
 def data_fragment(
     reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, number: int, size: int
 ) -> bytes:
-    """DATA_FRAG with fragment `number`, counted from 1, of a payload that is cut into pieces of `size`
-    bytes."""
+    """A DATA_FRAG submessage with fragment `number`, counted from 1, of a payload that is divided into pieces
+    of `size` bytes.
+    """
     piece = payload[(number - 1) * size : number * size]
     piece += bytes(-len(piece) % 4)
     flags = _LITTLE
@@ -132,7 +134,9 @@ def heartbeat_fragment(reader: bytes, writer: bytes, sequence: int, last: int, c
 
 
 def gap(reader: bytes, writer: bytes, start: int, base: int, members: Iterable[int] = ()) -> bytes:
-    """GAP: the samples start..base-1 and `members` (from base on) will never be sent."""
+    """A GAP submessage: the samples from `start` to `base` - 1, and `members` (from `base` on), will never be
+    sent.
+    """
     start_bytes = _SEQUENCE.pack(start >> 32, start & _U32_MAX)
     body = _PAIR.pack(reader, writer) + start_bytes + pack_sequences(base, members)
     return _submessage(SubmessageKind.GAP, 0, body)
@@ -168,7 +172,9 @@ class Submessage:
 
 @dataclass(slots=True)
 class Data:
-    """A DATA submessage, or a DATA_FRAG with `fragment` set. `payload` is a view; None without a payload."""
+    """A DATA submessage, or a DATA_FRAG with `fragment` set. `payload` is a view; None if there is no
+    payload.
+    """
 
     reader: bytes
     writer: bytes
@@ -195,7 +201,7 @@ _INVALID_TIME = (_U32_MAX, _U32_MAX)
 
 
 def read_header(datagram: memoryview) -> tuple[RtpsHeader, Cursor]:
-    """Read the header: the sender, and a cursor at the first submessage."""
+    """Read the header. Returns the sender, and a cursor at the first submessage."""
     if len(datagram) < HEADER_BYTES or datagram[:4] != _MAGIC or datagram[4] != _VERSION[0]:
         raise MalformedError("not an RTPS 2 message")
     vendor = datagram[6] << 8 | datagram[7]
@@ -210,7 +216,7 @@ def read_submessages(cursor: Cursor) -> Iterator[Submessage]:
         kind, flags = start[0], start[1]
         little = bool(flags & _LITTLE)
         length = int.from_bytes(start[2:4], "little" if little else "big")
-        # A length of 0 means "to the end of the message", except where an empty body makes sense.
+        # A length of 0 means "to the end of the message", except for submessages that may have an empty body.
         if not length and kind not in (SubmessageKind.PAD, SubmessageKind.INFO_TS):
             length = cursor.remaining
         body = cursor.part(length)
@@ -240,13 +246,15 @@ def read_data(message: Submessage) -> Data:
 
 
 def read_pair(message: Submessage) -> tuple[bytes, bytes]:
-    """Read the entity ids of reader and writer, with which all following submessages begin."""
+    """Read the entity ids of the reader and the writer, with which all the submessages below begin."""
     reader, writer = message.body.read(_PAIR_LAYOUT)
     return reader, writer
 
 
 def read_heartbeat(message: Submessage) -> tuple[int, int, bool]:
-    """Read a heartbeat: the first and last sample of the writer, and whether it needs no answer."""
+    """Read a heartbeat. Returns the number of the writer's first sample, the number of its last sample, and
+    whether no answer is needed.
+    """
     first, last = message.body.sequence(), message.body.sequence()
     if first < 1 or last < first - 1:
         raise MalformedError(f"a heartbeat reports samples from {first} to {last}, which is not a range")
@@ -254,12 +262,12 @@ def read_heartbeat(message: Submessage) -> tuple[int, int, bool]:
 
 
 def read_heartbeat_fragment(message: Submessage) -> tuple[int, int]:
-    """Read a fragment heartbeat: the sample, and the last fragment that was sent."""
+    """Read a fragment heartbeat. Returns the number of the sample, and the last fragment that was sent."""
     return message.body.sequence(), message.body.u32()
 
 
 def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
-    """Read a gap: start, base and members, as in `gap`."""
+    """Read a gap. Returns start, base and members; see `gap`."""
     start = message.body.sequence()
     base, members = read_sequences(message.body)
     if start < 1 or base < start:
@@ -268,8 +276,9 @@ def read_gap(message: Submessage) -> tuple[int, int, list[int]]:
 
 
 def read_acknowledgement(message: Submessage) -> tuple[int, list[int], bool]:
-    """Read an acknowledgement: the number below which all samples have arrived, the requested samples, and
-    whether no answer is needed."""
+    """Read an acknowledgement. Returns the number below which all samples have arrived, the requested
+    samples, and whether no answer is needed.
+    """
     base, missing = read_sequences(message.body)
     return base, missing, bool(message.flags & _FINAL)
 
@@ -288,7 +297,7 @@ def read_time(message: Submessage) -> float | None:
 
 
 def read_source(message: Submessage) -> RtpsHeader:
-    """Read INFO_SRC: the sender of the submessages that follow."""
+    """Read INFO_SRC. Returns the sender of the submessages that follow."""
     message.body.skip(6)
     vendor = int.from_bytes(message.body.bytes(2), "big")
     return RtpsHeader(message.body.bytes(12), vendor)

@@ -1,4 +1,4 @@
-"""The types of the public interface: identities, quality of service, samples, limits and counters."""
+"""The types in the public interface: identities, quality of service, samples, limits and counters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _MIB = 1 << 20
 
 
 class Guid(bytes):
-    """16 bytes that name a participant, a writer or a reader: 12 of the participant, 4 of the entity."""
+    """16 bytes that identify a participant, a writer or a reader. The first 12 identify the participant, the
+    last 4 the entity.
+    """
 
     __slots__ = ()
 
@@ -29,7 +31,7 @@ class Guid(bytes):
 
     @property
     def is_reader(self) -> bool:
-        """Whether the last byte is that of a reader (RTPS 2.2, table 9.1)."""
+        """Whether the last byte identifies a reader (RTPS 2.2, table 9.1)."""
         return self[-1] & 0x3F in (0x04, 0x07)
 
     def __repr__(self) -> str:
@@ -38,7 +40,9 @@ class Guid(bytes):
 
 @dataclass(frozen=True, slots=True)
 class SampleIdentity:
-    """One sample of one writer. In requests, some clients use the guid of their reply reader as `writer`."""
+    """Identifies one sample of one writer. In requests, some clients use the guid of their reply reader as
+    `writer`.
+    """
 
     writer: Guid
     sequence: int
@@ -48,8 +52,9 @@ class SampleIdentity:
 class Qos:
     """Quality of service of a writer or a reader.
 
-    depth: number of samples kept for late or slow readers. None keeps all that are not acknowledged (writer)
-        or not delivered (reader), within `ParticipantLimits`. For a remote endpoint it is unknown, and None.
+    depth: number of samples kept for late or slow readers. With None, a writer keeps all samples that are not
+    acknowledged, and a reader all that are not delivered, within `ParticipantLimits`. For a remote endpoint
+    the depth is unknown, and None.
     """
 
     reliable: bool = True
@@ -61,7 +66,9 @@ class Qos:
             raise ValueError(f"depth of a Qos is {self.depth}, it must be at least 1 or None")
 
     def satisfies(self, requested: Qos) -> bool:
-        """Whether a writer that offers this may be read by a reader that asks for `requested`."""
+        """Whether a reader that requests `requested` may read from a writer that offers this quality of
+        service.
+        """
         return self.reliable >= requested.reliable and self.transient_local >= requested.transient_local
 
 
@@ -93,7 +100,7 @@ class RemoteParticipant:
 
 @dataclass(frozen=True, slots=True)
 class RemoteEndpoint:
-    """A writer or reader of another participant, as announced."""
+    """A writer or reader of a different participant, as that participant has announced it."""
 
     guid: Guid
     kind: Literal["writer", "reader"]
@@ -110,9 +117,10 @@ class ParticipantLimits:
 
     payload: size of one sample, sent or received.
     history: size of the samples that one writer keeps for its readers; the oldest are removed first.
-    history_samples: number of samples that a writer without depth keeps.
-    buffered_per_writer: size of incomplete and out-of-order samples of one remote writer.
-    buffered: the same for all remote writers; the writer with the most buffered bytes loses its samples.
+    history_samples: maximum number of samples that a writer without a depth keeps.
+    buffered_per_writer: size of incomplete and out-of-order samples from one remote writer.
+    buffered: the same for all remote writers together. Beyond it, the writer with the most buffered bytes
+    loses its samples.
     undelivered: size of the samples of one reader that wait for its callback.
     window: how far ahead of the next sample a kept sample may be.
     """
@@ -134,7 +142,7 @@ class ParticipantStatistics:
     """Counters since the start.
 
     datagrams_dropped: datagrams dropped by the loss model of a test.
-    malformed: datagrams with invalid RTPS; their valid beginning was used.
+    malformed: datagrams that violate RTPS. Their valid beginning was used.
     refused: samples, fragments or announcements beyond `ParticipantLimits`.
     overrun: samples that left a history or a queue before they were acknowledged or delivered.
     failed: errors in callbacks and in this package. Each is logged.

@@ -1,4 +1,4 @@
-"""Sockets, timers and the thread that serves both.
+"""Sockets, timers, and the thread that serves both.
 
 All code in this package holds `Wire.lock` while it changes state.
 """
@@ -97,7 +97,7 @@ class Wire:
 
     @property
     def metatraffic(self) -> list[Address]:
-        """Addresses at which discovery reaches this participant."""
+        """Addresses at which discovery messages reach this participant."""
         port = self._ports.metatraffic(self.participant_id)
         return [(str(interface.ip), port) for interface in self.interfaces]
 
@@ -113,8 +113,8 @@ class Wire:
         return self._peers if self.has_multicast else (LOOPBACK, *self._peers)
 
     def look_around(self) -> None:
-        """Start to use new networks, and drop those that have gone."""
-        with suppress(NetworkError):  # networks that have gone may come back
+        """Start to use new networks, and stop using those that are gone."""
+        with suppress(NetworkError):  # networks that are gone may come back
             self.interfaces = local_interfaces(self._wanted)
         self.has_multicast = _join(self._multicast, self.interfaces)
 
@@ -129,7 +129,7 @@ class Wire:
             return
         try:
             self._sender.sendto(datagram, address)
-        except OSError:  # no route or no space: equivalent to a loss on the network
+        except OSError:  # no route or no room: the same as a loss on the network
             self.statistics.send_errors += 1
         else:
             self.statistics.datagrams_sent += 1
@@ -144,7 +144,9 @@ class Wire:
                 self.send(datagram, (DISCOVERY_GROUP, self._ports.discovery))
 
     def later(self, delay_s: float, action: Callable[[], None]) -> None:
-        """Call `action` on this object's thread with the lock held; this cannot be cancelled."""
+        """Call `action` on this object's thread with the lock held, after a delay. This cannot be
+        cancelled.
+        """
         due_s = time.monotonic() + delay_s
         heapq.heappush(self._timers, (due_s, next(self._timer_numbers), action))
         if due_s < self._wakes_at and threading.current_thread() is not self._thread:
@@ -152,7 +154,7 @@ class Wire:
             self._wake()
 
     def _wake(self) -> None:
-        with suppress(BlockingIOError):  # full of wake-ups already
+        with suppress(BlockingIOError):  # already full of wake-ups
             self._wake_out.send(b"\0")
 
     def close(self) -> None:
@@ -179,7 +181,7 @@ class Wire:
                     self._receive(receiver, buffer)
 
     def _run_timers(self) -> float | None:
-        """Run the timers that are due; returns the seconds until the next one."""
+        """Run the timers that are due. Returns the time until the next one, in seconds."""
         now_s = time.monotonic()
         while self._timers and self._timers[0][0] <= now_s:
             self._run_guarded(heapq.heappop(self._timers)[2])
@@ -201,7 +203,7 @@ class Wire:
                 self._run_guarded(partial(self._on_datagram, view[:size], address[0]))
 
     def _run_guarded(self, action: Callable[[], None]) -> None:
-        """Run an action; log its errors, because they must not end this thread."""
+        """Run an action. Its errors are logged, because they must not end this thread."""
         try:
             action()
         except Exception:  # noqa: BLE001 - logged and counted
@@ -212,7 +214,7 @@ class Wire:
 def _bind_pair(
     udp: Callable[[], socket.socket], listen: str, ports: Ports
 ) -> tuple[int, tuple[socket.socket, socket.socket]]:
-    """The lowest participant number with two free ports, and the sockets."""
+    """Bind the sockets. Returns the lowest participant number whose two ports are free, and the sockets."""
     metatraffic, user = udp(), udp()
     for number in range(MAX_PARTICIPANTS):
         try:
@@ -230,21 +232,23 @@ def _bind_pair(
 
 
 def _join(receiver: socket.socket, interfaces: Sequence[IPv4Interface]) -> bool:
-    """Join the discovery group on each interface with multicast; returns whether there is one."""
+    """Join the discovery group on each interface with multicast. Returns whether there is such an
+    interface.
+    """
     group = socket.inet_aton(DISCOVERY_GROUP)
     joined = False
     for interface in interfaces:
         try:
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + interface.ip.packed)
         except OSError as exc:
-            joined = joined or exc.errno == errno.EADDRINUSE  # it has joined there before
+            joined = joined or exc.errno == errno.EADDRINUSE  # already joined on this interface
         else:
             joined = True
     return joined
 
 
 def _enlarge(receiver: socket.socket) -> None:
-    """Enlarge a buffer for bursts; if the system denies it, retransmission repairs losses."""
+    """Enlarge a receive buffer for bursts. If the system denies this, retransmission repairs the losses."""
     try:
         receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
     except PermissionError:

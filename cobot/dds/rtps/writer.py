@@ -1,10 +1,10 @@
 """The writing side of one topic: history, readers, acknowledgements, retransmission (RTPS 2.2, 8.4.9).
 
 Samples are sent at once with a final heartbeat, which requests an answer only if something is missing. A
-timer, which runs only while something is unacknowledged, sends heartbeats that request one. Samples larger
-than a datagram, and all repetitions, go through a queue per reader. They are sent in bursts that do not
-overflow the receiver's socket buffer, and small samples share a datagram. Discovery sends everything through
-this queue: hundreds of endpoints fit into a few datagrams.
+timer, which runs only while something is unacknowledged, sends heartbeats that request an answer. Samples
+larger than a datagram, and all repetitions, go through a queue per reader. They are sent in bursts that do
+not overflow the receiver's socket buffer, and small samples share a datagram. Discovery sends everything
+through this queue: hundreds of endpoints fit into a few datagrams.
 
 In this module only `write` and `close` acquire `Wire.lock`; all other methods are called with it held.
 """
@@ -36,8 +36,8 @@ from cobot.dds.rtps.wire import Wire
 
 _BURST_BYTES = 2 * MAX_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
-_GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, so that a loss is small
-_GATHERED_HERE_BYTES = 16_000  # the limit within this computer, which has no frames
+_GATHERED_BYTES = 1_300  # of small samples in one datagram: an Ethernet frame, so that losses are small
+_GATHERED_HERE_BYTES = 16_000  # the maximum within this computer, where there are no frames
 _GATHER_S = 0.002
 _HELD_S = 10.0
 
@@ -162,8 +162,9 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._wire.later(_BETWEEN_BURSTS_S, partial(self._pump, proxy))
 
     def _take_small(self, proxy: ReaderProxy) -> list[Change]:
-        """Take small samples for one datagram from the queue; drop samples that were replaced before their
-        start."""
+        """Take small samples for one datagram from the queue. Samples that were replaced before sending began
+        are dropped.
+        """
         taken: list[Change] = []
         room = _GATHERED_HERE_BYTES if proxy.address[0] == LOOPBACK else _GATHERED_BYTES
         for change, fragments in list(proxy.queue.items()):
@@ -179,7 +180,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         return taken
 
     def _send_together(self, proxy: ReaderProxy, changes: list[Change]) -> int:
-        """Send whole samples in one datagram; returns the number of bytes."""
+        """Send whole samples in one datagram. Returns the number of bytes."""
         body = b"".join(proxy.piece(change, 1) for change in changes)
         if proxy.reliable:
             body += self._heartbeat(proxy, final=True)
@@ -187,7 +188,9 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         return len(body)
 
     def _send_fragments(self, proxy: ReaderProxy, left: int) -> int:
-        """Send fragments of the first sample in the queue; returns the rest of the burst's bytes."""
+        """Send fragments of the first sample in the queue. Returns the number of bytes that are left in the
+        burst.
+        """
         change, fragments = next(iter(proxy.queue.items()))
         while fragments and left > 0:
             piece = next(iter(fragments))
@@ -209,7 +212,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         self._wire.send(datagram, proxy.address)
 
     def _heartbeat(self, proxy: ReaderProxy, *, final: bool) -> bytes:
-        """A heartbeat with the samples that this reader may request."""
+        """A heartbeat that names the samples that this reader may request."""
         first = self._history.first(self._last + 1)
         if first <= proxy.joined:
             wanted = (change.sequence for change in self._history if proxy.wants(change))
@@ -252,7 +255,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
     # Messages from readers; the participant calls these with the lock held
 
     def match(self, guid: bytes, address: Address, qos: Qos) -> None:
-        """Register a discovered reader, or its new address."""
+        """Register a discovered reader, or a new address of a known one."""
         known = self._proxies.get(guid)
         if known is not None:
             known.address = address
@@ -296,7 +299,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         if proxy.acknowledged >= self._last:
             proxy.due_s = None
         if len(missing) == MAX_BITS and proxy.asked < missing[-1]:
-            # The list of missing samples is full, so the reader also lacks the later ones.
+            # The list of missing samples is full, so the reader also lacks all later samples.
             missing = list(range(missing[0], proxy.sent + 1))
             proxy.asked = proxy.sent
         if missing:
@@ -340,8 +343,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
-        """Remove samples that every reader has received. Does nothing if the history has a depth, because
-        then the depth decides what is kept.
+        """Remove samples that every reader has received. If the history has a depth, nothing is removed here,
+        because the depth decides what is kept.
         """
         if self.qos.depth is not None or not len(self._history):
             return

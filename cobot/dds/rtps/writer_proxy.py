@@ -19,7 +19,7 @@ _MAX_REPAIRED = 8  # incomplete samples whose fragments are requested at once
 
 @dataclass(slots=True)
 class Arrival:
-    """A complete sample before it becomes a `Sample`; payload is None if it has none."""
+    """A complete sample before it becomes a `Sample`. `payload` is None if the sample has none."""
 
     payload: bytes | None
     inline: Parameters | None
@@ -81,11 +81,11 @@ class WriterProxy(BufferHolder):
         """Whether a sample with this number is still needed."""
         if sequence < self.next or sequence in self._pending:
             return False
-        # Before the first heartbeat it is unknown where the writer's samples begin.
+        # Before the first heartbeat, the number of the writer's first sample is unknown.
         return not self.reliable or not self.heard or sequence < self.next + self._inbound.limits.window
 
     def accept(self, sequence: int, arrival: Arrival) -> Iterator[tuple[int, Arrival]]:
-        """Accept a sample, and yield those that can be delivered now, in order."""
+        """Accept a sample, and yield the samples that can now be delivered, in order."""
         self.last = max(self.last, sequence)
         self._forget_assembly(sequence)
         if not self.reliable or sequence == self.next:
@@ -121,11 +121,13 @@ class WriterProxy(BufferHolder):
             self._forget_assembly(number)
 
     def announce(self, last: int) -> None:
-        """Note the writer's last number; samples that are already here may be newer."""
+        """Record the writer's last number. Samples that have already arrived may be newer."""
         self.last = max(last, max(self._pending, default=0), max(self._assemblies, default=0))
 
     def skip(self, start: int, base: int, members: list[int]) -> None:
-        """Note a gap. If there are too many, the writer repeats this one when it is asked again."""
+        """Record a gap. If there are too many gaps, the writer repeats this one when the sample is requested
+        again.
+        """
         for first, end in [(start, base)] + [(member, member + 1) for member in members]:
             if first <= self.next:
                 self.begin_at(end)
@@ -142,8 +144,9 @@ class WriterProxy(BufferHolder):
         piece: memoryview,
         now_s: float,
     ) -> SampleAssembly | None:
-        """Add a fragment; returns the sample if this completes it. A sample that is too large counts as a
-        gap."""
+        """Add a fragment. Returns the sample if this completes it. A sample that is too large counts as a
+        gap.
+        """
         assembly = self._assemblies.get(sequence)
         if assembly is None:
             if fragment.total > self._inbound.limits.payload:
@@ -203,7 +206,9 @@ class WriterProxy(BufferHolder):
         return self._envelope + body
 
     def introduction(self, base: int) -> bytes:
-        """The first acknowledgement, which requests a heartbeat; `base` is 0 or 1, as the vendor expects."""
+        """The first acknowledgement, which requests a heartbeat. `base` is 0 or 1, depending on the
+        vendor.
+        """
         self._acknowledgements += 1
         body = submessages.acknowledgement(
             self._reader, self._writer, base, (), self._acknowledgements, final=False
