@@ -6,7 +6,6 @@ Oracles: openssl's certificate, bytes on a socket, the table of processes, exit 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import socket
@@ -196,15 +195,14 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         until(lambda: page.run("!!window.cobotPanel?.state && !!document.querySelector('[data-jog=joint]')"))
         assert not page.run("document.querySelector('#token-form').checkVisibility()")
 
-        looks = itertools.count()
-
-        def is_refused() -> bool:
-            """Without a stream a press has no answer, and each press clears the last reason."""
-            if next(looks) % 100 == 0:
-                page.click('[data-jog="joint"]')
-            return "role does not permit" in page.run("document.querySelector('#jog-why').innerText")
-
-        until(is_refused)
+        until(lambda: page.run("cobotPanel.stream.ready && !document.querySelector('#guide').hidden"))
+        page.click("#guide-skip")
+        place = page.place('[data-jog="joint"]')
+        page.mouse("mousePressed", place)
+        refused = "document.querySelector('#jog-why').innerText.includes('role does not permit')"
+        until(lambda: page.run(refused))
+        page.mouse("mouseReleased", place)
+        assert page.run(refused), "the reason is gone after the release"
 
 
 @pytest.mark.thorough

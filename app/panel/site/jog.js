@@ -24,6 +24,7 @@ export class Jog {
     this.now = now;
     this.held = null;
     this.why = null; // why nothing can be jogged; "" if it can
+    this.refused = false; // whether the reason is shown why the last press did not move the arm, or no longer does
     this.timer = 0;
     this.pending = false;
     document.addEventListener("pointerdown", (event) => this.press(event, event.target.closest?.("[data-jog]")));
@@ -87,6 +88,7 @@ export class Jog {
     if (!button || (event.button ?? 0) !== 0) return;
     const { how } = this;
     this.release();
+    this.refused = false;
     if (!this.speeds.override) return void this.say(() => word("jog_override_zero"));
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);
@@ -110,7 +112,7 @@ export class Jog {
     this.held = null;
     clearInterval(this.timer);
     this.stream.send({ type: "jog" });
-    this.hint();
+    if (!this.refused) this.hint();
   }
 
   send() {
@@ -131,9 +133,17 @@ export class Jog {
   }
 
   hear(frame) {
-    if (frame.type === "jog" && this.held) this.say(() => (frame.limited_by ? this.limited(frame) : word("jog_moves")));
-    else if (frame.type === "jog_ended" && frame.reason) this.say(() => word("jog_ended", { reason: whyOf(frame) }));
-    else if (frame.type === "error" && frame.about === "jog") this.say(() => reasonOf(frame));
+    if (frame.type === "jog" && this.held) {
+      this.refused = false;
+      this.say(() => (frame.limited_by ? this.limited(frame) : word("jog_moves")));
+    } else if (frame.type === "jog_ended" && frame.reason) this.refuse(() => word("jog_ended", { reason: whyOf(frame) }));
+    else if (frame.type === "error" && frame.about === "jog") this.refuse(() => reasonOf(frame));
+  }
+
+  // The reason stays after the release, until the next press.
+  refuse(words) {
+    this.refused = true;
+    this.say(words);
   }
 
   limited(frame) {
