@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 22, records 5b25bfd232ec229c.
+# Layout version 23, records 58c7390381241139.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:

@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 22
+LAYOUT_VERSION = 23
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
