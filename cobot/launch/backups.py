@@ -43,7 +43,7 @@ def run(chosen: argparse.Namespace) -> None:
 
 
 def restore_staged(settings: Settings, config: Path | None) -> Settings:
-    """Restore a staged backup before a start, and return the settings to start with.
+    """Restore a staged backup before a start, and return the settings for the start.
 
     A backup that cannot be restored does not prevent the start; the log gives the reason.
     """
@@ -83,8 +83,10 @@ def _tell(backup: Backup, what: str) -> None:
 
 
 def _support(chosen: argparse.Namespace, settings: Settings) -> None:
-    """Write a bundle with data from the service, or from the files alone if the service does not answer."""
-    from cobot.client.rest import Client  # `cobot run` needs this module too, without a client
+    """Write a support bundle with data from the service. If the service does not answer, the bundle contains
+    only the files.
+    """
+    from cobot.client.rest import Client  # `cobot run` also needs this module, but no client
 
     if chosen.file.exists():
         raise InputError(f"{chosen.file}: {EXISTS}")

@@ -33,7 +33,7 @@ from cobot.types import PlannerName, Scaling, vector
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """The result for one item: what was found, or what is wrong."""
+    """The result for one item: the findings, or the error."""
 
     item: str
     good: bool
@@ -41,14 +41,15 @@ class Checked:
 
 
 def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]:
-    """Validate the configuration, one printed line per item.
+    """Validate the configuration, and print one line for each item.
 
-    Checks the endpoints file, the address, the folders, the model with its limits, whether the drives can
-    hold the arm in every posture, the backend, and of each named position: limits, self-collision, that the
-    drives can hold it, and that a ptp motion from the start position reaches it.
+    The items are the endpoints file, the address, the folders, the model with its limits, whether the drives
+    can hold the arm in every posture, the backend, and the named positions. For each named position, the
+    check covers the limits, self-collision, whether the drives can hold it, and whether a ptp motion from the
+    start position reaches it.
 
     Args:
-        config: the settings' file, for the real-time process.
+        config: the settings file, which the real-time process needs.
 
     Returns:
         All items.
@@ -127,7 +128,7 @@ def _resolve(web: WebSection) -> str:
         family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as listener:
             listener.bind(address)
-    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+    except (OSError, ValueError) as exc:  # ValueError: not a valid host name
         raise ConfigError(f"web.host: cannot listen on {web.host!r}: {exc}") from exc
     return str(address[0])
 
@@ -149,8 +150,11 @@ def _core(cpu: int | None) -> str:
 
 
 def _folder(folder: Path) -> str:
-    """Check that a folder can be written to. It is not created, because it would belong to the user who
-    checks, and the service may run as another user."""
+    """Check that files can be written to a folder.
+
+    The folder is not created, because it would belong to the user who runs the check, and the service may run
+    as a different user.
+    """
     try:
         there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         with tempfile.TemporaryFile(dir=there):
@@ -172,12 +176,14 @@ def _log(settings: Settings) -> str:
 
 
 def _backend(settings: Settings, config: Path | None) -> str:
-    """Check that the real-time process, started as `cobot run` would start it, can create the backend."""
+    """Check that the backend can be created by a real-time process that is started as `cobot run` would start
+    it.
+    """
     return _said_by("rtloop", config, "--robot", settings.robot.name)
 
 
 def _said_by(module: str, config: Path | None, *options: str) -> str:
-    """The last line that a process of cobot prints with --check.
+    """The last line that a cobot process prints with --check.
 
     Raises:
         ConfigError: the process has found an error.
@@ -192,14 +198,14 @@ def _said_by(module: str, config: Path | None, *options: str) -> str:
 
 
 def _visuals(robot: RobotDescription) -> str:
-    """The number of visuals of the robot. Checks that all their meshes can be read."""
+    """The number of visuals of the robot. This also checks that all their meshes can be read."""
     found = visuals_of(robot.model_file)
     size = sum(len(found.read_mesh(number)) for number in range(len(found.meshes)))
     return f"{len(found.visuals)}, with {len(found.meshes)} meshes of {size / 1e6:.1f} MB"
 
 
 def _efforts(robot: RobotDescription, settings: Settings) -> str:
-    """Check that the drives hold the arm, with its tool, in all postures free of collisions."""
+    """Check that the drives can hold the arm with its tool in all collision-free postures."""
     attach_tool_and_objects(robot, settings)
     holding = examine(robot.model, robot.collision, robot.limits)
     carried = robot.model.carried.mass

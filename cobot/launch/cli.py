@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return as_command(lambda: int(import_module(MODULES[words[0]]).main(words[1:])))
     parser = make_parser()
     chosen = parser.parse_args(arguments)
-    chosen.is_program = arguments is None  # otherwise the process belongs to a caller that may have threads
+    chosen.is_program = arguments is None  # otherwise the caller owns the process, which may have threads
     if chosen.command is None:
         parser.print_help()
         return EXIT_USAGE
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
-    """Run the command. Imports only the modules that the command needs."""
+    """Run the command. Only the modules that this command needs are imported."""
     settings = None
     try:
         if chosen.command == "token":
@@ -124,7 +124,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _advise(settings: Settings) -> None:
-    """Name the settings of the fleet, which may be the cause."""
+    """Print a hint that names the settings from the fleet, because they may be the cause."""
     if hint := advice(settings):
         print(f"cobot: {hint}", file=sys.stderr)
 
@@ -188,8 +188,9 @@ def _stop(chosen: argparse.Namespace) -> int:
 
 
 def _running(robots: Sequence[str]) -> list[Settings]:
-    """Settings of this user's running cobots that have one of these robots, or of all if `robots` is
-    empty."""
+    """The settings of this user's running cobots that have one of these robots. If `robots` is empty, those
+    of all running cobots.
+    """
     from cobot.launch.running_config import RunningConfig
 
     found = []
@@ -215,7 +216,9 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
 
 
 def _with_cell(settings: Settings, cell: Path | None) -> Settings:
-    """The settings with this cell for the default robot. With None the cell of the settings is kept."""
+    """The settings with this cell for the default robot. With None, the cell in the settings does not
+    change.
+    """
     if cell is None:
         return settings
     from cobot.cell.cell import cell_file

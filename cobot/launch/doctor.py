@@ -1,8 +1,8 @@
 """`cobot doctor`: checks whether this computer can run the real-time cycle on time, and prints commands that
 help.
 
-It reads and probes, and changes nothing. This module is long because it lists all that can be wrong with a
-computer.
+The checks only read and probe; they change nothing. This module is long because it lists everything that can
+be wrong with a computer.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ LIMITS_FILE = "/etc/security/limits.d/90-cobot.conf"
 
 
 class Severity(StrEnum):
-    """How much a finding of the doctor matters."""
+    """The severity of a finding."""
 
     OK = "ok"
-    WARNING = "warning"  # it works, but less well
-    PROBLEM = "problem"  # it does not work
+    WARNING = "warning"  # the feature works, but less well
+    PROBLEM = "problem"  # the feature does not work
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Machine:
     """The files in which Linux describes itself.
 
     Args:
-        root: their root folder; another one for tests.
+        root: root folder of these files. Tests use a different one.
     """
 
     def __init__(self, root: Path = Path("/")) -> None:
@@ -133,7 +133,7 @@ def _findings(config: Path | None, machine: Machine) -> Iterator[Diagnosis]:
 
 
 def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis]:
-    """The findings of `cobot check`. Good items are only counted."""
+    """The findings of `cobot check`. Items without an error are only counted."""
     items = check(settings, config, io.StringIO())
     wrong = [item for item in items if not item.good]
     for item in wrong:
@@ -144,7 +144,7 @@ def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis
 
 
 def kernel(machine: Machine) -> Diagnosis:
-    """Whether the kernel is a real-time kernel, which runs a process that is due without delay."""
+    """Check whether the kernel is a real-time kernel, which runs a process without delay when it is due."""
     version = machine.read("/proc/sys/kernel/version")
     found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
     if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
@@ -159,7 +159,7 @@ def kernel(machine: Machine) -> Diagnosis:
 
 
 def governor(machine: Machine) -> Diagnosis:
-    """Whether the cores slow down while they are idle, as they are between two cycles."""
+    """Check whether the cores slow down while they are idle, because they are idle between two cycles."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
         return Diagnosis("governor", Severity.OK, "Linux does not choose the cores' frequency here")
@@ -175,7 +175,7 @@ def governor(machine: Machine) -> Diagnosis:
 
 
 def clock_source(machine: Machine) -> Diagnosis:
-    """Whether the time is read without a system call."""
+    """Check whether the time can be read without a system call."""
     folder = "/sys/devices/system/clocksource/clocksource0"
     clock = machine.read(f"{folder}/current_clocksource")
     if not clock or clock in PRECISE_CLOCKS:
@@ -189,7 +189,9 @@ def clock_source(machine: Machine) -> Diagnosis:
 
 
 def cores(count: int) -> Diagnosis:
-    """Whether there is a core for the cycle, in addition to those that planning and the service use."""
+    """Check whether there is a core for the cycle, in addition to the cores that planning and the service
+    use.
+    """
     found = f"{count} for this process"
     if count >= WELL_CORES:
         return Diagnosis("cores", Severity.OK, found)
@@ -198,7 +200,7 @@ def cores(count: int) -> Diagnosis:
 
 
 def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagnosis:
-    """Whether the real-time process has a core of its own."""
+    """Check whether the real-time process has a core to itself."""
     item = f"isolation {robot}"
     isolated = _numbers(machine.read("/sys/devices/system/cpu/isolated"))
     shown = f"isolated cores: {', '.join(map(str, sorted(isolated))) or 'none'}"
@@ -214,7 +216,7 @@ def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagn
 
 
 def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Diagnosis]:
-    """Which privileges rtloop would get, found by asking for them."""
+    """Find the privileges that rtloop would get, by requesting them."""
     command = [*RUN_MODULE, "rtloop", "--permissions", "--robot", robot]
     command += ["--config", str(config)] if config else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -266,7 +268,7 @@ def _memory_bytes(settings: Settings) -> int:
 
 
 def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnosis:
-    """Whether the robots' shared memory fits."""
+    """Check whether there is room for the robots' shared memory."""
     need = sum(
         _memory_bytes(each)
         for name, each in settings.each.items()
@@ -287,7 +289,7 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnos
 
 
 def log_disk(folder: Path) -> Diagnosis:
-    """Whether there is room for logs, audit and recordings."""
+    """Check whether there is room for logs, audit and recordings."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     free = shutil.disk_usage(there).free
     found = f"{folder}: {_mb(free)} free"
@@ -300,7 +302,7 @@ def log_disk(folder: Path) -> Diagnosis:
 
 
 def port(settings: Settings, machine: Machine) -> Diagnosis:
-    """Whether the service can listen; if not, which process uses the port."""
+    """Check whether the service can listen on its port. If not, name the process that uses the port."""
     host, number = settings.web.host, settings.web.port
     found = f"{host} port {number}"
     try:
@@ -335,13 +337,13 @@ def listening(machine: Machine, number: int) -> int | None:
         try:
             if any(os.readlink(each) in inodes for each in (process / "fd").iterdir()):
                 return int(process.name)
-        except OSError:  # it has ended, or belongs to another user
+        except OSError:  # it has ended, or belongs to a different user
             continue
     return None
 
 
 def compiler(checkout: Path) -> Diagnosis:
-    """Whether a compiler is present. Only building cobot needs one, see setup.py."""
+    """Check whether a compiler is present. It is only needed to build cobot, see setup.py."""
     if not (checkout / "setup.py").is_file():
         return Diagnosis("compiler", Severity.OK, "not needed: cobot is installed")
     command = [sys.executable, "setup.py", "preflight"]
@@ -357,7 +359,7 @@ def _command(machine: Machine, pid: int) -> str:
 
 
 def _numbers(text: str) -> set[int]:
-    """Parse a core list of Linux: "2,4-6"."""
+    """Parse a Linux list of cores, such as "2,4-6"."""
     found: set[int] = set()
     for low, high in re.findall(r"(\d+)(?:-(\d+))?", text):
         found.update(range(int(low), int(high or low) + 1))

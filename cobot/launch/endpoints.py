@@ -10,11 +10,14 @@ from cobot.errors import ConfigError
 from cobot.launch.process import RUN_MODULE
 
 MAX_WAIT_S = 60.0
-"""Timeout for the service to list its endpoints, s. Usually it needs 2 s, and more on a busy computer."""
+"""Timeout for the service to list its endpoints, s. Usually the service needs 2 s, but more on a busy
+computer.
+"""
 
 
 def check_endpoints(path: Path) -> dict[str, EndpointChange]:
-    """Read and check the file. The service is started only if the file changes something.
+    """Read and check the file. If it changes any endpoint, this starts the service to get the list of
+    endpoints.
 
     Raises:
         ConfigError: see `load_endpoints`.

@@ -1,4 +1,4 @@
-"""The extra that fleets need."""
+"""The optional package that fleets need."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from cobot.errors import ConfigError
 
 
 def require_zenoh(setting: str) -> None:
-    """
+    """Check that the optional package with Zenoh is installed.
+
     Raises:
-        ConfigError: the extra with Zenoh is not installed.
+        ConfigError: it is not installed.
     """
     if find_spec("zenoh") is None:
         raise ConfigError(

@@ -1,10 +1,10 @@
 """Fast first start of each process, without importing again what its parent has imported.
 
-Imports are most of the cost of a start, and the parent already has half of them. So the supervisor forks its
-children, and the service its planning processes, before they have threads of their own. Each fork waits for
-the command that it will run. (A handler ends the threads of OpenBLAS before each fork. OpenBLAS starts them
-again when it needs them.)
-A process that starts later, to replace one that has died, starts from scratch, as `python -m` does.
+Imports take most of the time of a start, and the parent has already done half of them. So the supervisor
+forks its children before it starts threads. In the same way, the service forks its planning processes before
+it starts threads. Each fork waits for the command that it will run. A handler ends the threads of OpenBLAS
+before each fork; OpenBLAS starts them again when it needs them. A process that starts later, to replace one
+that has died, starts from scratch, as `python -m` does.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ _first_path: list[str] = [] if sys.flags.safe_path else sys.path[:1]
 
 
 class Forked:
-    """A forked process, with the part of the interface of `subprocess.Popen` that its parent needs.
+    """A forked process. It provides those parts of the interface of `subprocess.Popen` that its parent needs.
 
     Attributes:
-        returncode: None while it runs.
+        returncode: exit status; None while the process is running.
     """
 
     def __init__(self, pid: int, channel: socket.socket) -> None:
@@ -67,7 +67,9 @@ class Forked:
         return True
 
     def poll(self) -> int | None:
-        """The exit status, or minus the signal that ended it; None while it runs."""
+        """The exit status, or the negative number of the signal that ended the process; None while it is
+        running.
+        """
         if self.returncode is None:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
@@ -75,10 +77,10 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout_s: float | None = None) -> int:
-        """Wait until it has ended.
+        """Wait until the process has ended, and return its exit status.
 
         Raises:
-            subprocess.TimeoutExpired: it is still running.
+            subprocess.TimeoutExpired: the process is still running.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         while (status := self.poll()) is None:
@@ -105,13 +107,13 @@ class Forked:
 
 
 def fork_processes(count: int) -> list[Forked]:
-    """Fork processes that wait for a command. They never return from here.
+    """Fork processes that wait for a command. In the forked processes, this function never returns.
 
-    Only for a process without threads of its own.
+    The calling process must not have started threads.
     """
-    # The caller may have set SIGCHLD to ignored; then the parent could not learn how a child has ended.
+    # The caller may have set SIGCHLD to ignored. Then the parent could not learn how a child has ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    gc.freeze()  # the collectors of the children do not touch the shared objects either
+    gc.freeze()  # so that the children's garbage collection does not touch the shared objects
     made: list[Forked] = []
     for _ in range(count):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -120,7 +122,7 @@ def fork_processes(count: int) -> list[Forked]:
             made.append(Forked(pid, ours))
             continue
         for each in (ours, *(other.channel for other in made)):
-            each.close()  # a waiting process must notice that its parent has gone
+            each.close()  # a waiting process must notice when its parent is gone
         _serve(theirs)
     return made
 
@@ -137,7 +139,7 @@ def _serve(channel: socket.socket) -> NoReturn:
     _set_title(task["command"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, *arguments = task["command"][len(RUN_MODULE) :]
-    if _first_path:  # not in a forked process that forks again
+    if _first_path:  # false in a forked process that forks again
         sys.path.remove(_first_path.pop())
     sys.argv[1:] = arguments
     status: object = 0
@@ -154,8 +156,8 @@ def _serve(channel: socket.socket) -> NoReturn:
 
 
 def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> None:
-    """Give the received descriptors their numbers. Output and errors go to the same file, input is
-    empty, and all other descriptors are closed.
+    """Give the received descriptors their numbers. Output and errors go to the same file, the input is empty,
+    and all other descriptors are closed.
     """
     above = max(*numbers, *received, channel) + 1
     high = [fcntl.fcntl(each, fcntl.F_DUPFD_CLOEXEC, above) for each in received]
@@ -163,15 +165,17 @@ def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> 
     os.dup2(nothing, 0)
     for source, number in zip([high[0], *high], [2, *numbers], strict=True):
         os.dup2(source, number)
-    for each in os.listdir("/proc/self/fd"):  # close every number that was open at the fork
+    for each in os.listdir("/proc/self/fd"):  # close each number that was open at the time of the fork
         if int(each) not in (0, 1, 2, *numbers):
-            with contextlib.suppress(OSError):  # the descriptor by which the folder was read
+            with contextlib.suppress(OSError):  # the descriptor with which the folder was read
                 os.close(int(each))
 
 
 def _set_title(command: Sequence[str]) -> None:
-    """Let `ps` show the command. It overwrites the arguments and the environment, which the kernel stores
-    next to each other. Before that, the C library gets its own copy of the environment.
+    """Make `ps` show the command.
+
+    This overwrites the arguments and the environment, which the kernel stores next to each other. Before
+    that, the C library gets its own copy of the environment.
     """
     for name, value in os.environ.items():
         os.putenv(name, value)

@@ -27,7 +27,7 @@ TO_DO = (
     ("network", "the device's cable goes to this computer only; tokens if others can reach the service"),
     ("people", "keep people out of reach; one person keeps a hand on the emergency stop"),
 )
-"""Items that no program can check."""
+"""Items of the checklist that no program can check."""
 NOT_RUNNING = "start `cobot run`, which asks the device; then check again"
 
 
@@ -60,7 +60,7 @@ def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) 
 
 
 def _device(name: str) -> DeviceReport | None:
-    """Findings of the running robot; None if it is not running."""
+    """The findings about a running robot; None if the robot is not running."""
     try:
         memory = RobotMemory.attach(name, MemoryRole.READER)
     except CobotError:
@@ -77,7 +77,7 @@ def _device(name: str) -> DeviceReport | None:
 def _backend(
     item: str, checked: Sequence[Checked], device: DeviceReport | None, settings: Settings
 ) -> Checked:
-    """Whether the backend can be created and drives real hardware."""
+    """Check whether the backend can be created and drives real hardware."""
     if settings.robot.backend.options.get("simulator"):
         return Checked(
             item,

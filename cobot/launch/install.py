@@ -1,7 +1,8 @@
 """`cobot install` and `cobot uninstall`: cobot as a systemd service under its own user.
 
 An installation is a list of files and a list of commands. Both are plain data (`plan`), so that `--dry-run`
-prints exactly what an installation writes. Files that are already there and equal are left alone.
+prints exactly the files that an installation writes. Files that already exist with the same content are not
+written.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ STATE, LOGS = Path("/var/lib/cobot"), Path("/var/log/cobot")
 
 
 class InstallError(CobotError):
-    """The service cannot be installed on this computer; the text says why and what to do."""
+    """The service cannot be installed on this computer. The text gives the reason and the remedy."""
 
     code = "install"
 
@@ -57,7 +58,7 @@ def files(command: Sequence[str]) -> list[File]:
     """All files, in the order in which they are written.
 
     Args:
-        command: starts cobot, without arguments.
+        command: command that starts cobot, without arguments.
     """
     return [
         File(SETTINGS, _SETTINGS, IfPresent.KEEP),
@@ -69,7 +70,7 @@ def files(command: Sequence[str]) -> list[File]:
 
 
 def commands() -> list[list[str]]:
-    """Commands that make the system read the files."""
+    """Commands that make the system read the installed files."""
     return [
         ["systemd-sysusers", str(SYSUSERS)],
         ["udevadm", "control", "--reload"],
@@ -85,11 +86,12 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
     Args:
         prefix: root folder to write to instead of /. With it, only files are written and no system command
             runs.
-        command: the command line that starts cobot, without arguments; None for the installation that is
-            running now.
+        command: the command line that starts cobot, without arguments; None for the cobot that is running
+            now.
 
     Raises:
-        InstallError: no systemd, not root, or an installation that the service's user cannot read.
+        InstallError: there is no systemd, the user is not root, or the service's user cannot read the
+            installation of cobot.
     """
     command = command or [sys.executable, "-P", "-m", "cobot"]
     if prefix is None:
@@ -107,10 +109,10 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
 
 
 def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
-    """Remove what `install` has written. Edited settings, logs, state and the system user remain.
+    """Remove the files that `install` has written. Edited settings, logs, state and the system user remain.
 
     Raises:
-        InstallError: not root, or no systemd.
+        InstallError: the user is not root, or there is no systemd.
     """
     if prefix is None and not dry_run:
         _require_system("cobot uninstall")
@@ -132,7 +134,9 @@ def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
 
 
 def _write(file: File, out: TextIO, root: Path, dry_run: bool) -> bool:
-    """Write a file if it differs. Returns whether it was written, or with `dry_run` would be."""
+    """Write a file if its content differs. Returns whether the file was written, or with `dry_run` would
+    be.
+    """
     target = _below(root, file.path)
     old = target.read_text(encoding="utf-8") if target.exists() else None
     if old is not None and (old == file.content or file.if_present is IfPresent.KEEP):
@@ -179,8 +183,9 @@ def _require_system(what: str) -> None:
 
 
 def _require_readable(python: Path) -> None:
-    """Check that the service's user can read the installation. It cannot below /root or a closed home
-    folder."""
+    """Check that the service's user can read the installation of cobot. This fails if it is below /root or a
+    closed home folder.
+    """
     for folder in (python.absolute().parent, *python.absolute().parents):
         if not folder.stat().st_mode & stat.S_IXOTH:
             raise InstallError(
@@ -221,7 +226,7 @@ MaxRetentionSec=3month
 
 
 def _unit(command: Sequence[str]) -> str:
-    """The unit file. This function is long because the file is kept whole."""
+    """The unit file. This function is long because it contains the whole file."""
     start = shlex.join(command)
     return f"""\
 # Written by `cobot install`, and replaced by the next one. Use `systemctl edit cobot` for your own changes.

@@ -1,9 +1,9 @@
 """`cobot moveit-config FOLDER`: a package with which MoveIt 2 plans for a robot of this configuration.
 
-It writes the configuration in MoveIt's files: the URDF of /robot_description, an SRDF with the named
-positions and the pairs of links that cobot's own collision checker ignores, the limits, the controller.
-The controller is cobot itself: its action /NAME/follow_joint_trajectory has the name that MoveIt's simple
-controller manager expects, so no ros2_control is needed.
+The package contains the configuration in MoveIt's files: the URDF on /robot_description; an SRDF with the
+named positions and the pairs of links that cobot's own collision checker ignores; the limits; and the
+controller. The controller is cobot itself: its action /NAME/follow_joint_trajectory has the name that
+MoveIt's simple controller manager expects, so no ros2_control is needed.
 
 Source:
 https://moveit.picknik.ai/main/doc/examples/controller_configuration/controller_configuration_tutorial.html
@@ -158,7 +158,7 @@ def package_name(settings: Settings) -> str:
 
 
 def moveit_files(settings: Settings) -> dict[str, str]:
-    """The content of each file, by its path in the package's folder."""
+    """The content of each file, by its path in the package folder."""
     robot = load_robot(settings)
     description = urdf(robot.model.mj, robot.limits, robot.model.tcp_site)
     name, group = settings.robot.name, settings.robot.group
@@ -178,7 +178,7 @@ def moveit_files(settings: Settings) -> dict[str, str]:
 
 
 def srdf(robot: RobotDescription, settings: Settings, model_name: str) -> str:
-    """The group from the base to the TCP, the named positions, and the links that may touch."""
+    """The SRDF: the group from the base to the TCP, the named positions, and the links that may touch."""
     root = Element("robot", name=model_name)
     group = settings.robot.group
     chain = {"base_link": settings.robot.base_frame, "tip_link": settings.robot.tcp}
@@ -194,8 +194,9 @@ def srdf(robot: RobotDescription, settings: Settings, model_name: str) -> str:
 
 
 def unchecked_links(robot: RobotDescription) -> list[tuple[str, str, str]]:
-    """Pairs of links that MoveIt ignores, with the reason: they are neighbours, or the model allows
-    contact."""
+    """Pairs of links that MoveIt must ignore, with the reason: the links are neighbours, or the model allows
+    their contact.
+    """
     model = robot.model.mj
     checked = {frozenset(map(int, model.geom_bodyid[list(pair)])) for pair in geom_pairs(model)}
     bodies = sorted({int(body) for body in model.geom_bodyid if body})
@@ -216,7 +217,7 @@ def kinematics() -> dict[str, Any]:
 
 
 def joint_limits(robot: RobotDescription) -> dict[str, Any]:
-    """Limits that are not in the URDF: MoveIt's time parameterization needs accelerations."""
+    """The limits that are not in the URDF. MoveIt's time parameterization needs the acceleration limits."""
     limits = robot.limits
     each = {
         name: {
@@ -234,8 +235,9 @@ def joint_limits(robot: RobotDescription) -> dict[str, Any]:
 
 
 def controllers(robot: RobotDescription) -> dict[str, Any]:
-    """The controllers. MoveIt calls the action `controller/action_ns`, so the controller has the robot's
-    name."""
+    """The controllers. MoveIt calls the action `controller/action_ns`, so the robot's name is used as the
+    name of the controller.
+    """
     action = {
         "type": "FollowJointTrajectory",
         "action_ns": "follow_joint_trajectory",
@@ -245,7 +247,7 @@ def controllers(robot: RobotDescription) -> dict[str, Any]:
     return {
         "moveit_controller_manager": "moveit_simple_controller_manager/MoveItSimpleControllerManager",
         "moveit_simple_controller_manager": {"controller_names": [robot.name], robot.name: action},
-        # cobot keeps to the path and its limits by itself, and others may slow it down meanwhile.
+        # cobot keeps to the path and its limits by itself, and people may slow it down during a motion.
         "trajectory_execution": {"execution_duration_monitoring": False, "allowed_start_tolerance": 0.01},
     }
 
@@ -254,7 +256,7 @@ def planning(group: str, adapters: Mapping[str, Any]) -> dict[str, Any]:
     """The OMPL pipeline.
 
     Args:
-        adapters: its plugins, whose names differ between Humble and later releases.
+        adapters: names of the pipeline's plugins, which differ between Humble and later releases.
     """
     return {
         "planning_pipelines": ["ompl"],

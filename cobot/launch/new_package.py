@@ -1,5 +1,6 @@
-"""Parts that `cobot backend new` and `cobot gripper new` share: pyproject.toml, checking a name, and writing
-a folder of files."""
+"""Parts that `cobot backend new` and `cobot gripper new` share: making pyproject.toml, checking a name, and
+writing a folder with files.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +39,7 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
     """Check that a new backend or gripper can have this name.
 
     Args:
-        taken: the existing names, each with the place where it is defined.
+        taken: the names that exist, each with the place where it is defined.
         what: "backend" or "gripper".
         suffix: appended to the examples of valid names in messages.
 

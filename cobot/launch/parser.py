@@ -302,7 +302,9 @@ def _add_moveit(commands: Any, config: argparse.ArgumentParser) -> None:
 
 
 def _settings_file(argument: str) -> Path:
-    """The settings file of an option. For a folder, the file in it that `cobot new-robot` writes."""
+    """The settings file that an option names. For a folder, it is the file in that folder that `cobot
+    new-robot` writes.
+    """
     file = Path(argument)
     if not file.is_dir():
         return file

@@ -1,5 +1,6 @@
-"""Functions with which a process asks Linux to change its own properties, or for the state of other
-processes."""
+"""Functions with which a process asks Linux to change the process's own properties, or asks for the state of
+other processes.
+"""
 
 from __future__ import annotations
 
@@ -20,28 +21,30 @@ from cobot.errors import UnavailableError, exhausted
 _PR_SET_PDEATHSIG = 1
 
 INTERRUPTED = 130
-"""Exit status of a command after Ctrl-C, as of a shell."""
+"""Exit status of a command after Ctrl-C, the same as in a shell."""
 RUN_MODULE = (sys.executable, "-P", "-m")
 """The command that starts an installed module. -P excludes modules in the current folder."""
 
 AUTOGROUP = Path("/proc/self/autogroup")
-"""File with the niceness of this process's session relative to other sessions."""
+"""The file that sets the niceness of this process's session relative to other sessions."""
 AUTOGROUP_TRIES, AUTOGROUP_PAUSE_S = 10, 0.1
 
 MIN_DESCRIPTORS = 64
 MIN_ADDRESS_SPACE = 1 << 30
-"""Minimum address space of a process, in bytes. The largest process uses 0.8 GB on two cores, mostly reserved
-by libraries."""
+"""Minimum address space of a process, in bytes. The largest process uses 0.8 GB on two cores; libraries
+reserve most of it.
+"""
 
 
 class Niceness(IntEnum):
-    """Niceness of threads. It counts when there are more threads than cores: planning must not delay a
-    stop."""
+    """Niceness of threads. It matters if there are more threads than cores, because planning must not delay a
+    stop.
+    """
 
     PROMPT = -10  # threads that answer people
     ORDINARY = 0
-    BACKGROUND = 10  # takes only the time that nothing else needs
-    STUDY = 19  # and less than those in the background
+    BACKGROUND = 10  # uses only the time that nothing else needs
+    STUDY = 19  # has an even lower priority than BACKGROUND
 
 
 def is_gone(pid: int) -> bool:
@@ -50,7 +53,7 @@ def is_gone(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
-    except PermissionError:  # another user's process exists
+    except PermissionError:  # the process exists, but belongs to a different user
         pass
     return False
 
@@ -74,11 +77,11 @@ def is_traced(pid: int) -> bool:
 
 
 def require_limits() -> None:
-    """Check this process's limits before large imports, because libraries that run out of memory give no
+    """Check the limits of this process before large imports, because libraries that run out of memory give no
     clear error.
 
     Raises:
-        UnavailableError: a limit of this process is below what a robot needs.
+        UnavailableError: a limit of this process is lower than a robot needs.
     """
     descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if descriptors < MIN_DESCRIPTORS:
@@ -108,8 +111,10 @@ def in_words(main: Callable[[], int]) -> int:
 
 
 def as_command(main: Callable[[], int]) -> int:
-    """Run `main` like `in_words`, as a command in a terminal. Ctrl-C, and a reader of the output that ends
-    first, such as `head`, end it without a traceback."""
+    """Run `main` like `in_words`, as a command in a terminal.
+
+    Two events end it without a traceback: Ctrl-C, and a reader of its output that ends first, such as `head`.
+    """
     try:
         return in_words(main)
     except BrokenPipeError:
@@ -126,9 +131,10 @@ def set_niceness(niceness: Niceness, *, session: bool = False) -> None:
     A lower niceness needs root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
 
     Args:
-        session: niceness of the session that this process has started, if it has. By default Linux shares the
-            processor among sessions first, and niceness counts only within a session (sched(7), the autogroup
-            feature). Control groups can change that. Use it for processes that wait most of the time.
+        session: niceness of the session, if this process has started one. By default Linux first shares the
+            processor among sessions, and niceness counts only within a session (sched(7), the autogroup
+            feature). Control groups can change that. Use this argument for processes that wait most of the
+            time.
     """
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
@@ -138,10 +144,10 @@ def set_niceness(niceness: Niceness, *, session: bool = False) -> None:
 
 
 def leave_real_time() -> None:
-    """Drop the real-time priority and the core that this thread or process inherits from rtloop.
+    """Give up the real-time priority and the core that this thread or process inherits from rtloop.
 
-    Otherwise the cycle, and everything else on its core, would wait while this thread computes. It
-    stays prompt, because the cycle may wait for it while it holds the interpreter.
+    Otherwise the cycle, and everything else on its core, would wait while this thread computes. The thread
+    still reacts promptly, because the cycle may wait for it while it holds the interpreter.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -150,8 +156,9 @@ def leave_real_time() -> None:
 
 
 def _write_again(file: Path, text: str) -> None:
-    """Write to the file again and again until Linux accepts it. Linux accepts ten writes per second from
-    processes without CAP_SYS_ADMIN, as in a container."""
+    """Write to the file repeatedly until Linux accepts it. From processes without CAP_SYS_ADMIN, as in a
+    container, Linux accepts only ten writes per second.
+    """
     for _ in range(AUTOGROUP_TRIES):
         try:
             file.write_text(text, encoding="ascii")
@@ -173,11 +180,11 @@ def has_terminal() -> bool:
 def die_with_parent(number: signal.Signals) -> None:
     """Let the kernel send this process a signal when its parent ends for any reason.
 
-    Call it early: the end of a parent before the call is not noticed. By Linux's rule the parent is the
-    thread that started this process.
+    Call this early, because the end of a parent before the call is not noticed. For Linux, the parent is the
+    thread that has started this process.
 
     Raises:
-        OSError: the kernel refuses.
+        OSError: the kernel rejects the request.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0) != 0:

@@ -1,4 +1,6 @@
-"""The options of `cobot record`, `cobot plot` and `cobot replay`, which are in `cobot.launch.recordings`."""
+"""Options of `cobot record`, `cobot plot` and `cobot replay`. The commands are in
+`cobot.launch.recordings`.
+"""
 
 from __future__ import annotations
 

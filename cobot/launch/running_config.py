@@ -1,8 +1,8 @@
 """The configuration of a running cobot: a copy that only a reload changes.
 
-Editing a file of a running robot changes nothing. A process that restarts (rtloop, the service, a planning
-process) reads the copy, so a half-finished, wrong or not yet reloaded edit cannot take effect through a
-restart. The copy is one folder next to the robot's shared memory:
+Editing a file of a running robot changes nothing at first. A process that restarts (rtloop, the service, a
+planning process) reads the copy. So an edit that is unfinished, wrong or not yet reloaded cannot take effect
+through a restart. The copy is one folder next to the robot's shared memory:
 
     settings.yaml   complete, with absolute paths; replaced as a whole
     EDITION-...     the files of joint limits, named positions, endpoints and cells that it names
@@ -43,7 +43,7 @@ class ProcessState:
 
 
 class RunningConfig:
-    """The folder of one `cobot run`.
+    """The folder with the configuration of one `cobot run`.
 
     Args:
         folder: see `of`.
@@ -54,13 +54,14 @@ class RunningConfig:
 
     @classmethod
     def of(cls, robot: str) -> RunningConfig:
-        """The copy of the cobot whose default robot has this name."""
+        """The configuration of the cobot whose default robot has this name."""
         return cls(FOLDER / f"cobot-{robot}.run")
 
     @classmethod
     def mine(cls) -> list[RunningConfig]:
-        """The copies of this user's cobots that are running or were killed. Copies of other users are not
-        trusted."""
+        """The configurations of this user's cobots that are running or were killed. Copies that belong to
+        other users are not trusted.
+        """
         found = []
         for folder in FOLDER.glob("cobot-*.run"):
             with contextlib.suppress(OSError):
@@ -98,7 +99,7 @@ class RunningConfig:
             The settings file.
 
         Raises:
-            SharedMemoryError: there is no room or no permission.
+            SharedMemoryError: there is no room in the shared memory, or no permission.
         """
         new = self.folder / f"new-{SETTINGS}"
         try:
@@ -117,15 +118,16 @@ class RunningConfig:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def publish(self, processes: Mapping[str, ProcessState]) -> None:
-        """Write the processes that run, by name. A full /dev/shm is ignored, because it must not stop
-        them."""
+        """Write the processes that are running, by name. If /dev/shm is full, this does nothing, because a
+        full disk must not stop the processes.
+        """
         with contextlib.suppress(OSError):
             new = self.folder / f"new-{PROCESSES}"
             new.write_text(json.dumps({name: asdict(each) for name, each in processes.items()}))
             os.replace(new, self.folder / PROCESSES)
 
     def processes(self) -> dict[str, ProcessState]:
-        """The processes that run, by name; empty if none have been written."""
+        """The processes that are running, by name; empty if none have been written."""
         try:
             told = json.loads((self.folder / PROCESSES).read_text(encoding="utf-8"))
             return {name: ProcessState(**each) for name, each in told.items()}

@@ -1,7 +1,7 @@
-"""`cobot stop`: stops the arm through shared memory, whatever the state of the service.
+"""`cobot stop`: stops the arm through shared memory, regardless of the state of the service.
 
-It increments a counter that rtloop reads in every cycle. No queue, lock or process is involved, so it works
-while the service is dead, paused or overloaded.
+It increments a counter that rtloop reads in every cycle. No queue, lock or other process is involved, so this
+works while the service has crashed, is paused or is overloaded.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from cobot.types import RESTING, LoopMode
 REST_S = 5.0
 """Timeout for the arm to stop, in seconds. A stop takes up to about 2.5 s."""
 STALE_S = 0.25
-"""Age beyond which a state says nothing about the current position of the arm, in seconds."""
+"""Age above which a state no longer shows the current position of the arm, in seconds."""
 POLL_S = 0.005
 FOLLOWED_S = 0.25
-"""Maximum wait for the service to follow a stop, in seconds. It sends a heartbeat every 0.05 s."""
+"""Maximum time to wait until the service follows a stop, in seconds. The service sends a heartbeat every 0.05
+s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +40,10 @@ class StopRequest:
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
-        moving: the motion that the stop ends, for people; "" for none.
+        moving: the motion that the stop ends, as text for people; "" if there is none.
         followed: number of the service's heartbeat after which the service has handled the stop.
-        followed_s: time until which to wait for that heartbeat, because the service may not run.
+        followed_s: time until which to wait for that heartbeat. The wait is limited because the service may
+            not be running.
     """
 
     memory: RobotMemory
@@ -51,7 +54,7 @@ class StopRequest:
 
 
 def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
-    """Stop these robots, or all that run on this computer if none is named, and report the result.
+    """Stop these robots, or all robots on this computer if none is named, and report the result.
 
     Args:
         latched: whether this is an e-stop, after which nothing moves until a reset.
@@ -66,7 +69,7 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
         )
         return False
     stops: dict[str, StopRequest] = {}
-    for name in names:  # stop all of them first: waiting for one must not delay the others
+    for name in names:  # stop all of them first, because waiting for one must not delay the others
         try:
             stops[name] = _ask(RobotMemory.attach(name, MemoryRole.READER), latched=latched)
         except CobotError as exc:
@@ -77,8 +80,8 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
 
 
 def not_asked(url: str | None) -> str:
-    """A hint if the service in the environment variable is on another computer, with the command to stop it;
-    else "".
+    """A hint with the command to stop the arm, if the service in the environment variable is on a different
+    computer; otherwise "".
 
     Args:
         url: value of the environment variable.
@@ -104,8 +107,8 @@ def _ask(memory: RobotMemory, *, latched: bool) -> StopRequest:
     state = _state(memory)
     counter = memory.outside_estops if latched else memory.outside_stops
     counter.add()
-    # Each heartbeat adds 2 to its sequence. The service notices the stop before one of them, and has ended
-    # what it had begun before the next one.
+    # Each heartbeat adds 2 to its sequence. The service notices the stop before one heartbeat, and has ended
+    # everything that it had begun before the next one.
     followed = memory.heartbeat.sequence + 4, time.monotonic() + FOLLOWED_S
     if state is None:
         return StopRequest(memory, 0, "", *followed)
@@ -150,7 +153,7 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
 
 
 def _await_service(stop: StopRequest) -> None:
-    """Wait until the service has handled the stop. Before that, the service would end any newly requested
+    """Wait until the service has handled the stop. Until then, the service would end any newly requested
     motion.
     """
     while stop.memory.heartbeat.sequence < stop.followed and time.monotonic() < stop.followed_s:
@@ -158,7 +161,7 @@ def _await_service(stop: StopRequest) -> None:
 
 
 def _has_ended(memory: RobotMemory) -> bool:
-    """Whether the process of rtloop has ended, so that waiting is useless."""
+    """Whether the rtloop process has ended, so that waiting is useless."""
     try:
         return is_gone(int(memory.statistics.read()["pid"]))
     except TornReadError:
@@ -174,7 +177,7 @@ def _state(memory: RobotMemory) -> np.ndarray | None:
 
 
 def _moving(state: np.ndarray) -> str:
-    """The current motion of the arm, for people; "" for none."""
+    """The current motion of the arm as text for people; "" if there is none."""
     if int(state["session"]):
         return f"session {int(state['session'])}"
     if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:

@@ -1,7 +1,7 @@
-"""ZIP archives, written and read in memory. Nothing is unpacked to a path that an archive names.
+"""ZIP archives, written and read in memory. No file is ever unpacked to a path that an archive names.
 
-An archive of another person may be hostile. Its files are found by their whole names, in bounded memory, and
-links, folders, encrypted files, files that appear twice and wrong checksums are rejected.
+An archive that comes from a different person may be hostile. Its files are found by their whole names, in
+bounded memory. Links, folders, encrypted files, files that appear twice and wrong checksums are rejected.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ MAX_TOTAL_BYTES = 300_000_000
 MAX_FILES = 10_000
 MANIFEST = "manifest.json"
 _TIME = (1980, 1, 1, 0, 0, 0)
-"""Modification time written for every file, so that equal contents make equal archives."""
+"""Modification time that is written for every file, so that equal contents give equal archives."""
 
 
 def pack(files: Mapping[str, bytes], about: Mapping[str, Any]) -> bytes:
     """Make an archive with a manifest.
 
     Args:
-        files: contents by name.
+        files: contents of the files by their names.
         about: further keys of the manifest.
     """
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
@@ -47,7 +47,8 @@ def pack(files: Mapping[str, bytes], about: Mapping[str, Any]) -> bytes:
 
 
 def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Read an archive of `pack`: its manifest, and the contents of its files by name.
+    """Read an archive that `pack` has made. Returns its manifest, and the contents of its files by their
+    names.
 
     Raises:
         InputError: the content is not such an archive, is too large, or is damaged.
@@ -85,7 +86,7 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    """Read a file. No more bytes are decompressed than the archive lists as its size."""
+    """Read a file. Not more bytes are decompressed than the size that the archive lists."""
     with archive.open(entry) as file:
         content = file.read(entry.file_size + 1)
     if len(content) != entry.file_size:

@@ -1,9 +1,10 @@
-"""A backup: the settings file and what people have set up at the service, to be restored later.
+"""A backup of the settings file and of everything that people have set up in the service. It can be restored
+later.
 
-A restore never changes a running robot. The archive is checked, kept as `NAME.restore.zip`, and used by
-the next `cobot run`. That run first makes a backup of what it replaces. It is `NAME.before-restore.zip` until
-the restore is complete, then `NAME.before-restore.last.zip`. If the run is killed meanwhile, the next one
-begins again, because the archive is removed last.
+A restore never changes a running robot. The archive is checked, stored as `NAME.restore.zip`, and used by the
+next `cobot run`. That run first makes a backup of everything that it replaces. This backup is called
+`NAME.before-restore.zip` until the restore is complete, then `NAME.before-restore.last.zip`. The archive is
+removed last, so if the run is killed before that, the next run begins again.
 """
 
 from __future__ import annotations
@@ -41,12 +42,14 @@ KINDS: Mapping[str, Callable[[bytes], object]] = {
     "scene": scene_in,
     "positions": TypeAdapter(dict[str, NamedPosition]).validate_json,
 }
-"""The kinds of documents that each robot has, with their checks. The scene includes the named frames."""
+"""The kinds of documents that each robot has, and the function that checks each kind. The scene includes the
+named frames.
+"""
 _PROGRAM = re.compile(r"programs/(?P<id>[a-z0-9][a-z0-9_-]{0,63})/(?P<version>[1-9][0-9]{0,8})\.json")
 
 
 def joints_of(settings: Settings) -> dict[str, list[str]]:
-    """Names of the joints of each robot.
+    """The names of the joints of each robot.
 
     Raises:
         ConfigError: see `load_joint_limits`.
@@ -63,9 +66,9 @@ class Backup:
     Attributes:
         about: keys of the manifest: `cobot` (the version that made it), `created`, and `robots` with their
             joints.
-        settings: text of the user's settings file; None if there was none.
-        robots: for each robot, the contents of its files by name (the path in the archive without
-            `robots/NAME/`).
+        settings: text of the user's settings file; None if there was no file.
+        robots: for each robot, the contents of its files by their names. A name is the path in the archive
+            without `robots/NAME/`.
     """
 
     about: dict[str, Any]
@@ -74,7 +77,7 @@ class Backup:
 
     @property
     def summary(self) -> list[str]:
-        """The content for people: a line for each robot."""
+        """A description of the content for people, with one line for each robot."""
         lines = [f"{name}: {_counted(files)}" for name, files in self.robots.items()]
         return [*(["the settings file"] if self.settings is not None else []), *lines]
 
@@ -84,7 +87,7 @@ def make_backup(settings: Settings, source: Path | None) -> bytes:
 
     Args:
         settings: settings of all robots.
-        source: the user's settings file; None without one.
+        source: the user's settings file; None if there is none.
 
     Raises:
         ConfigError: a file cannot be read.
@@ -108,10 +111,10 @@ def make_backup(settings: Settings, source: Path | None) -> bytes:
 
 
 def read_backup(content: bytes, settings: Settings) -> Backup:
-    """Check an archive completely, for these robots.
+    """Check an archive completely, for the robots in these settings.
 
     Raises:
-        InputError: the content is not a backup, is damaged or hostile, or is from other robots or a newer
+        InputError: the content is not a backup, is damaged or hostile, or is from different robots or a newer
             cobot.
     """
     about, files = unpack(content)
@@ -143,20 +146,20 @@ def staged_file(settings: Settings) -> Path:
 
 
 def stage(settings: Settings, content: bytes) -> None:
-    """Keep a checked archive for the next start.
+    """Store a checked archive for the next start.
 
     Raises:
-        UnavailableError: no space or no permission.
+        UnavailableError: there is no space or no permission.
     """
     keep(staged_file(settings), content, "the backup to restore")
 
 
 def activate(settings: Settings, source: Path | None) -> Backup:
-    """Restore the staged archive, while no cobot runs with these settings.
+    """Restore the staged archive. No cobot with these settings may be running.
 
     Raises:
         InputError: the archive is not valid. It is put aside, and nothing has changed.
-        UnavailableError: no space or no permission. The next start tries again.
+        UnavailableError: there is no space or no permission. The next start tries again.
     """
     staged = staged_file(settings)
     try:
@@ -167,7 +170,7 @@ def activate(settings: Settings, source: Path | None) -> Backup:
         os.replace(staged, staged.with_suffix(".rejected"))
         raise InputError(f"{staged}: {exc}; it is put aside, and nothing is restored") from exc
     before = staged.with_name(f"{settings.robot.name}.before-restore.zip")
-    if not before.exists():  # of a restore that was killed, it has what was there before
+    if not before.exists():  # if a restore was killed, it contains the original state
         keep(before, make_backup(settings, source), "the backup")
     for name, each in settings.each.items():
         _restore(each, backup.robots[name])
@@ -197,7 +200,7 @@ def _restore(settings: Settings, files: Mapping[str, bytes]) -> None:
 
 
 def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
-    """Check that the settings can be read in their final folder, and are of these robots."""
+    """Check that the settings can be read in their final folder and belong to these robots."""
     trial = source.with_name(f".{source.name}.restore")
     try:
         with open_new(trial) as file:
@@ -214,7 +217,7 @@ def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
 
 
 def _is_valid(name: str, text: bytes, path: str) -> bool:
-    """Whether a robot in a backup may have a file of this name. Also checks its content.
+    """Whether a robot in a backup may have a file with this name. The content is checked too.
 
     Raises:
         InputError: the content is invalid.

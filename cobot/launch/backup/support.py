@@ -19,7 +19,9 @@ from cobot.launch.backup.archive import pack
 
 MAX_LOG_BYTES = 1_000_000
 MAX_PART_BYTES = 3_000_000
-"""Maximum size of each live part. A larger one is left out, with a note in its place."""
+"""Maximum size of each part that comes from the running service, in bytes. A larger part is replaced by a
+note.
+"""
 REMOVED = "removed"
 _SECRET = re.compile(r"token|secret|password|passphrase|credential|api_?key|private", re.IGNORECASE)
 _IN_TEXT = re.compile(
@@ -32,7 +34,7 @@ def make_bundle(settings: Settings, live: Mapping[str, bytes]) -> bytes:
 
     Args:
         settings: settings of all robots.
-        live: parts that only a running service has, by name; empty without one.
+        live: parts that only a running service can provide, by name; empty if no service is running.
     """
     files = {
         "settings.yaml": _yaml(settings),
@@ -56,7 +58,7 @@ def make_bundle(settings: Settings, live: Mapping[str, bytes]) -> bytes:
 
 
 def without_secrets(content: bytes) -> bytes:
-    """A text in which values that look like a token or a password are replaced."""
+    """Replace the values in a text that look like a token or a password."""
     text = content.decode("utf-8", "replace")
     return _IN_TEXT.sub(rf"\g<1>{REMOVED}", text).encode()
 
@@ -87,7 +89,7 @@ def _computer() -> dict[str, Any]:
 
 
 def _end_of(path: Path) -> bytes:
-    """The last lines of a file. The first one is complete."""
+    """The last lines of a file. The first line of the result is complete."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, os.SEEK_END)

@@ -1,6 +1,7 @@
 """`cobot new-robot`: makes a configuration from a robot's description file.
 
-new_robot writes the folder; masses, inertials and volumes determine the masses of the links; efforts judges
-the drives; home_posture chooses the positions; srdf_import takes over an SRDF; guesses fills in what files
-leave out. The files themselves are read by `cobot.launch.robot_file`.
+The module new_robot writes the folder. The modules masses, inertials and volumes determine the masses of the
+links. efforts judges the drives, and home_posture chooses the positions. srdf_import uses the data in an
+SRDF, and guesses finds values that are missing in the files. The package `cobot.launch.robot_file` reads the
+files.
 """

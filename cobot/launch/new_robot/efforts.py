@@ -1,5 +1,6 @@
-"""Statements of `cobot new-robot` on the drives: whether they hold the arm, which payload they can carry, and
-how much friction they can overcome."""
+"""Statements of `cobot new-robot` about the drives: whether they can hold the arm, which payload they can
+carry, and how much friction they can overcome.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +15,13 @@ from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
 FRICTION_SHARE = 0.3
-"""Maximum share of friction and damping at full speed in the effort that holding the arm leaves.
-Planned motions use the rest."""
+"""Maximum share that friction and damping at full speed may take of the effort that remains after holding the
+arm. Planned motions use the remaining effort.
+"""
 MIN_SHARE = 0.05
-"""Share of the whole effort that friction and damping may always take, even if no effort is left after
-holding."""
+"""Share of the whole effort that friction and damping may always take, even if holding the arm leaves no
+effort.
+"""
 
 
 def report_holding(holding: Holding, assumed: bool) -> list[str]:
@@ -44,7 +47,8 @@ def report_holding(holding: Holding, assumed: bool) -> list[str]:
 
 def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float, str]:
     """The value of `robot.max_payload_kg`, and a sentence that explains it. It is at most the mass of the
-    arm, because larger efforts in a file are placeholders."""
+    arm, because larger efforts in a file are only placeholders.
+    """
     moving = float(robot.mj.body_mass[robot.mj.body_weldid != 0].sum())
     found, hold = payload(robot, collision, robot.limits)
     mass = _rounded_down(min(found, moving))
@@ -68,8 +72,9 @@ def total_mass(mj: mujoco.MjModel) -> str:
 def reduce_friction(
     spec: mujoco.MjSpec, robot: RobotModel, limits: JointLimits, holding: Holding
 ) -> list[str]:
-    """Reduce friction and damping that the drives cannot overcome at full speed. Returns sentences for the
-    report."""
+    """Reduce friction and damping that the drives cannot overcome at full speed. Returns sentences about this
+    for the report.
+    """
     mj = robot.mj
     needed = {hold.joint: hold.needed for hold in holding.hardest}
     said = []

@@ -1,8 +1,9 @@
 """Measures with MuJoCo the width of turning fingers as a function of the angle of their first joint.
 
 The width is the distance between the ends of both fingers, or between the end of a jaw and the end of the
-link that carries it. It is measured between the convex collision shapes. Only their ends count, cut off with
-the fingers closed, because near its axis a jaw is close to its link at every angle.
+link that carries the jaw. It is measured between the convex collision shapes. Only the ends of the shapes
+count, because near its axis a jaw is close to its link at every angle. The ends are cut off while the fingers
+are closed.
 """
 
 from __future__ import annotations
@@ -19,28 +20,31 @@ from scipy.spatial import ConvexHull, QhullError
 from cobot.types import Array
 
 END_M, END_SHARE = 0.02, 0.25
-"""Length of the end of a finger, m, and its maximum as a share of the finger's length."""
+"""Length of the part that counts as the end of a finger, m, and its maximum as a share of the finger's
+length.
+"""
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
 """Distance of the TCP from the fingertips, m, and its maximum as a share of the fingers' length."""
 ANGLES, WIDTHS = 129, 17
 """Number of angles at which the width is measured, and number of widths in the result."""
 FAR_M, NEAR_M = 2.0, 1e-4
-"""Largest distance that is measured, and distance up to which two axes count as one, m."""
+"""Largest distance that is measured, m, and distance below which two axes count as one, m."""
 GROWS_M, TOUCH_M = 1e-7, 1e-4
-"""Minimum growth of the width from one angle to the next, and width below which fingers count as touching,
-m."""
+"""Minimum growth of the width from one angle to the next, m, and width below which the fingers count as
+touching, m.
+"""
 SAME_REACH = 0.9
-"""A third branch counts as a finger if its reach is at least this share of the second one's reach."""
+"""A third branch counts as a finger if its reach is at least this share of the reach of the second branch."""
 STROKES_M, CLOSED_SHARE = (0.001, 0.5), 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Hinge:
-    """A joint of the fingers in the file. Its angle is `offset` + `ratio` times that of the first joint.
+    """A joint of the fingers in the file. Its angle is `offset` + `ratio` times the angle of the first joint.
 
     Attributes:
-        axis, anchor: in the frame of its body.
-        carrier: the body that carries the branch if this joint is the first of a branch; else "".
+        axis, anchor: direction of the axis and a point on it, in the frame of the joint's body.
+        carrier: the body that carries the branch if this joint is the first one of a branch; otherwise "".
     """
 
     name: str
@@ -58,10 +62,10 @@ class MeasuredFingers:
 
     Attributes:
         closed, open: angles of the first joint, rad.
-        widths: at equal steps of the angle from closed to open, m.
+        widths: widths at equal steps of the angle from closed to open, m.
         further_m: distance by which closed fingers reach further out of the hand than open ones.
         tcp: the point where the fingertips meet, in the frame of the carrier: position and rotation matrix.
-            Its x axis points from the second to the first finger, its z axis out of the hand.
+            The x axis points from the second to the first finger, the z axis out of the hand.
         carrier: the body that carries the fingers.
     """
 
@@ -99,13 +103,13 @@ class Linkage:
         self._data = mujoco.MjData(self._mj)
 
     def turn(self, angle: float) -> None:
-        """Turn the first joint to an angle, rad, and all others with it."""
+        """Turn the first joint to an angle, rad. All other joints turn with it."""
         for each in self._joints:
             self._data.joint(each.name).qpos[0] = each.offset + each.ratio * angle - self._rest[each.name]
         mujoco.mj_kinematics(self._mj, self._data)
 
     def place(self, body: str) -> tuple[Array, Array]:
-        """Position and quaternion of a body in its parent."""
+        """Position and quaternion of a body in the frame of its parent."""
         data, child = self._data, self._mj.body(body).id
         parent = int(self._mj.body_parentid[child])
         inverse, place, quaternion = np.zeros(4), np.zeros(3), np.zeros(4)
@@ -130,7 +134,7 @@ class Linkage:
         first = self._common_geometry(span, sides, bodies)
         if isinstance(first, str):
             return first
-        self.turn(first[1][0])  # the ends are cut off where the fingers are closed, which is known now
+        self.turn(first[1][0])  # the ends are cut off at the closed angle, which is known now
         second = self._common_geometry(span, sides, bodies)
         if isinstance(second, str):
             return second
@@ -144,8 +148,9 @@ class Linkage:
     def _common_geometry(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
     ) -> tuple[list[list[int]], tuple[float, float]] | str:
-        """The ends of both fingers, and the angles between which they open; or the reason why there are
-        none."""
+        """The ends of both fingers, and the angles between which the fingers open; or the reason why there
+        are none.
+        """
         groups = self._cut_ends(sides, bodies)
         if not all(groups):
             return "it has no second finger where the first one ends"
@@ -164,7 +169,9 @@ class Linkage:
         return [[int(self._mj.geom(name).id) for name in each] for each in names]
 
     def _sides(self, angle: float) -> list[str] | str:
-        """The first links of the two fingers, which are the branches that reach farthest. A jaw has one."""
+        """The first links of the two fingers. The fingers are the branches that reach farthest; a jaw has
+        only one.
+        """
         self.turn(angle)
         begins = [each.body for each in self._joints if each.carrier]
         middle = self._middle(begins)
@@ -184,7 +191,7 @@ class Linkage:
         return self._data.joint(next(each.name for each in self._joints if each.body == body))
 
     def _middle(self, bodies: Sequence[str]) -> Array:
-        """The point in the middle of the axes of the bodies' joints."""
+        """The point in the middle between the axes of the bodies' joints."""
         return np.asarray(np.mean([self._joint(body).xanchor for body in bodies], axis=0))
 
     def _tip(self, side: str) -> Array:
@@ -210,7 +217,9 @@ class Linkage:
         return np.asarray(out / np.linalg.norm(out))
 
     def _add_end(self, bodies: Sequence[int], out: Array, level: float) -> list[str]:
-        """Add the parts of bodies beyond a plane as shapes that collide with nothing. Returns their names."""
+        """Add the parts of these bodies that are beyond a plane, as shapes that collide with nothing. Returns
+        their names.
+        """
         names = []
         for geom in self._shapes(bodies):
             body = int(self._mj.geom_bodyid[geom])
@@ -272,7 +281,7 @@ class Linkage:
         return further, (frame.T @ (place - body.xpos), turn)
 
     def _carried(self, body: str) -> list[int]:
-        """A body and all that it carries."""
+        """A body and all bodies that it carries."""
         top, found = self._mj.body(body).id, []
         for each in range(top, self._mj.nbody):
             if each == top or int(self._mj.body_parentid[each]) in found:
@@ -289,8 +298,9 @@ class Linkage:
         return [geom for geom in range(mj.ngeom) if mj.geom_bodyid[geom] in bodies and mj.geom_contype[geom]]
 
     def _corners(self, shapes: Sequence[int]) -> Array:
-        """Corners of the convex shapes in the world, shape (n, 3). Shapes without corners give those of their
-        box."""
+        """Corners of the convex shapes in the world frame, shape (n, 3). A shape without corners is replaced
+        by the corners of its box.
+        """
         mj, found = self._mj, [np.zeros((0, 3))]
         for geom in shapes:
             if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
@@ -324,8 +334,9 @@ def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
 
 
 def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | str:
-    """The angles, closed and open, between which the width grows steadily; or the reason why there are
-    none."""
+    """The closed and the open angle, between which the width grows steadily; or the reason why there are
+    none.
+    """
     if widths[0] > widths[-1]:
         angles, widths = angles[::-1], widths[::-1]
     last = int(np.argmax(widths))
@@ -340,7 +351,7 @@ def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | st
             f"{1e3 * STROKES_M[0]:g} to {1e3 * STROKES_M[1]:g} mm"
         )
     closed = float(angles[first])
-    if widths[first] < 0.0:  # between this angle and the next one the fingers come off each other
+    if widths[first] < 0.0:  # between this angle and the next, the fingers separate
         share = widths[first] / (widths[first] - widths[first + 1])
         closed += share * float(angles[first + 1] - angles[first])
     return closed, float(angles[last])

@@ -1,8 +1,8 @@
-"""The fingers that `cobot new-robot` keeps as a gripper: two that slide towards each other.
+"""The fingers that `cobot new-robot` keeps as a gripper: two fingers that slide towards each other.
 
-Like all joints that are not the arm's, their joints are removed from the model. The settings describe how the
-links slide (`robot.gripper.hand`), and the simulation moves them. In the model the fingers are open, because
-planned motions avoid collisions with the fingers at their place in the model.
+Their joints are removed from the model, like all joints that do not belong to the arm. The settings describe
+how the links slide (`robot.gripper.hand`), and the simulation moves them. In the model the fingers are open,
+because planned motions avoid collisions with the fingers at their position in the model.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class _Slide:
     """A finger's joint in the file.
 
     Attributes:
-        axis: in the frame of its body, unit length.
+        axis: direction of the axis in the frame of the joint's body, unit length.
         low, high: positions of this joint at the lower and the upper bound of the leading joint, m.
     """
 
@@ -53,9 +53,9 @@ class FingerPair:
     """Two fingers of a file.
 
     Attributes:
-        joints: the first one is the leader.
+        joints: the two joints; the first one is the leader.
         coupled: whether the second joint follows the first one.
-        rate: velocity and effort of the leader in the file, 0 for unknown.
+        rate: velocity and effort limits of the leader in the file; 0 if unknown.
     """
 
     joints: tuple[_Slide, _Slide]
@@ -112,7 +112,7 @@ class FingerPair:
         )
 
     def _opening(self, axes: Sequence[Array], middles: Sequence[Array | None]) -> list[float]:
-        """For each joint: 1 if the finger opens along the joint's axis, else -1."""
+        """For each joint: 1 if the finger opens in the direction of the joint's axis, otherwise -1."""
         signs = [1.0, 1.0]
         first, second = middles
         if first is not None and second is not None:
@@ -130,7 +130,7 @@ class FingerPair:
         """Add a site between the tips of the open fingers. Returns its name, or None for fingers without
         shapes.
 
-        The z axis of the site points out of the hand; its x axis is that of the first finger.
+        The z axis of the site points out of the hand. Its x axis is the axis of the first finger's joint.
 
         Args:
             mj: the compiled specification.
@@ -211,7 +211,7 @@ def sliding_pair(
 
 
 def _bodies(mj: mujoco.MjModel, name: str) -> Iterator[int]:
-    """A body and all that it carries."""
+    """A body and all bodies that it carries."""
     top = mj.body(name).id
     for body in range(mj.nbody):
         each = body

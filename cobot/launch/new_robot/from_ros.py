@@ -1,4 +1,4 @@
-"""The description of a robot that a running ROS 2 has."""
+"""The robot description that a running ROS 2 system publishes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ MAX_DOMAIN = 232
 
 
 def save_description(namespace: str, file: Path) -> None:
-    """Write the URDF on NAMESPACE/robot_description to a file. Domain and networks are those of ROS's
-    environment variables; another process speaks DDS.
+    """Write the URDF on NAMESPACE/robot_description to a file. ROS's environment variables give the domain
+    and the networks. A separate process speaks DDS.
 
     Raises:
         ConfigError: no URDF arrives, or the domain is invalid.

@@ -1,4 +1,6 @@
-"""Guesses of `cobot new-robot` for values missing from a robot's file, each with a sentence to check."""
+"""Guesses of `cobot new-robot` for values that are missing in a robot's file. Each guess is reported in a
+sentence, so that the user checks it.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +25,19 @@ MARGIN_M = 0.005
 NEAR_SHARE = 0.8
 """Distance that streams keep, as a share of the distance between links that are always close."""
 VELOCITY = {False: 1.0, True: 0.25}
-"""Guessed velocity of a hinge, rad/s, and of a slide, m/s."""
+"""Guessed velocity of a rotary joint, rad/s, and of a linear joint, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
-"""Guessed ratios: full speed within a quarter of a second, full acceleration within a tenth."""
+"""Guessed ratios: full speed is reached within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0
-"""The largest guess, rad/s²; for a slide m/s². A velocity that would need more, such as 1e4, is a
-placeholder."""
+"""The largest acceleration that is guessed, rad/s² or m/s². A velocity that would need a larger one, such as
+1e4, is a placeholder.
+"""
 MANY_TURNS_RAD = 8.0 * np.pi
-"""Range beyond which the file probably has degrees, because few joints turn that far."""
+"""Range above which the file probably uses degrees, because few joints turn that far."""
 EFFORT_RESERVE = 2.5
-"""Guessed effort, as a multiple of the largest effort that gravity and the guessed acceleration need in the
-samples."""
+"""Factor for the guessed effort. It multiplies the largest effort that gravity and the guessed acceleration
+need in the samples.
+"""
 
 EARTH = (0.0, 0.0, -9.81)
 """Gravity, m/s²."""
@@ -45,7 +49,7 @@ def base_and_tcp(
     """The base frame, guessed if `base` is None, and the TCP. If the TCP is a body, a site is added.
 
     Raises:
-        ConfigError: there is no such base, or it moves.
+        ConfigError: the base does not exist, or it moves.
     """
     standing = [body.name for body in spec.bodies if not _moves(body)]
     if base is not None and base not in standing:
@@ -71,11 +75,11 @@ def _moves(body: mujoco.MjsBody | None) -> bool:
 def limits(
     file: Path, mj: mujoco.MjModel, rates: dict[str, tuple[float, float]], guessed: list[str]
 ) -> JointLimits:
-    """Limits from the model's ranges and the file's velocity and effort (0 for unknown). An unknown effort
-    stays 0, see `efforts`.
+    """Limits from the model's ranges and from the velocities and efforts in the file, which are 0 if unknown.
+    An unknown effort stays 0; see `efforts`.
 
     Raises:
-        ConfigError: a slide has no range.
+        ConfigError: a linear joint has no range.
     """
     names = tuple(mj.joint(index).name for index in range(mj.njnt))
     ranges, velocities, known = np.zeros((len(names), 2)), np.zeros(len(names)), np.zeros(len(names))
@@ -120,7 +124,9 @@ def limits(
 
 
 def efforts(robot: RobotModel, guessed: list[str]) -> Array:
-    """The efforts of the limits. An effort of 0 is replaced by what the arm needs, with a reserve."""
+    """The efforts in the limits. An effort of 0 is replaced by the effort that the arm needs, with a
+    reserve.
+    """
     limits, needed = robot.limits, np.zeros(robot.limits.dof)
     for joints in _samples(limits)[:100]:
         accelerating = np.abs(robot.mass_matrix(joints)) @ limits.max_acceleration
@@ -153,14 +159,14 @@ def pairs_that_touch(
 ) -> list[tuple[str, str]]:
     """The pairs of links that are within 5 mm of each other in every sample, except disabled pairs.
 
-    Each solid of the surroundings counts as a link of its own, and only if no sample is inside it.
+    Each solid of the surroundings counts as a separate link, but only if no sample is inside the solid.
     """
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     distances = checker.clearance.distances(_samples(robot.limits), MARGIN_M)
     touching = distances < MARGIN_M
     bodies = robot.mj.geom_bodyid
     of_links: dict[tuple[str, str], NDArray[np.bool_]] = {}
-    for pair in np.flatnonzero(touching.any(axis=0)):  # Of two links any shapes may touch.
+    for pair in np.flatnonzero(touching.any(axis=0)):  # the shapes of two links that touch may vary
         by_body = sorted(checker.pairs[pair], key=lambda geom: int(bodies[geom]))
         inside = 0 in bodies[by_body] and distances[:, pair].min() < 0.0
         both = checker.name(by_body[0]), checker.name(by_body[1])
@@ -179,7 +185,8 @@ def stream_margin(
     robot: RobotModel, collision: CollisionChecker, usual_m: float, guessed: list[str]
 ) -> float:
     """The distance that streams and jogging keep, m. It is smaller than usual if links of the arm are closer
-    than that in every free position, because a stream would stop in all of them."""
+    than that in every collision-free position, because a stream would stop in each of these positions.
+    """
     samples = _samples(robot.limits)
     free = samples[[collision.is_free(joints) for joints in samples]]
     if not len(free):
@@ -200,7 +207,7 @@ def stream_margin(
 
 
 def report_odd_world(mj: mujoco.MjModel, guessed: list[str]) -> None:
-    """Report origins that look like millimetres, and gravity that differs from the Earth's."""
+    """Report origins that look as if they were in millimetres, and gravity that differs from the Earth's."""
     moving = mj.body_weldid != 0
     length_m = float(np.linalg.norm(mj.body_pos[moving], axis=1).sum())
     if length_m >= LARGE_M:

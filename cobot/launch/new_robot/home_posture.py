@@ -1,4 +1,4 @@
-"""The posture `home` of a new robot: the file's own, or one that a person would choose.
+"""The posture `home` of a new robot: the one in the file, or one that a person would choose.
 
 A person leaves most joints at 0 and turns a few by multiples of 45°, so that the arm is above its base, easy
 to hold and far from touching itself. Such postures are ranked by a cost.
@@ -25,34 +25,41 @@ START_NAMES = ("home", "ready", "default")
 """Usual names of the state in which a robot starts, in order of preference."""
 STEP_RAD, MAX_STEPS = np.pi / 4.0, 3
 MAX_TURNED = 3
-"""Maximum number of joints that are not at their reference."""
+"""Maximum number of joints that are not at their reference position."""
 ROOM_SHARE, MAX_ROOM = 0.02, 0.05
-"""Distance from the limits: a share of the range, and its maximum, rad or m."""
+"""Distance from the limits, as a share of the range, and the maximum of this distance, rad or m."""
 WIDE_MARGIN_M = 0.02
 LISTED, LISTED_SHARE = 20, 0.5
-"""Maximum number of pairs in a message, and the share of random positions in which a listed pair touches."""
+"""Maximum number of pairs in a message, and the minimum share of random positions in which a listed pair
+touches.
+"""
 HELD_SHARE = 0.9
 COST_TURNED, COST_RIGHT_ANGLE = 1.0, 0.25
-"""Cost of each joint that is not at its reference, and of each 90° by which it is turned."""
+"""Cost of each joint that is not at its reference position, and cost of each 90° by which it is turned."""
 COST_HOLDING = 8.0
-"""Cost factor for the greatest share of a joint's effort that holding the arm takes."""
+"""Cost factor for holding the arm. It multiplies the greatest share of a joint's effort that holding
+takes.
+"""
 COST_BELOW, COST_NARROW, COST_SINGULAR = 4.0, 1.0, 0.4
-"""Cost of a link below the base, of links nearer than the wide margin, and of a singular posture."""
+"""Cost of a link below the base, of links that are nearer than the wide margin, and of a singular posture."""
 SINGULAR = 0.01
-"""Ratio of the least to the greatest singular value of the Jacobian, with lengths as shares of the reach."""
+"""Ratio of the least to the greatest singular value of the Jacobian below which a posture counts as singular.
+Lengths are shares of the reach.
+"""
 SAMPLES = 500
 _SIZES = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 def start_name(names: Iterable[str]) -> str | None:
-    """The name of the state to start in, in the order of `START_NAMES`."""
+    """The name of the state in which the robot starts, found in the order of `START_NAMES`."""
     by_lower = {name.lower(): name for name in reversed(list(names))}
     return next((by_lower[each] for each in START_NAMES if each in by_lower), None)
 
 
 def keyframe(spec: mujoco.MjSpec) -> dict[str, float] | None:
-    """Joint positions, by name, of the start keyframe: the one with a name in `START_NAMES`, or the only
-    one."""
+    """Joint positions of the start keyframe, by name. It is the keyframe with a name in `START_NAMES`, or the
+    only keyframe.
+    """
     keys = {key.name: key for key in spec.keys if len(key.qpos)}
     name = start_name(keys) or (next(iter(keys)) if len(keys) == 1 else None)
     if name is None:
@@ -74,7 +81,8 @@ def positions(
     states: Mapping[str, Array],
     guessed: list[str],
 ) -> dict[str, Array]:
-    """The states of the files that the robot can be in. `home` is added if none of them is a start state.
+    """The states in the files that are possible for the robot. `home` is added if none of them is a start
+    state.
 
     Raises:
         ConfigError: the arm touches itself in each posture that was tried.
@@ -93,7 +101,7 @@ def positions(
 
 
 def _flaw(robot: RobotModel, collision: CollisionChecker, joints: Array) -> str:
-    """The reason why the robot cannot be in a position; empty if it can."""
+    """The reason why a position is not possible for the robot; "" if it is possible."""
     try:
         check_positions(robot.limits, joints)
     except CobotError as exc:
@@ -105,7 +113,7 @@ def _flaw(robot: RobotModel, collision: CollisionChecker, joints: Array) -> str:
 
 
 def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: str) -> tuple[Array, str]:
-    """The chosen posture, and a sentence on how it was found."""
+    """The chosen posture, and a sentence that explains how it was found."""
     choice = _Choice(robot, collision, base)
     best, least = None, float("inf")
     for own_cost, joints in choice.candidates():
@@ -136,7 +144,7 @@ class _Choice:
         self._options = [self._values(index) for index in range(robot.dof)]
 
     def _values(self, index: int) -> list[float]:
-        """Values that a person would choose for a joint, the reference first."""
+        """The values that a person would choose for a joint, the reference first."""
         low, high = float(self._limits.min_position[index]), float(self._limits.max_position[index])
         room = min(MAX_ROOM, ROOM_SHARE * (high - low))
         reference = float(self._robot.mj.qpos0[index])
@@ -147,7 +155,7 @@ class _Choice:
         return sorted(inside, key=lambda value: (abs(value - reference), value)) or [0.5 * (low + high)]
 
     def candidates(self) -> Iterator[tuple[float, Array]]:
-        """Postures and the cost of their angles, the cheapest first."""
+        """Postures with the cost of their angles, sorted from the cheapest on."""
         reference = np.array([options[0] for options in self._options])
         found = []
         for count in range(min(MAX_TURNED, self._robot.dof) + 1):
@@ -160,7 +168,7 @@ class _Choice:
         return iter(sorted(found, key=lambda each: each[0]))
 
     def cost(self, joints: Array) -> float:
-        """Cost of a posture; infinite if it is not free or cannot be held easily."""
+        """The cost of a posture; infinite if it is in collision or cannot be held easily."""
         if not self._collision.is_free(joints):
             return float("inf")
         share = held(self._robot, self._limits, joints).share
@@ -187,7 +195,7 @@ class _Choice:
         return bool(values[-1] < SINGULAR * values[0])
 
     def nearest_free(self) -> Array | None:
-        """The random position nearest to 0, preferably one that the drives can hold."""
+        """The collision-free random position nearest to 0, preferably one that the drives can hold."""
         limits, rows = self._limits, self._random()
         zero = np.clip(self._robot.mj.qpos0, limits.min_position, limits.max_position)
         free = [joints for joints in (zero, *rows) if self._collision.is_free(joints)]
@@ -195,7 +203,7 @@ class _Choice:
         return min(holds or free, key=lambda joints: float(np.abs(joints - zero).max()), default=None)
 
     def touches_most(self) -> str:
-        """The pairs that touch in most of the random positions; "" if none touches at all."""
+        """The pairs that touch in most of the random positions; "" if no pair touches in any of them."""
         pairs: Counter[tuple[str, str]] = Counter()
         for joints in self._random():
             pairs.update({(each.first, each.second) for each in self._collision.contacts(joints)})

@@ -1,11 +1,11 @@
 """The `<inertial>` elements of a robot's file: finds incomplete ones, and repairs those that no body can
 have.
 
-A tensor I about the centre of mass belongs to a body if and only if the second moments
-Σ = ½ tr(I) E - I of its mass are positive semidefinite; the triangle inequality of the principal moments is
-the same condition (Wensing, Kim, Slotine, "Linear matrix inequalities for physically-consistent inertial
-parameter identification", IEEE RA-L 2017, equation 12). So a tensor is repaired by cutting off the negative
-part of Σ.
+A tensor I about the centre of mass belongs to a body if and only if the second moments Σ = ½ tr(I) E - I of
+its mass are positive semidefinite; the triangle inequality of the principal moments is the same condition
+(Wensing, Kim, Slotine, "Linear matrix inequalities for physically-consistent inertial parameter
+identification", IEEE RA-L 2017, equation 12). Therefore a tensor is repaired by removing the negative part of
+Σ.
 """
 
 from __future__ import annotations
@@ -26,14 +26,18 @@ from cobot.types import Array
 from cobot.xml_file import where
 
 FLOOR = 1e-6
-"""Smallest second moment of a repaired tensor, as a share of the sum of all three. It is above 0 because
-MuJoCo checks inertias without a tolerance."""
+"""Smallest second moment of a repaired tensor, as a share of the sum of all three second moments. It is above
+0 because MuJoCo checks inertias without a tolerance.
+"""
 ROUNDING = 1e-3
-"""Changes below this share of the tensor are rounding errors of the file, and are not reported."""
+"""If a tensor changes by less than this share, the change corrects only rounding errors in the file, and is
+not reported.
+"""
 MAX_RADIUS, MIN_RADIUS = 30.0, 0.001
-"""Limits of the radius of gyration of a body, as a share of the size of its shapes. Between them the file is
-believed, because shapes may be smaller than the link. Beyond them the inertia is in other units, such as
-kg·mm²."""
+"""Largest and smallest plausible radius of gyration of a body, as a share of the size of its shapes. Between
+them, the value in the file is used, because shapes may be smaller than the link. Beyond them, the inertia is
+in different units, such as kg·mm².
+"""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MASSLESS_KG = 1e-6
 """Some files give this mass to frames, for programs that need a mass for each link."""
@@ -41,11 +45,11 @@ MASSLESS_KG = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What remains of an `<inertial>` that MuJoCo cannot use.
+    """The remaining data of an `<inertial>` that MuJoCo cannot use.
 
     Attributes:
-        mass: kg; None if the mass is missing too.
-        why: what is wrong with the element, for the report.
+        mass: mass, kg; None if the mass is missing too.
+        why: the error in the element, for the report.
     """
 
     mass: float | None
@@ -53,7 +57,8 @@ class Stated:
 
 
 def set_aside(file: Path, root: Element) -> dict[str, Stated]:
-    """Remove from a URDF the `<inertial>` elements without a mass or without an inertia, by link.
+    """Remove the `<inertial>` elements that lack a mass or an inertia from a URDF. Returns their data by
+    link.
 
     Raises:
         ConfigError: a mass or an inertia is not a finite number.
@@ -84,10 +89,10 @@ def set_aside(file: Path, root: Element) -> dict[str, Stated]:
 
 
 def repair(spec: mujoco.MjSpec, solids: dict[str, Solid]) -> list[str]:
-    """Replace the inertias that no body can have; returns a sentence for each.
+    """Replace the inertias that no body can have. Returns a sentence for each.
 
     Args:
-        solids: the shapes of the links that have some, by name.
+        solids: the shapes of each link that has any, by the link's name.
     """
     said = []
     for body in spec.bodies:
@@ -102,7 +107,7 @@ def repair(spec: mujoco.MjSpec, solids: dict[str, Solid]) -> list[str]:
 
 
 def _fit_size(body: mujoco.MjsBody, solid: Solid) -> str | None:
-    """Replace an inertia whose radius of gyration is out of proportion to the shapes."""
+    """Replace an inertia whose radius of gyration does not match the size of the shapes."""
     radius = math.sqrt(max(float(np.trace(_tensor(body))), 0.0) / (2.0 * body.mass))
     if MIN_RADIUS <= radius / solid.reach <= MAX_RADIUS:
         return None
@@ -114,7 +119,7 @@ def _fit_size(body: mujoco.MjsBody, solid: Solid) -> str | None:
 
 
 def _make_possible(body: mujoco.MjsBody, balance: bool) -> str | None:
-    """Cut off the negative part of the second moments, unless the file asks MuJoCo to balance the moments."""
+    """Remove the negative part of the second moments, unless the file asks MuJoCo to balance the moments."""
     tensor = _tensor(body)
     principal = np.linalg.eigvalsh(tensor)
     moments, axes = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)

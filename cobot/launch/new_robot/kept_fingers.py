@@ -1,5 +1,6 @@
-"""Finds a gripper that can be simulated in the joints after an arm: two joints that slide, or some that
-turn."""
+"""Finds a gripper that can be simulated in the joints that follow an arm: two joints that slide, or joints
+that turn.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +21,12 @@ def kept_fingers(
     """The gripper; or the reason why there is none.
 
     Args:
-        degrees: whether the specification has its angles in degrees.
+        degrees: whether the angles in the specification are in degrees.
     """
     slides = [each for each in fingers if each.joint.type == mujoco.mjtJoint.mjJNT_SLIDE]
     if not slides:
         return turning_fingers(fingers, rates, degrees)
     moved = {each.leader for each in slides}
-    # A motor that turns next to the fingers it drives moves nothing in the file.
+    # A motor that is next to the fingers which it drives moves nothing in the file.
     idle = [each for each in fingers if each.name not in moved and not set(slides) & set(each.subtree)]
     return sliding_pair([each for each in fingers if each not in idle], rates)

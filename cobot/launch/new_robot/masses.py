@@ -1,6 +1,6 @@
 """The masses that `cobot new-robot` assumes for links without a usable `<inertial>`.
 
-Each assumed mass is reported. Afterwards every link of the specification has its own inertial.
+Each assumed mass is reported. In the result, every link of the specification has an inertial.
 """
 
 from __future__ import annotations
@@ -21,25 +21,27 @@ from cobot.launch.robot_file.typed import typed
 from cobot.types import Array
 
 DENSITY_KG_M3 = 1100.0
-"""Mass per volume of the collision shapes (meshes as their convex hulls, overlaps counted once). The value is
-the median of 71 robots with stated masses, see docs/your-robot.md."""
+"""Mass per volume of the collision shapes, kg/m³. Meshes count as their convex hulls, and overlaps count
+once. The value is the median of 71 robots with known masses, see docs/your-robot.md.
+"""
 DENSITIES_KG_M3 = (1.0, 30_000.0)
 MAX_MASS_KG = 10_000.0
 BALL_SHARE, MIN_BALL_M = 0.125, 0.005
-"""Radius of the ball that stands for a moving link without a shape: a share of the mean distance between
-joints, and at least the second value, m."""
+"""Radius of the ball that replaces a moving link without a shape: a share of the mean distance between
+joints, and the minimum radius, m.
+"""
 NOTHING_KG = 1e-9
-"""Mass of a massless link while MuJoCo computes the masses of the shapes."""
+"""Mass that a massless link gets while MuJoCo computes the masses of the shapes."""
 FROM_GEOM = mujoco.mjtInertiaFromGeom
 
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """The options of the user for masses.
+    """The user's options for masses.
 
     Attributes:
-        density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or in MJCF the
-            densities of the file.
+        density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or for MJCF the
+            densities in the file.
         masses: mass of each link, by its name, kg.
     """
 
@@ -47,8 +49,10 @@ class Wishes:
     masses: Mapping[str, float] = field(default_factory=dict)
 
     def check(self, file: Path, links: list[str]) -> None:
-        """Raises:
-        ConfigError: a value beyond its range, or a link that does not exist.
+        """Check the options.
+
+        Raises:
+            ConfigError: a value is beyond its range, or a link does not exist.
         """
         low, high = DENSITIES_KG_M3
         if self.density is not None and not low <= self.density <= high:
@@ -76,13 +80,13 @@ class _Link:
 def settle(
     file: Path, spec: mujoco.MjSpec, wishes: Wishes, stated: Mapping[str, Stated] | None
 ) -> tuple[list[str], bool]:
-    """Give each link its inertial.
+    """Give each link an inertial.
 
     Returns a sentence for each inertial that is not from the file, and whether the mass of a moving link has
     been assumed.
 
     Args:
-        stated: what `inertials.set_aside` found in a URDF; None for MJCF.
+        stated: the data that `inertials.set_aside` found in a URDF; None for MJCF.
 
     Raises:
         ConfigError: an option for a mass is impossible, or MuJoCo rejects the specification.
@@ -138,7 +142,9 @@ class _Settling:
         return _Link(body, 0, stated, missing)
 
     def _give_density(self) -> None:
-        """Set the density of the shapes of links without an inertial. Shapes that are only visual get 0."""
+        """Set the density of the shapes of links without an inertial. The density of shapes that are only
+        visual is set to 0.
+        """
         meshes = {mesh.name: mesh for mesh in self._spec.meshes}
         for link in self._links:
             shapes = list(link.body.geoms) if link.missing else []
@@ -150,7 +156,7 @@ class _Settling:
 
     def _weigh(self, file: Path) -> tuple[mujoco.MjModel, Array]:
         """MuJoCo's model with the masses of the shapes, and a mask of the shapes that have a mass. The
-        inertias of the file are ignored.
+        inertias in the file are ignored.
         """
         draft = self._spec.copy()
         draft.compiler.boundmass = draft.compiler.boundinertia = NOTHING_KG
@@ -198,7 +204,7 @@ class _Settling:
             self._said.append(f"{link.name}: {sentence}")
 
     def _is_open(self, link: _Link) -> bool:
-        """Whether a link moves and the user gives no mass for it."""
+        """Whether a link moves and the user has not specified its mass."""
         return self._moves(link) and link.name not in self._wishes.masses
 
     def _require_some_mass(self) -> None:
@@ -213,7 +219,7 @@ class _Settling:
             )
 
     def _report_massless(self) -> None:
-        """Turn a moving link into a small ball if neither it nor the links fixed to it have a mass."""
+        """Turn a moving link into a small ball if neither the link nor the links fixed to it have a mass."""
         frames = []
         for link in self._links:
             if link.body.explicitinertial or not self._moves(link):
@@ -262,7 +268,7 @@ class _Settling:
         )
 
     def _report_bounds(self) -> None:
-        """Report the file's bounds on masses and inertias. MuJoCo applies them when it compiles."""
+        """Report the bounds on masses and inertias in the file. MuJoCo applies them when it compiles."""
         compiler = self._spec.compiler
         for what, bound, unit in (
             ("masses", compiler.boundmass, "kg"),
@@ -291,7 +297,7 @@ def _set_inertial(
 
 
 def set_ball(body: mujoco.MjsBody, mass: float, radius: float) -> None:
-    """Give a body the mass and the inertia of a ball around its origin, kg and m."""
+    """Give a body the mass, kg, and the inertia of a ball around its origin with this radius, m."""
     _set_inertial(body, mass, np.zeros(3), np.full(3, 0.4 * mass * radius**2))
 
 

@@ -1,7 +1,7 @@
 """`cobot new-robot`: converts a URDF, xacro or MJCF file to a folder for `cobot run --config`.
 
-The folder has model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is built
-next to its final place and checked there, so it is either complete or does not exist.
+The folder contains model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is
+built and checked next to its final place. So the final folder is either complete or does not exist.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class _Source:
     """A robot that has been read from its file.
 
     Attributes:
-        rates: velocity and effort of its joints, 0 for unknown.
-        names: names of all its joints.
-        stated: inertials of a URDF that were set aside; None for MJCF.
+        rates: velocity and effort limits of the joints; 0 if unknown.
+        names: names of all joints.
+        stated: inertials of a URDF that were removed; None for MJCF.
     """
 
     spec: mujoco.MjSpec
@@ -70,16 +70,16 @@ class _Source:
 
 @dataclass(slots=True)
 class NewRobot:
-    """A robot to be made from a file.
+    """A robot configuration that is made from a file.
 
     Attributes:
         actuators: the driven joints; empty means the joints of the arm. All others are fixed at their
             position.
         without: joints that are not part of the arm.
-        wishes: masses that the user sets.
-        srdf, group: an SRDF, and its group of driven joints.
-        packages: folders in which package://NAME/... is searched: those of the packages, or the folders
-            above them.
+        wishes: masses that the user specifies.
+        srdf, group: an SRDF, and the group in it that contains the driven joints.
+        packages: folders in which package://NAME/... is searched. They are package folders, or contain
+            package folders.
         hulls: whether each mesh is replaced by its convex hull for collisions, even if the hull fills free
             space.
         skip_missing_meshes: whether shapes whose mesh does not exist are left out.
@@ -161,7 +161,7 @@ class NewRobot:
         pairs = [*semantics.pairs, *touching]
         links = {body.name for body in spec.bodies}
         for first, second in pairs:
-            if {first, second} <= links:  # Not a solid of the surroundings, which is no body of its own.
+            if {first, second} <= links:  # not for solids of the surroundings, which are no bodies
                 spec.add_exclude(bodyname1=first, bodyname2=second)
         collision = CollisionChecker(robot, guesses.MARGIN_M, map(frozenset, pairs))
         holding = examine(robot, collision, limits)
@@ -230,7 +230,7 @@ class NewRobot:
     def _chain(
         self, root: Element, spec: mujoco.MjSpec, in_file: Sequence[str], files: Tree
     ) -> tuple[Semantics, JointTree, list[MovingJoint]]:
-        """The arm of the SRDF, and its joints, in the tree of all joints."""
+        """The arm that the SRDF describes, and the arm's joints in the tree of all joints."""
         names = [joint.name for joint in spec.joints]
         for given, valid in ((self.actuators, names), (self.without, in_file)):
             if name := next((name for name in given if name not in valid), ""):
@@ -242,7 +242,7 @@ class NewRobot:
         return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
 
     def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
-        """The data of the SRDF. Without an SRDF they contain the joints that the user has named."""
+        """The data in the SRDF. Without an SRDF, they contain the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
                 raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")
@@ -262,7 +262,7 @@ class NewRobot:
         semantics: Semantics,
         own_state: dict[str, float],
     ) -> tuple[list[str], str | None, Fingers | None, dict[str, float]]:
-        """Keep only the joints of the arm; the links of the others stay.
+        """Keep only the joints of the arm. The links of the other joints stay.
 
         Returns the joints of the arm, its TCP if that is known, its fingers if they can be simulated, and the
         positions at which all other joints are fixed.
@@ -296,7 +296,9 @@ class NewRobot:
     def _configure_gripper(
         self, spec: mujoco.MjSpec, fingers: Fingers | None, resting: dict[str, float], tcp: str | None
     ) -> tuple[dict[str, Any], str]:
-        """Return the setting robot.gripper, empty without fingers that can be simulated, and the TCP."""
+        """Return the setting robot.gripper and the TCP. The setting is empty if no fingers can be
+        simulated.
+        """
         gripper: dict[str, Any] = {}
         if fingers is not None:
             found = fingers.open(spec, compiled(self.file, spec), resting)
@@ -360,7 +362,7 @@ class NewRobot:
 
     @contextmanager
     def _errors_name_file(self, folder: Path) -> Iterator[None]:
-        """Make errors name the file that was given, instead of the folder under construction."""
+        """A context in which errors name the file of the user instead of the folder under construction."""
         try:
             yield
         except ConfigError as exc:

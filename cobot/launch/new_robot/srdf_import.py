@@ -1,5 +1,5 @@
-"""Data that `cobot new-robot --srdf` reads from an SRDF: the group, its states, and the pairs of links whose
-collisions are disabled. Names that the robot does not have are reported.
+"""The data that `cobot new-robot --srdf` reads from an SRDF: the group, its states, and the pairs of links
+whose collisions are disabled. Names that do not exist in the robot are reported.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ OTHER_NAMES = (
     ("end_effector", "parent_group", "groups"),
     ("group_state", "group", "groups"),
 )
-"""Elements and attributes that are not used. Only the names in them are checked: (element, attribute,
-kind)."""
+"""Elements and attributes that are not used: (element, attribute, kind). Only the names in them are
+checked.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +43,14 @@ class FileJoint:
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """The joints of a robot's file and the links between them, in the order of the file."""
+    """The joints in a robot's file and the links between them, in the order of the file."""
 
     joints: tuple[FileJoint, ...]
     links: frozenset[str]
 
     @classmethod
     def of_urdf(cls, root: Element) -> Tree:
-        """The tree of a URDF. A joint that mimics another one does not count as a moving joint."""
+        """The tree of a URDF. A joint that mimics a different joint does not count as a moving joint."""
         joints = []
         for joint in root.findall("joint"):
             parent, child = (joint.find(end) for end in ("parent", "child"))
@@ -66,8 +67,9 @@ class Tree:
 
     @classmethod
     def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
-        """The tree of an MJCF file. A body without joints gets a fixed joint without a name. A solid of the
-        world counts as a link."""
+        """The tree of an MJCF file. A body without joints gets a fixed joint without a name. A solid that
+        belongs to the world counts as a link.
+        """
         joints = [
             FileJoint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
             for body in spec.bodies[1:]
@@ -77,7 +79,7 @@ class Tree:
         return cls(tuple(joints), frozenset(each.name for each in links if each.name))
 
     def above(self, link: str) -> list[FileJoint]:
-        """The joints on the way from a link up to the root."""
+        """The joints between a link and the root, beginning at the link."""
         found: list[FileJoint] = []
         while len(found) <= len(self.joints):
             joints = [joint for joint in self.joints if joint.child == link]
@@ -93,10 +95,10 @@ class Semantics:
     """The data in an SRDF about one group of a robot.
 
     Attributes:
-        group: its name.
-        joints: joints that drives move; empty means the joints of the arm in the robot's file.
+        group: name of the group.
+        joints: joints that have drives; empty means the joints of the arm in the robot's file.
         base, tcp: links, if the SRDF names them.
-        states: the states of all groups by name; each has joint positions by joint.
+        states: the states of all groups by name. Each state gives the joint positions by joint.
         own_states: names of the states of this group.
         pairs: links whose collisions are disabled.
         said: sentences for the report.
@@ -112,7 +114,9 @@ class Semantics:
     said: list[str] = field(default_factory=list)
 
     def states_of(self, names: tuple[str, ...], of_model: dict[str, float] | None) -> dict[str, Array]:
-        """Positions of these joints in each state that has all of them, and in `home` of the model's file."""
+        """Positions of these joints in each state that gives all of them, and in the state `home` of the
+        model's file.
+        """
         found: dict[str, Array] = {}
         for state, values in self.states.items():
             missing = [name for name in names if name not in values]
@@ -126,10 +130,10 @@ class Semantics:
 
 
 def read_srdf(file: Path, tree: Tree, group: str | None, arm: Sequence[str], only_arm: bool) -> Semantics:
-    """Read an SRDF for the robot of a tree.
+    """Read an SRDF for the robot that a tree describes.
 
     Args:
-        group: name of the chosen group. None means the only group, or the one with the joints of the arm.
+        group: name of the chosen group. None means the only group, or the group with the joints of the arm.
         arm: the known joints of the arm.
         only_arm: whether the user has named these joints instead of a group.
 
@@ -194,7 +198,7 @@ class _Reader:
         return [joint.name for joint in self._tree.joints if joint.moves and joint.name in wanted]
 
     def _members(self, group: str, seen: set[str]) -> set[str]:
-        """The names of a group's joints, with those of its links, chains and groups."""
+        """The names of a group's joints. Its links, chains and subgroups are resolved."""
         seen.add(group)
         names: set[str] = set()
         for element in self._groups[group]:
@@ -229,15 +233,16 @@ class _Reader:
         return False
 
     def _check_others(self) -> None:
-        """Report names in elements that cobot does not use, or not for this group."""
+        """Report unknown names in elements that cobot does not use, or does not use for this group."""
         known = {"joints": self._joints, "links": self._tree.links, "groups": self._groups}
         for tag, attribute, what in OTHER_NAMES:
             for element in self._root.iterfind(f"{tag}[@{attribute}]"):
                 self._exists(what, str(element.get(attribute)), known[what])
 
     def _read_ends(self, found: Semantics) -> None:
-        """Read base and TCP from the group's chain. Without a chain, the TCP is that of the group's end
-        effector."""
+        """Read base and TCP from the group's chain. Without a chain, the TCP is the one of the group's end
+        effector.
+        """
         group = self._groups.get(found.group)
         chains = [] if group is None else group.findall("chain")
         if len(chains) == 1 and self._chain(chains[0]):
@@ -255,8 +260,9 @@ class _Reader:
         return bool(joints) and above.issuperset(joints)
 
     def _read_states(self, found: Semantics) -> None:
-        """Read the states. Of several with one name, the first counts, and states of the group count before
-        others."""
+        """Read the states. If several states have one name, the first one counts, and a state of this group
+        counts before states of other groups.
+        """
         states = self._root.findall("group_state")
         for state in sorted(states, key=lambda state: state.get("group") != found.group):
             name = state.get("name") or ""
@@ -274,7 +280,7 @@ class _Reader:
         text = joint.get("value") or ""
         values = [math.nan]
         with contextlib.suppress(ValueError):
-            values = [float(each) for each in text.split()]  # A floating joint has seven.
+            values = [float(each) for each in text.split()]  # A floating joint has seven values.
         if not values or not all(map(math.isfinite, values)):
             raise ConfigError(
                 f"{where(self._file, joint)}: state {state!r}: the value of {joint.get('name')} is {text!r}, "

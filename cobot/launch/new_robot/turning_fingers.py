@@ -1,7 +1,8 @@
-"""The fingers that `cobot new-robot` keeps as a gripper: two that turn together, or a jaw that turns.
+"""The fingers that `cobot new-robot` keeps as a gripper: two fingers that turn together, or one jaw that
+turns.
 
 Their joints are removed from the model, as in `fingers`. The settings describe how the links turn
-(`robot.gripper.hand`), and give the width for each angle: see `finger_widths`.
+(`robot.gripper.hand`), and give the width for each angle; see `finger_widths`.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ LIGHT_KG, LIGHT_M = 0.02, 0.01
 """Mass and radius of the ball that replaces a finger without a mass. A finger that moves needs a mass."""
 TCP = "between_fingers"
 FAR_M = 0.001
-"""If closed fingers reach further than open ones by at least this length, the output reports it."""
+"""If closed fingers reach further out than open ones by at least this length, the output reports it."""
 
 
 @dataclass(slots=True)
 class TurningFingers:
-    """Fingers of a file that turn.
+    """Fingers in a file that turn.
 
     Attributes:
-        joints: the first one is the leader, all others follow it.
+        joints: the joints of the fingers. The first one is the leader, and all others follow it.
         range: range of the leader, rad.
-        rate: velocity and effort of the leader in the file, 0 for unknown.
+        rate: velocity and effort limits of the leader in the file; 0 if unknown.
     """
 
     joints: tuple[Hinge, ...]
@@ -120,7 +121,7 @@ def turning_fingers(
     """The turning fingers of a gripper; or the reason why they cannot be simulated.
 
     Args:
-        degrees: whether the specification has its angles in degrees.
+        degrees: whether the angles in the specification are in degrees.
     """
     leaders = [each for each in fingers if not each.leader]
     if len(leaders) != 1:
@@ -155,7 +156,9 @@ def turning_fingers(
 def _followed(
     node: MovingJoint, nodes: Mapping[str, MovingJoint], degrees: bool
 ) -> tuple[float, float] | str:
-    """Offset and ratio of a joint's angle to that of the first joint; or the reason why there are none."""
+    """Offset and ratio that give a joint's angle from the angle of the first joint; or the reason why there
+    are none.
+    """
     offset, ratio, seen = 0.0, 1.0, {node.name}
     while node.leader:
         if any(node.polynomial[2:]) or not node.polynomial[1]:

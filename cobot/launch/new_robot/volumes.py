@@ -1,4 +1,6 @@
-"""Volumes and sizes of the shapes of a robot's links. Overlaps of a link's shapes count once."""
+"""Volumes and sizes of the shapes of a robot's links. If shapes of a link overlap, the overlap counts
+once.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from cobot.robot.rotations import matrix_of
 from cobot.types import Array
 
 SAMPLES = 1000
-"""Maximum number of random points in each shape of a link that has several."""
+"""Maximum number of random points in each shape of a link with several shapes."""
 MAX_POINTS = 20_000
 """Maximum number of random points in a link."""
 KINDS = mujoco.mjtGeom
@@ -40,7 +42,7 @@ class Solid:
 
     @cached_property
     def overlap(self) -> float:
-        """The volume of the union as a share of the sum of the shapes' volumes."""
+        """The volume of the union of the shapes, as a share of the sum of their volumes."""
         shapes = [shape for shape in self._shapes if shape.volume > 0.0]
         if len(shapes) < 2:
             return 1.0
@@ -53,7 +55,7 @@ class Solid:
             counts += shape.holds(points)
         ends = np.cumsum([len(each) for each in sampled])[:-1]
         for shape, inside in zip(shapes, np.split(counts, ends), strict=True):
-            # Each point counts as one over the number of shapes that it is in.
+            # Each point counts as one divided by the number of shapes that contain it.
             shared += shape.volume * float(np.mean(1.0 / np.maximum(inside, 1)))
         return shared / sum(shape.volume for shape in shapes)
 
@@ -65,7 +67,7 @@ def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
 
 
 class _Shape:
-    """A geom of MuJoCo's model; a mesh is its convex hull, as for collisions."""
+    """A geom of MuJoCo's model. A mesh is represented by its convex hull, as for collisions."""
 
     def __init__(self, mj: mujoco.MjModel, geom: int) -> None:
         self._kind, self._size = int(mj.geom_type[geom]), np.array(mj.geom_size[geom])
@@ -98,11 +100,11 @@ class _Shape:
 
     @cached_property
     def _planes(self) -> Array:
-        """Equations of the hull's faces, with coplanar triangles as one, shape (n, 4)."""
+        """Equations of the hull's faces, shape (n, 4). Coplanar triangles count as one face."""
         return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
     def sampled(self, random: np.random.Generator, number: int) -> Array:
-        """Points in the shape, in the link's frame: up to this number, at least one."""
+        """Points in the shape, in the link's frame. Their number is at most `number` and at least one."""
         points = random.uniform(self._low, self._high, (number, 3))
         inside = points[self._inside(points)]
         if not len(inside):  # a thin shape
@@ -110,7 +112,7 @@ class _Shape:
         return np.asarray(self._place + inside @ self._turn.T)
 
     def holds(self, points: Array) -> Array:
-        """Which of the points, in the link's frame, are in the shape."""
+        """Which of the points are in the shape. The points are in the link's frame."""
         points = (points - self._place) @ self._turn
         found = ((points >= self._low) & (points <= self._high)).all(axis=1)
         found[found] = self._inside(points[found])
@@ -138,4 +140,4 @@ _VOLUMES: dict[int, Callable[[float, float, float], float]] = {
     int(KINDS.mjGEOM_CYLINDER): lambda r, half, _z: 2.0 * np.pi * r**2 * half,
     int(KINDS.mjGEOM_CAPSULE): lambda r, half, _z: 2.0 * np.pi * r**2 * (half + 2.0 / 3.0 * r),
 }
-"""Functions for the volume of each kind of shape, given MuJoCo's three sizes of the shape."""
+"""Functions that compute the volume of each kind of shape from MuJoCo's three sizes."""

@@ -1,4 +1,4 @@
-"""Finds the joints of the arm in a file: the chain from the base to the TCP, without fingers."""
+"""Finds the joints of the arm in a file. They are the chain from the base to the TCP, without fingers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ TCP_NAMES = tuple(
 )  # fmt: skip
 """Names of sites and links that are probably the TCP, the most probable first."""
 RIVAL_JOINTS = 4
-"""A chain with at least this many joints of its own is another arm; a head or a wheel has fewer."""
+"""A chain with at least this many joints of its own counts as a second arm, because a head or a wheel has
+fewer.
+"""
 
 
 def find_arm(
@@ -44,7 +46,8 @@ def find_arm(
         tcp: the site or body at the end of the chain; None if the file has only one arm.
 
     Raises:
-        ConfigError: there is no joint or no such TCP; there are several arms; joints of the arm are coupled.
+        ConfigError: there is no joint, the TCP does not exist, there are several arms, or joints of the arm
+            are coupled.
     """
     chain = _only_arm(file, tree) if tcp is None else _chain_to(file, spec, tree, tcp)
     if not chain:
@@ -72,7 +75,7 @@ def named_arm(
     """The joints with these names, and the other joints of their telescopes, in the file's order.
 
     Raises:
-        ConfigError: one is neither a hinge nor a slide, or has no name; joints are coupled.
+        ConfigError: one of them is neither rotary nor linear, or has no name; or joints are coupled.
     """
     for joint in spec.joints:
         if joint.name in names and joint.type not in MOVABLE:
@@ -98,7 +101,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
     """Reject an arm in which a joint does not move by itself. A telescope counts as one joint.
 
     Raises:
-        ConfigError: names the joint, its line and the ways out.
+        ConfigError: there is such a joint; names the joint, its line and the remedies.
     """
     stages = {other for telescope in find_telescopes(spec, chain) for other in telescope.others}
     chain = [node for node in chain if node not in stages]
@@ -119,7 +122,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
 
 
 def _mimic(root: Element, follower: str) -> Element | None:
-    """The element that makes a joint follow another one: <mimic> in URDF, <equality><joint> in MJCF."""
+    """The element that makes a joint follow a different joint: <mimic> in URDF, <equality><joint> in MJCF."""
     for joint in root.iter("joint"):
         if joint.get("name") == follower and (mimic := joint.find("mimic")) is not None:
             return mimic
@@ -138,8 +141,8 @@ def _coupled(place: str, what: str, names: list[str]) -> ConfigError:
 
 
 def guess_tcp(last_link: mujoco.MjsBody) -> tuple[str, bool]:
-    """A site or body that moves with the last link, and whether its name says that it is the TCP. Without
-    such a name, the last body before the fingers is taken.
+    """A site or body that moves with the last link, and whether its name shows that it is the TCP. If no name
+    shows this, the last body before the fingers is used.
     """
     bodies = rigid_with(last_link)
     names = [name for body in bodies for name in (*(site.name for site in body.sites), body.name)]
@@ -184,7 +187,7 @@ def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> lis
 
 
 def _arms(tree: JointTree) -> list[list[MovingJoint]]:
-    """The longest chain, and other chains that could be an arm too."""
+    """The longest chain, and other chains that could also be an arm."""
     paths = sorted(_chains(tree), key=len, reverse=True)
     if not paths:
         return []
@@ -199,7 +202,7 @@ def _arms(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _chains(tree: JointTree) -> list[list[MovingJoint]]:
-    """Chains from the base to each end, without fingers and rods, and without parts of other chains."""
+    """Chains from the base to each end. They contain no fingers, rods or parts of other chains."""
     found: dict[str, list[MovingJoint]] = {}
     for leaf in tree.leaves():
         if path := _without_jaw(_without_rods(tree.without_fingers(leaf.path))):
@@ -209,8 +212,9 @@ def _chains(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without the joints at its end that follow others: they belong to a linkage, unless they carry
-    the TCP."""
+    """The path without those joints at its end that follow other joints. They belong to a linkage, unless
+    they carry the TCP.
+    """
     top = len(path)
     while top and path[top - 1].leader:
         top -= 1
@@ -219,12 +223,14 @@ def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
 
 
 def _without_jaw(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without a last joint that does not move the TCP: such a joint is a jaw, whatever its name."""
+    """The path without a last joint that does not move the TCP. Such a joint is a jaw, regardless of its
+    name.
+    """
     if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
         return path[:-1]
     return path
 
 
 def _has_tcp(path: list[MovingJoint]) -> bool:
-    """Whether a name on the last link of the path says that it is the TCP."""
+    """Whether a name on the last link of the path shows that it is the TCP."""
     return guess_tcp(path[-1].joint.parent)[1]

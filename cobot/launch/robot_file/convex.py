@@ -1,7 +1,7 @@
 """Convex solids of a mesh for collision checking: its hull, or several solids if the hull would be wrong.
 
-A hull is wrong if it fills much free space, such as the inside of a yoke. A grid measures this: the mesh
-encloses or touches some cells, and the depth of the other cells in the hull counts.
+A hull is wrong if it fills much free space, such as the inside of a yoke. This is measured on a grid: the
+depth in the hull counts for the cells that the mesh neither touches nor encloses.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from cobot.robot.geometry.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1
-"""A hull is wrong if one of its points is further from the mesh than both of these: m, and a share of the
-mesh's size."""
+"""A hull is wrong if one of its points is further from the mesh than both values: a distance, m, and a share
+of the mesh's size.
+"""
 CELLS = 24
 """Number of grid cells along the longest side."""
 CLUSTERS = 40
@@ -27,9 +28,9 @@ CLUSTERS = 40
 merged."""
 MAX_SOLIDS = 8
 CONCAVITY = 0.12
-"""Concavity above which a solid is split again, as a share of its size."""
+"""Concavity above which a solid is divided again, as a share of the solid's size."""
 THICKNESS_SHARE, MIN_THICKNESS_M = 1e-3, 1e-3
-"""Thickness of flat meshes: a share of their size or a length in m, whichever is greater."""
+"""Thickness that a flat mesh gets: a share of its size or a length, m, whichever is greater."""
 COVERED_M = 1e-4
 
 
@@ -41,7 +42,7 @@ class Solids:
         solids: convex hulls with outward faces.
         void_m: depth of the free space that the hull of the whole mesh fills.
         is_wrong: whether this depth is too large.
-        flat: whether the mesh was flat and has been given a thickness.
+        flat: whether the mesh was flat and was given a thickness.
     """
 
     solids: list[trimesh.Trimesh]
@@ -54,7 +55,7 @@ def solids(vertices: Array, triangles: Indices, split: bool) -> Solids:
     """The solids that cover a mesh.
 
     Args:
-        split: whether a mesh whose hull would be wrong is covered by several solids.
+        split: whether several solids cover a mesh whose hull would be wrong.
 
     Raises:
         InputError: the mesh is a line or a point.
@@ -94,8 +95,9 @@ def _with_thickness(corners: Array) -> Array:
 
 
 def _void(vertices: Array, triangles: Indices, hull: trimesh.Trimesh, size_m: float) -> float:
-    """The greatest distance of a point in the hull from the mesh and its interior, m. Accurate to one
-    cell."""
+    """The greatest distance from the mesh and its interior to a point in the hull, m. The result is accurate
+    to one cell.
+    """
     low = vertices[triangles].min(axis=(0, 1))
     high = vertices[triangles].max(axis=(0, 1))
     counts = np.maximum(1, np.ceil((high - low) / (size_m / CELLS) - 1e-9)).astype(np.int64)
@@ -144,7 +146,7 @@ def _decomposed(vertices: Array, triangles: Indices, size_m: float) -> list[trim
 
 
 def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Array, Indices]:
-    """The mesh with all vertices of a cell merged."""
+    """The mesh after merging all vertices in the same cell."""
     _, first, places = np.unique(np.round(vertices / cell_m), axis=0, return_index=True, return_inverse=True)
     faces = places.reshape(-1)[triangles]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -153,7 +155,7 @@ def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Arra
 
 
 def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trimesh]:
-    """The hulls. Each is extended to the points outside all hulls that are closest to it."""
+    """The hulls, each extended to those points outside all hulls for which it is the closest hull."""
     outside = np.stack([_beyond(hull, points) for hull in hulls])
     nearest, missed = outside.argmin(axis=0), outside.min(axis=0) > COVERED_M
     return [
@@ -163,7 +165,7 @@ def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trime
 
 
 def _beyond(hull: trimesh.Trimesh, points: Array) -> Array:
-    """The distance of each point outside the hull's planes, shape (n,), m."""
+    """The distance by which each point is outside the planes of the hull, shape (n,), m."""
     most = np.full(len(points), -np.inf)
     for normal, corner in zip(hull.face_normals, hull.triangles[:, 0], strict=True):
         most = np.maximum(most, (points - corner) @ normal)

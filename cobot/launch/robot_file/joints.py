@@ -1,4 +1,4 @@
-"""Removes from a specification the joints that do not move."""
+"""Removes the joints that do not move from a specification."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
 def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
-    """Remove all joints except `kept`, everything that refers to them, and all actuators, sensors and keys.
-    Mocap bodies stay where they are.
+    """Remove all joints except `kept`, everything that refers to the removed joints, and all actuators,
+    sensors and keys.
+
+    Mocap bodies do not move.
 
     Returns:
         The position at which each removed joint stays, rad or m.
@@ -42,18 +44,18 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
 
 
 def remove_shapes(branches: Iterable[MovingJoint]) -> None:
-    """Remove the shapes of the links that these joints move. Only their masses stay."""
+    """Remove the shapes of the links that these joints move, but keep the masses of these links."""
     for branch in branches:
         pending = [branch.joint.parent]
         while pending:
             body = pending.pop()
             pending.extend(body.bodies)
-            for geom in body.geoms:  # without an <inertial> its mass is that of the shapes, so these stay
+            for geom in body.geoms:  # without an <inertial>, the shapes define its mass, so they stay
                 geom.contype = geom.conaffinity = 0
 
 
 def place(spec: mujoco.MjSpec, resting: dict[MovingJoint, float]) -> None:
-    """Turn and shift each body as its joint does at this position, rad or m."""
+    """Turn and move each body as its joint does at this position, rad or m."""
     degrees = bool(spec.compiler.degree)
     for node, at in resting.items():
         if (by := at - node.reference(degrees)) == 0.0:
@@ -72,7 +74,7 @@ def place(spec: mujoco.MjSpec, resting: dict[MovingJoint, float]) -> None:
 
 
 def orientation(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Quaternion:
-    """Orientation of a body in its parent, from any of MuJoCo's notations."""
+    """Orientation of a body in its parent's frame. Any of MuJoCo's notations is accepted."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return normalised(body.quat)
     alone = mujoco.MjSpec()

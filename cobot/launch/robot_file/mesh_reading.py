@@ -1,6 +1,7 @@
-"""Mesh files: STL (binary and text), OBJ, PLY, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as in ROS.
+"""Mesh files: STL (binary and text), OBJ, PLY, DAE, GLB, glTF and MuJoCo's MSH. Results are in metres, with z
+up as in ROS.
 
-This runs in the process of `worker_main`, whose memory and time are bounded.
+This code runs in the process of `worker_main`, whose memory and time are bounded.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ MAX_BYTES = 300_000_000
 MAX_TRIANGLES = 2_000_000
 MAX_LOOK_TRIANGLES = 500_000
 MIN_TRIANGLES = 12
-"""Minimum number of triangles of a simplified part of a mesh, as many as a box has."""
+"""Minimum number of triangles in a simplified part of a mesh: the number of triangles in a box."""
 EDGE_RAD = 0.5
 """Angle between two triangles above which a simplified mesh is drawn with an edge."""
 
 
 def read_mesh(file: Path) -> tuple[Array, Indices]:
-    """Vertices, shape (n, 3), m, and triangles, shape (m, 3).
+    """Read a mesh. Returns its vertices, shape (n, 3), m, and its triangles, shape (m, 3).
 
     Raises:
-        InputError: it has no triangles, too many, or numbers that are not finite.
+        InputError: the mesh has no triangles or too many, or a number is not finite.
     """
     if file.suffix.lower() == ".msh":
         vertices, triangles = _msh(_content(file))
@@ -41,8 +42,12 @@ def read_mesh(file: Path) -> tuple[Array, Indices]:
 
 
 def as_glb(file: Path, triangles: int) -> tuple[bytes, int]:
-    """The mesh with its colours, without textures, simplified to about this number of triangles; and the
-    number that it has. It is higher if parts have several colours or cannot be simplified so far.
+    """Convert a mesh to GLB, with its colours but without textures, simplified to about this number of
+    triangles.
+
+    Returns:
+        The content, and its number of triangles. This number is higher than requested if parts have several
+        colours or cannot be simplified that far.
     """
     if file.suffix.lower() == ".msh":
         scene = trimesh.Scene(trimesh.Trimesh(*_msh(_content(file))))
@@ -58,7 +63,9 @@ def as_glb(file: Path, triangles: int) -> tuple[bytes, int]:
 
 
 def _simplify(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
-    """Return the mesh with fewer triangles and the same colour; one with several colours stays as it is."""
+    """Return the mesh with fewer triangles and the same colour. A mesh with several colours is not
+    changed.
+    """
     visual = mesh.visual
     colours = np.asarray(visual.face_colors if visual.kind in ("face", "vertex") else [])
     if len(mesh.faces) <= triangles or (colours != colours[:1]).any():
@@ -68,7 +75,7 @@ def _simplify(mesh: trimesh.Trimesh, triangles: int) -> trimesh.Trimesh:
     simple = whole.simplify_quadric_decimation(face_count=triangles)
     simple.update_faces(simple.nondegenerate_faces())
     if not len(simple.faces):
-        return mesh  # it has no area
+        return mesh  # it has an area of 0
     made = trimesh.graph.smooth_shade(simple, angle=EDGE_RAD)
     if visual.kind == "texture":
         made.visual = trimesh.visual.TextureVisuals(material=visual.material)
@@ -83,7 +90,7 @@ def _scene(file: Path, max_triangles: int) -> trimesh.Scene:
         raise InputError("is not COLLADA: its first character is not <")
     if kind == "dae" and b"<!DOCTYPE" in content:
         raise InputError("has a DOCTYPE; remove it")
-    beside = trimesh.resolvers.FilePathResolver(str(file))  # Nothing from outside the mesh's folder.
+    beside = trimesh.resolvers.FilePathResolver(str(file))  # Nothing is read from outside the mesh's folder.
     scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside)
     if kind == "dae":
         metres = trimesh.units.unit_conversion(scene.units or "meters", "meters")
@@ -109,8 +116,9 @@ def _content(file: Path) -> bytes:
 
 
 def _msh(content: bytes) -> tuple[Array, Indices]:
-    """Read MuJoCo's format: the counts of vertices, normals, texture coordinates and faces, then the data in
-    this order."""
+    """Read MuJoCo's format, which contains the numbers of vertices, normals, texture coordinates and faces,
+    and then the data in this order.
+    """
     counts = np.frombuffer(content, "<i4", 4).tolist()
     vertices, normals, coordinates, faces = counts
     if min(counts) < 0 or 16 + 4 * (3 * (vertices + normals + faces) + 2 * coordinates) != len(content):

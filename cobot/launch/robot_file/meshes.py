@@ -17,11 +17,11 @@ from cobot.xml_file import numbers, shown, where
 
 FORMATS = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".msh")
 LARGE_M, SMALL_M = 10.0, 1e-3
-"""A link that is larger or smaller than this probably has another unit."""
+"""Sizes above or below which a link was probably written in a different unit."""
 SPLIT_TIMEOUT_S = 60.0
-"""Timeout for decomposing one mesh, s. After it the hull of the mesh is used."""
+"""Timeout for decomposing one mesh, s. After it, the hull of the mesh is used."""
 MIN_VOID_M = 0.01
-"""Smallest depth of the free space in a hull that is reported: motions that need this space are rejected."""
+"""Smallest depth of free space in a hull that is reported, m. Motions that need this space are rejected."""
 
 
 class MissingMeshError(ConfigError):
@@ -29,11 +29,11 @@ class MissingMeshError(ConfigError):
 
 
 class Meshes:
-    """Meshes of a URDF as convex solids in the folder that is made.
+    """The meshes of a URDF, as convex solids in the folder that is being made.
 
     Attributes:
-        folder: the folder that is made; the files are in `SUBFOLDER`.
-        split: whether a mesh becomes several solids where its hull would be wrong.
+        folder: the folder that is being made. The files are in its `SUBFOLDER`.
+        split: whether a mesh becomes several solids if its hull would be wrong.
         skip_missing: whether shapes whose mesh does not exist are left out.
         said: sentences for the user.
     """
@@ -57,7 +57,7 @@ class Meshes:
         self._made: dict[tuple[Path, tuple[float, ...]], list[Path]] = {}
 
     def solids(self, mesh: Element, link: str) -> list[Path]:
-        """The files of the convex solids that stand for a link's <mesh>; each mesh is converted once.
+        """The files of the convex solids that replace a link's <mesh>. Each mesh is converted once.
 
         Raises:
             ConfigError: the mesh cannot be used. The message names the line, the link and the user's path.
@@ -122,7 +122,8 @@ def find_mesh(file: Path, mesh: Element, link: str, packages: Sequence[Path]) ->
     """The file of a link's <mesh>.
 
     Raises:
-        ConfigError: it does not exist or is of another format; names the line, the link and the path.
+        ConfigError: the file does not exist, or its format is not supported; names the line, the link and the
+            path.
     """
     try:
         path = located(file, mesh.get("filename") or "", packages)
@@ -158,7 +159,7 @@ def safe_stem(path: Path) -> str:
 
 
 def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
-    """Copy the model's meshes and height fields into `folder`, which can then be moved.
+    """Copy the model's meshes and height fields into `folder`, so that `folder` can be moved later.
 
     Raises:
         ConfigError: a file does not exist or cannot be copied.
@@ -183,7 +184,7 @@ def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
-    """The file that a URDF names: relative to it, absolute, or in a package.
+    """The file that a URDF names. The name may be relative to the URDF, absolute, or in a package.
 
     Raises:
         ConfigError: the name is invalid; the message does not name the file and the link.

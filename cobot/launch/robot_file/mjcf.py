@@ -22,7 +22,7 @@ def load_spec(file: Path, copy: Path) -> mujoco.MjSpec:
         file: the user's file, for messages.
 
     Raises:
-        ConfigError: MuJoCo's reason.
+        ConfigError: MuJoCo cannot read the file; gives MuJoCo's reason.
     """
     try:
         return mujoco.MjSpec.from_file(str(copy))
@@ -31,7 +31,7 @@ def load_spec(file: Path, copy: Path) -> mujoco.MjSpec:
 
 
 def reason(exc: Exception, lines: bool = True) -> str:
-    """MuJoCo's message in one line; without the line number of a file that the user does not know."""
+    """MuJoCo's message in one line. Line numbers of a file that the user does not know are left out."""
     said = " ".join(str(exc).split())
     return said if lines else LINE.sub("", said)
 
@@ -60,10 +60,11 @@ def remove_textures(spec: mujoco.MjSpec) -> None:
 
 
 def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
-    """The same as `urdf_rates` for an MJCF file: velocity and effort of each joint from the file's actuators.
+    """The velocity and the effort limit of each joint, found from the actuators in an MJCF file. `urdf_rates`
+    does the same for a URDF.
 
-    An actuator gives no velocity, so that is 0. The effort is that of the joint's strongest actuator, from
-    its range of forces, or for a motor from its range of commands.
+    Actuators do not define a velocity, so it is 0. The effort is the effort of the joint's strongest
+    actuator. It is read from the actuator's range of forces, or for a motor from its range of commands.
     """
     rates: dict[str, tuple[float, float]] = {}
     for actuator in spec.actuators:
@@ -82,8 +83,8 @@ def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
 
 
 def add_motor(spec: mujoco.MjSpec, joint: str) -> None:
-    """Add a motor of gear 1 for a joint. The file's defaults for actuators do not count: they would limit or
-    multiply its torque.
+    """Add a motor of gear 1 for a joint. The file's defaults for actuators are not used, because they would
+    limit or multiply its torque.
     """
     motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     motor.set_to_motor()

@@ -1,5 +1,6 @@
-"""Counts the elements of an MJCF file, including those that other elements create, before MuJoCo creates
-them."""
+"""Counts the elements of an MJCF file before MuJoCo creates them. The count includes elements that other
+elements create.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ MAX_ELEMENTS = 5_000
 read a file grows with the square of this number.
 """
 MAX_JOINTS = 500
-"""Maximum number of joints in a file. The time to remove a joint grows with the number of the others."""
+"""Maximum number of joints in a file. The time to remove one joint grows with the number of the other
+joints.
+"""
 MAX_CELLS = 4_000_000
 """Maximum number of cells in a height field: 2000 by 2000."""
 MAX_INCLUDED = 100
@@ -27,11 +30,11 @@ MULTIPLYING = ("replicate", "composite")
 SOFT = ("flexcomp", "flex")
 JOINTS = ("joint", "freejoint")
 ALLOCATING = re.compile("nkey|nuser")
-"""Attributes of <size> that decide how much memory MuJoCo allocates."""
+"""Attributes of <size> that determine how much memory MuJoCo allocates."""
 TEXTS = re.compile(
     r"name|.*(class|joint|body|geom|site|file|mesh)\d?|material|texture|target|prefix|model|tendon"
 )
-"""Attributes that are names, which may be `inf`."""
+"""Attributes that are names, which may therefore be the text `inf`."""
 
 
 def check_mjcf(file: Path, root: Element) -> None:
@@ -39,13 +42,13 @@ def check_mjcf(file: Path, root: Element) -> None:
     that are not finite, or invalid names.
 
     Raises:
-        ConfigError: names the line, the element, the number and the limit.
+        ConfigError: the file contains one of them; names the line, the element, the number and the limit.
     """
     _Counter(file).add(file, root, 1)
 
 
 class _Counter:
-    """Elements of a file and of those that it includes or attaches."""
+    """The elements in a file and in the files that it includes or attaches."""
 
     def __init__(self, file: Path) -> None:
         self._folder = file.parent
@@ -53,7 +56,7 @@ class _Counter:
         self._count = self._joints = 0
 
     def add(self, file: Path, root: Element, times: int) -> None:
-        """Count an element that is created `times` times, with everything in it."""
+        """Count an element that is created `times` times, and everything in it."""
         models = {model.get("name"): model.get("file") for model in root.iter("model")}
         pending = [(root, times)]
         while pending:
@@ -102,7 +105,7 @@ def _check_name(file: Path, element: Element, name: str | None) -> None:
 
 
 def _check_finite(file: Path, element: Element) -> None:
-    """Reject a number that is not finite. MuJoCo only warns of NaN, and saves it as 0."""
+    """Reject a number that is not finite. MuJoCo only warns about NaN, and saves it as 0."""
     for attribute, text in element.items():
         if TEXTS.fullmatch(attribute):
             continue
@@ -115,7 +118,9 @@ def _check_finite(file: Path, element: Element) -> None:
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:
-    """The product of the up to three whole numbers in an attribute; 1 if there are none."""
+    """The product of the whole numbers in an attribute, of which there are at most three; 1 if there are
+    none.
+    """
     text = element.get(attribute, "1")
     try:
         return math.prod(max(1, int(float(word))) for word in text.split()[:3])

@@ -14,12 +14,13 @@ MANIFEST = "package.xml"
 def find_package(name: str, file: Path, given: Sequence[Path], inner: str = "") -> Path:
     """The folder of a package.
 
-    A package is found by the name of its folder or of its manifest: in the given folders and those directly
-    below them, next to the file, then among the folders that the file is in and the packages next to its own.
+    The name of the package must be that of its folder or in its manifest. The search covers the given folders
+    and the folders directly in them; the folders next to the file; then the folders that contain the file,
+    and the packages next to the file's own package.
 
     Args:
         file: the robot's file.
-        given: folders of packages, or folders that hold packages.
+        given: folders of packages, or folders that contain packages.
         inner: a file in the package. A given folder that contains it and has no manifest is the package,
             whatever the folder's name is.
 
@@ -58,7 +59,9 @@ def _packages_below(folder: Path) -> Iterator[Path]:
 
 
 def _name(folder: Path) -> str:
-    """Name of the package in a folder, from its manifest; without a manifest the folder's name."""
+    """Name of the package in a folder: the name in its manifest, or without a manifest the name of the
+    folder.
+    """
     try:
         found = ElementTree.parse(folder / MANIFEST).getroot().findtext("name")
     except (OSError, ElementTree.ParseError):

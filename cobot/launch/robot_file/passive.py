@@ -1,6 +1,6 @@
-"""Forces that act on an arm besides its drives, gravity, friction and damping: springs, tendons, drag.
+"""Forces on an arm other than those of its drives, gravity, friction and damping: springs, tendons and drag.
 
-cobot plans and holds an arm without them, so a simulation with them would push it off its path.
+cobot plans and holds an arm without them, so in a simulation with them they would push the arm off its path.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ MEDIUM = ("density", "viscosity", "wind")
 
 def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
     """Remove these forces from the specification of an arm without its gripper. Returns a sentence for each
-    kind."""
+    kind of force.
+    """
     found = {
         "springs": [joint.name for joint in spec.joints if np.any(joint.stiffness)],
         "tendons": [tendon.name or "one without a name" for tendon in spec.tendons if _has_effect(tendon)],

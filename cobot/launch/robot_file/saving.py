@@ -1,4 +1,4 @@
-"""Compiling a specification, and saving it as model.xml."""
+"""Compiles a specification, and saves it as model.xml."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ EXACT = {
     "site": {"pos": "pos", "quat": "quat"},
 }
 INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
-"""Attributes of model.xml that are written with all digits, and the names of their fields in MuJoCo."""
+"""Attributes that are written to model.xml with all digits, and the names of their fields in MuJoCo."""
 
 
 def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Raises:
-    ConfigError: MuJoCo's reason, and what to do about links without inertia.
+    """Compile a specification.
+
+    Raises:
+        ConfigError: MuJoCo rejects it; gives MuJoCo's reason, and a remedy for links without inertia.
     """
     try:
         return spec.compile()
@@ -33,8 +35,10 @@ def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def save(spec: mujoco.MjSpec, folder: Path) -> None:
-    """Save model.xml with mesh names relative to the file, and with all digits. MuJoCo writes six digits,
-    which is only exact to some micrometres."""
+    """Save model.xml. Mesh names are relative to the file, and numbers have all their digits.
+
+    MuJoCo writes six digits, which is only exact to some micrometres.
+    """
     mj, root = spec.compile(), ElementTree.fromstring(spec.to_xml().replace(f"{folder}/", ""))
     for tag, fields in EXACT.items():
         for element in root.iter(tag):
@@ -47,7 +51,7 @@ def save(spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def _refine(element: Element, compiled: object, fields: dict[str, str]) -> None:
-    """Replace rounded numbers by those with all digits."""
+    """Replace rounded numbers with the same numbers with all digits."""
     for attribute, field_name in fields.items():
         if (text := element.get(attribute)) is not None:
             rounded, exact = np.array(text.split(), dtype=float), np.ravel(getattr(compiled, field_name))

@@ -1,8 +1,9 @@
-"""Telescopes: slides along one axis of which one leads and the others follow, made into one joint.
+"""Telescopes: linear joints along one axis, of which one leads and the others follow. They are combined into
+one joint.
 
-The first stage leads with q, and the others follow with a_i + m_i q. The last one then travels S q, with
-S = 1 + |m_1| + |m_2| + ... In the model one slide travels S q, and all stages move with it. So poses of the
-TCP are exact, and what the drive carries is never underestimated.
+The first stage leads with the travel q, and the others follow with a_i + m_i q. The last one then travels S
+q, with S = 1 + |m_1| + |m_2| + ... In the model, a single joint travels S q, and all stages move with it. So
+the poses of the TCP are exact, and the load of the drive is never underestimated.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from cobot.robot.quaternion import rotated
 from cobot.types import Array, vector
 
 PARALLEL = 1e-9
-"""Axes whose cosine differs less from 1 are parallel."""
+"""Axes are parallel if the cosine between them differs from 1 by less than this."""
 
 
 @dataclass(frozen=True, slots=True)
 class Telescope:
-    """A slide joint and the slide joints that follow it along the same axis.
+    """A linear joint, and the linear joints that follow it along the same axis.
 
     Attributes:
         first: the joint that leads, nearest to the base.
@@ -44,13 +45,14 @@ class Telescope:
         return 1.0 + sum(abs(slope) for _, slope in self.lines)
 
     def merge(self, spec: mujoco.MjSpec, rates: dict[str, tuple[float, float]]) -> str:
-        """Make the telescope one joint with the name of the first.
+        """Combine the telescope into one joint, which gets the name of the first.
 
         Args:
-            rates: velocity and effort of the joints, 0 for unknown; changed for the first joint.
+            rates: velocity and effort limits of the joints; 0 if unknown. The entry of the first joint is
+                changed.
 
         Returns:
-            A sentence on the change, for the user.
+            A sentence about the change, for the user.
         """
         joint, travel = self.first.joint, self.travel
         rates[self.first.name] = self._velocity_and_effort(rates)
@@ -87,14 +89,14 @@ class Telescope:
         )
 
     def rescale(self, states: Iterable[dict[str, float]]) -> None:
-        """Convert the states of the file: the value of the joint becomes the travel of the last stage."""
+        """Convert the states in the file: the value of the joint becomes the travel of the last stage."""
         for state in states:
             if self.first.name in state:
                 state[self.first.name] *= self.travel
 
     def _velocity_and_effort(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Maximum velocity of the last stage at which each joint keeps its own limit, and the maximum effort
-        at the last stage.
+        """Maximum velocity and maximum effort of the last stage. At this velocity, each joint keeps its own
+        limit.
         """
         velocity, effort = rates.get(self.first.name, (0.0, 0.0))
         velocities = [velocity] if velocity else []
@@ -104,7 +106,7 @@ class Telescope:
         return min(velocities, default=0.0) * self.travel, effort / self.travel
 
     def _ranges(self) -> list[tuple[float, float]]:
-        """Ranges for the first joint. Each joint that has limits gives one of them."""
+        """Ranges for the first joint. Each joint that has limits results in one range."""
         joint = self.first.joint
         found = [tuple(joint.range)] if has_bounds(joint.limited, joint.range) else []
         for node, (start, slope) in zip(self.others, self.lines, strict=True):
@@ -115,8 +117,8 @@ class Telescope:
 
 
 def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[Telescope]:
-    """The telescopes in a chain of joints. A joint that follows another one in a different way is not part of
-    a telescope.
+    """The telescopes in a chain of joints. A joint that follows a different joint in any other way is not
+    part of a telescope.
     """
     found = []
     for index, node in enumerate(chain):
@@ -135,8 +137,9 @@ def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[T
 def _line(
     spec: mujoco.MjSpec, first: MovingJoint, other: MovingJoint, lines: dict[str, tuple[float, float]]
 ) -> tuple[float, float] | None:
-    """Start and slope of a joint that follows the first joint along its axis and in its direction; else
-    None."""
+    """Start and slope of a joint that follows the first joint along its axis and in its direction; None for
+    any other joint.
+    """
     both_slide = first.joint.type == other.joint.type == mujoco.mjtJoint.mjJNT_SLIDE
     if not both_slide or other.leader not in lines or any(other.polynomial[2:]):
         return None
@@ -153,7 +156,7 @@ def _unit(node: MovingJoint) -> Array:
 
 
 def _seen_from(spec: mujoco.MjSpec, first: MovingJoint, other: MovingJoint) -> Array:
-    """The axis of a joint in the frame of another one's link."""
+    """The axis of a joint, in the frame of the link of `other`."""
     axis, body = _unit(other), other.joint.parent
     while body.name != first.joint.parent.name:
         axis = np.array(rotated(orientation(spec, body), axis.tolist()))

@@ -1,4 +1,6 @@
-"""The joints of a specification as a tree. Shows which follow others, are fingers, or belong to linkages."""
+"""The joints of a specification as a tree. The tree shows which joints follow others, are fingers, or belong
+to linkages.
+"""
 
 from __future__ import annotations
 
@@ -17,20 +19,21 @@ ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
 HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 ARM_JOINTS, HAND_FINGERS, FINGER_JOINTS = 4, 3, 5
-"""Minimum number of joints before a hand, minimum number of its fingers, and maximum number of joints in a
-finger. A torso has fewer joints before its arms."""
+"""Minimum number of joints before a hand, minimum number of fingers in a hand, and maximum number of joints
+in a finger. A torso has fewer joints before its arms.
+"""
 MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(slots=True, eq=False)
 class MovingJoint:
-    """A hinge or a slide.
+    """A rotary or a linear joint.
 
     Attributes:
-        name: its name; for a joint without a name, its number in the file.
-        leader: the joint that this one follows; "" for none.
-        polynomial: coefficients of a0 + a1 x + a2 x² + ..., which gives the distance of this joint from its
-            reference, for a distance x of the leader from its own reference.
+        name: name of the joint. For a joint without a name, this is its number in the file.
+        leader: the joint that this joint follows; "" if there is none.
+        polynomial: coefficients of a0 + a1 x + a2 x² + ... This is the distance of the joint from its
+            reference, where x is the distance of the leader from the leader's reference.
     """
 
     name: str
@@ -44,7 +47,7 @@ class MovingJoint:
         """Position of the joint when its body is placed as in the file, rad or m.
 
         Args:
-            degrees: whether the specification has its angles in degrees.
+            degrees: whether the angles in the specification are in degrees.
         """
         return _unit(self.joint, degrees) * float(self.joint.ref)
 
@@ -59,7 +62,7 @@ class MovingJoint:
 
     @property
     def subtree(self) -> list[MovingJoint]:
-        """This joint and all that it moves, in the file's order."""
+        """This joint and all joints that it moves, in the order of the file."""
         found, pending = [], [self]
         while pending:
             found.append(node := pending.pop())
@@ -76,7 +79,7 @@ class MovingJoint:
 
 
 class JointTree:
-    """The hinges and slides of a file, except those that are kept fixed.
+    """The rotary and linear joints in a file, except those that are kept fixed.
 
     Attributes:
         nodes: the joints by name, in the file's order.
@@ -115,11 +118,11 @@ class JointTree:
             pending += ((child, last) for child in reversed(body.bodies))
 
     def resting(self, degrees: bool) -> dict[str, float]:
-        """The position at which each joint without a drive stays, rad or m: its reference or the position
-        that its leader gives, limited to its range.
+        """The position at which each joint without a drive stays, rad or m. It is the joint's reference, or
+        the position that follows from its leader, limited to its range.
 
         Args:
-            degrees: whether the specification has its angles in degrees.
+            degrees: whether the angles in the specification are in degrees.
         """
         found: dict[str, float] = {}
         for node in self.nodes.values():
@@ -127,7 +130,7 @@ class JointTree:
         return found
 
     def _rest(self, node: MovingJoint, degrees: bool, found: dict[str, float]) -> float:
-        """Add the position of one joint, after those of its leaders."""
+        """Add the position of one joint. The positions of its leaders are added before."""
         if node.name not in found:
             unit = _unit(node.joint, degrees)
             found[node.name] = rest = node.reference(degrees)
@@ -145,15 +148,15 @@ class JointTree:
         return last.path if last else []
 
     def ball_below(self, node: MovingJoint) -> mujoco.MjsJoint | None:
-        """A ball joint that this joint moves, or that precedes it on the same body."""
+        """A ball joint that this joint moves, or that is before it on the same body."""
         return next((ball for ball in self._balls if _is_within(ball.parent, node.joint.parent)), None)
 
     def leaves(self) -> Iterator[MovingJoint]:
         return (node for node in self.nodes.values() if not node.children)
 
     def is_finger(self, node: MovingJoint) -> bool:
-        """Whether a joint belongs to a finger: by its name, or because it is on one of several short
-        branches, if there are many of them, or they slide or are coupled.
+        """Whether a joint belongs to a finger. Either its name shows this, or it is on one of several short
+        branches, and these are many, slide or are coupled.
         """
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True
@@ -175,12 +178,12 @@ class JointTree:
         )
 
     def without_fingers(self, path: list[MovingJoint]) -> list[MovingJoint]:
-        """The path up to its first finger; the whole of it if it begins with one."""
+        """The path up to its first finger. If it begins with a finger, this is the whole path."""
         cut = next((index for index, node in enumerate(path) if self.is_finger(node)), len(path))
         return path[:cut] or path
 
     def linkages(self, chain: list[MovingJoint]) -> list[MovingJoint]:
-        """The first joints of the branches off a chain that follow its joints or close a loop."""
+        """The first joints of those branches of a chain that follow the chain's joints or close a loop."""
         on_chain = {node.name for node in chain}
         followers = {node.name for node in self.nodes.values() if self._follows(node, on_chain)}
         return [
@@ -204,7 +207,7 @@ class JointTree:
 
 
 def moved_together(spec: mujoco.MjSpec, chain: list[MovingJoint]) -> list[str]:
-    """The joints of the chain that one actuator moves by a tendon."""
+    """The joints of the chain that one actuator moves together by a tendon."""
     names = {node.name for node in chain}
     for actuator in spec.actuators:
         if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and (tendon := spec.tendon(actuator.target)):
@@ -217,7 +220,9 @@ def moved_together(spec: mujoco.MjSpec, chain: list[MovingJoint]) -> list[str]:
 def moved_by_loop(
     spec: mujoco.MjSpec, chain: list[MovingJoint], driven: Container[str]
 ) -> MovingJoint | None:
-    """A joint of the chain without a drive, if a closed loop of the file ties the chain to other links."""
+    """A joint of the chain that has no drive, if a closed loop in the file connects the chain to other
+    links.
+    """
     bodies = {body.name for node in chain for body in rigid_with(node.joint.parent)}
     if not bodies & set(_tied(spec)):
         return None
@@ -225,7 +230,7 @@ def moved_by_loop(
 
 
 def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The body, and those below it that no joint moves against it, in the file's order."""
+    """The body, and those bodies below it that no joint moves relative to it, in the order of the file."""
     found, pending = [], [body]
     while pending:
         found.append(each := pending.pop())
@@ -244,8 +249,9 @@ def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
 
 
 def _tied(spec: mujoco.MjSpec) -> Iterator[str]:
-    """The bodies that the file ties to another body, which closes a loop. A tie to a mocap body does not
-    count: it is a handle with which a program pulls the arm.
+    """The bodies that the file connects to a different body, which closes a loop.
+
+    A connection to a mocap body does not count, because it is a handle with which a program pulls the arm.
     """
     for each in spec.equalities:
         if each.type in LOOPS:

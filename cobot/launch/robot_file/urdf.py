@@ -1,7 +1,7 @@
 """URDF as a MuJoCo specification.
 
-MuJoCo reads only checked links and joints, limits as the format defines them, and meshes as convex solids in
-metres. So errors of the file are found before MuJoCo reads it, with their line numbers.
+MuJoCo only gets links and joints that have been checked, limits as the URDF format defines them, and meshes
+as convex solids in metres. So errors in the file are found, with their line numbers, before MuJoCo reads it.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ CHILDREN = {
     "mujoco": ("compiler", "option"),
 }
 FIXED = ("origin", "parent", "child")
-"""Elements of a fixed joint that are kept. A <mimic> has no meaning in a fixed joint."""
+"""Elements that are kept in a fixed joint. A <mimic> has no meaning in a fixed joint."""
 MAX_NAME = 250
-"""Maximum length of a file name. The system rejects longer ones."""
+"""Maximum length of a file name, because the system rejects longer ones."""
 DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
 """Compiler options that would be wrong for the copy in the new folder."""
 
 
 def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSpec:
     """The specification, without shapes and masses, of a URDF that `check_urdf` accepts. Unused elements are
-    removed from `root`. It is read quickly, so invalid joints are reported before the meshes are read.
+    removed from `root`. This is quick, so invalid joints are reported before the meshes are read.
 
     Args:
         still: the joints that are kept fixed.
 
     Raises:
-        ConfigError: names the joint and the way out.
+        ConfigError: a joint is not valid; names the joint and the remedy.
     """
     state_limits(file, root)
     for joint in root.findall("joint"):
@@ -64,7 +64,7 @@ def read_urdf(file: Path, root: Element, meshes: Meshes) -> mujoco.MjSpec:
     """The complete specification. Call it after `read_joints`.
 
     Raises:
-        ConfigError: names the link or the mesh, and the way out.
+        ConfigError: a link or a mesh is not valid; names it and the remedy.
     """
     for link in root.findall("link"):
         _replace_meshes(link, meshes)
@@ -86,7 +86,9 @@ def _load(file: Path, root: Element) -> mujoco.MjSpec:
 
 
 def _add_world(root: Element) -> None:
-    """Put the root link on a new link. Otherwise it would become MuJoCo's world and lose its name."""
+    """Put the root link on a new link. Otherwise the root link would become MuJoCo's world and lose its
+    name.
+    """
     children = {child.get("link") for child in root.iter("child")}
     names = [str(link.get("name")) for link in root.findall("link")]
     first = next(name for name in names if name not in children)
@@ -111,8 +113,8 @@ def _strip(root: Element) -> None:
 
 
 def _apply_meshdir(file: Path, root: Element) -> None:
-    """Replace the names of meshes in the compiler's `meshdir` by their paths, as MuJoCo does. Without
-    `strippath="false"` only the last part of a name counts.
+    """Replace the names of meshes by their paths in the compiler's `meshdir`, as MuJoCo does. Without
+    `strippath="false"`, only the last part of a name is used.
     """
     compiler = root.find("mujoco/compiler")
     folder = "" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir") or ""
@@ -127,7 +129,7 @@ def _apply_meshdir(file: Path, root: Element) -> None:
 
 
 def _replace_meshes(link: Element, meshes: Meshes) -> None:
-    """Replace each mesh by one <collision> for each of its convex solids."""
+    """Replace each mesh by a <collision> element for each of its convex solids."""
     for collision in link.findall("collision"):
         mesh = collision.find("geometry/mesh")
         if mesh is None:

@@ -1,6 +1,7 @@
-"""Checks that a URDF describes a robot: named links and joints in one tree, and valid numbers.
+"""Checks that a URDF describes a robot: its links and joints have names and form one tree, and its numbers
+are valid.
 
-Every error names the line, the joint or link, the value and what to do.
+Every error names the line, the joint or link, the value and a remedy.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ MAX_ORIGIN_M = 1000.0
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 SHAPES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),),
           "capsule": (("radius", 1), ("length", 1))}  # fmt: skip
-"""Shapes other than meshes, with their dimensions and the number of values of each."""
+"""Shapes other than meshes, with their dimensions and the number of values in each dimension."""
 ZERO = (0.0, 0.0, 0.0)
 LISTED = 10
 """Maximum number of names in a message."""
 
 
 def check_urdf(file: Path, root: Element) -> None:
-    """Reject a URDF that is not one tree of links, or has invalid numbers.
+    """Reject a URDF that is not one tree of links, or that contains invalid numbers.
 
     Raises:
         ConfigError: see the module.
@@ -64,14 +65,15 @@ def drop_points(file: Path, root: Element) -> list[str]:
 
 
 def listed(names: list[str]) -> str:
-    """Names for a message: all, or the first few and how many there are."""
+    """Names for a message: either all of them, or the first few and their total number."""
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return ", ".join(names[:LISTED]) + more
 
 
 def _named(file: Path, root: Element, tag: str) -> dict[str, Element]:
-    """The elements with this tag directly below <robot>, by name. A <joint> in a <transmission> is something
-    else."""
+    """The elements with this tag that are directly below <robot>, by name. A <joint> in a <transmission> has
+    a different meaning.
+    """
     found: dict[str, Element] = {}
     for element in root.findall(tag):
         name = element.get("name")
@@ -177,8 +179,9 @@ def _check_origin(file: Path, element: Element, of: str) -> None:
 
 
 def _check_tree(file: Path, links: dict[str, Element], joints: dict[str, Element]) -> None:
-    """Check that there is one root, that each other link has one parent, and that all links are below the
-    root."""
+    """Check that there is one root, that each other link has exactly one parent, and that all links are below
+    the root.
+    """
     above: dict[str, tuple[str, Element]] = {}
     below: dict[str, list[str]] = {name: [] for name in links}
     for name, joint in joints.items():

@@ -1,5 +1,5 @@
-"""The limits of a URDF's joints. Missing values are the format's defaults; no limit is wider than the file
-states.
+"""The limits of the joints in a URDF. Missing values get the defaults of the format, and no limit is wider
+than in the file.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ WAYS_OUT = {
 
 
 def state_limits(file: Path, root: Element) -> None:
-    """Write the defaults of the format into the file: 0 for a missing `lower` or `upper`, no range for
+    """Write the defaults of the format into the file: 0 for a missing `lower` or `upper`, and no range for
     continuous joints.
 
-    MuJoCo would ignore a range with only one end.
+    MuJoCo would ignore a range of which only one end is given.
     """
     for joint in root.findall("joint"):
         limit = joint.find("limit")
@@ -43,13 +43,13 @@ def state_limits(file: Path, root: Element) -> None:
 
 
 def check_driven(file: Path, root: Element, driven: Sequence[str], without: Sequence[str]) -> None:
-    """Reject an arm with joints whose limits in the file leave no range.
+    """Reject an arm with a joint whose limits in the file leave no range.
 
     Args:
-        without: joints that are left out already, which the offered option has to repeat.
+        without: joints that are already left out. The option that the message suggests must repeat them.
 
     Raises:
-        ConfigError: names the line, the first joint and the ways out.
+        ConfigError: there is such a joint; names the line, the first joint and the remedies.
     """
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     rangeless = [name for name in driven if name in joints and _is_rangeless(joints[name])]
@@ -71,7 +71,7 @@ def check_supported(file: Path, root: Element, limits: JointLimits, without: Seq
         without: see `check_driven`.
 
     Raises:
-        ConfigError: names the line, the first joint, the value and the bound.
+        ConfigError: there is such a limit; names the line, the first joint, the value and the bound.
     """
     elements = {joint.get("name"): joint for joint in root.iter("joint")}
     found = list(_unsupported(limits))
@@ -86,10 +86,10 @@ def check_supported(file: Path, root: Element, limits: JointLimits, without: Seq
 
 
 def soft_limits(file: Path, root: Element) -> dict[str, str]:
-    """A sentence for each joint whose <safety_controller> states a narrower range than <limit>, by joint
-    name.
+    """A sentence for each joint whose <safety_controller> gives a narrower range than <limit>, by joint name.
 
-    cobot does not apply this range: another program's controller begins to slow the joint down there.
+    cobot does not apply this range, because it is the range beyond which the controller of a different
+    program slows the joint down.
     """
     found = {}
     for joint in root.findall("joint"):
@@ -125,7 +125,7 @@ def _unsupported(limits: JointLimits) -> Iterator[tuple[str, str]]:
 
 
 def _leave_out(failing: Sequence[str], driven: Sequence[str], without: Sequence[str]) -> str:
-    """The option that leaves out all failing joints, "" if no joint would be left."""
+    """The option that leaves out all failing joints; "" if no joint would be left."""
     if len(failing) == len(driven):
         return ""
     it = "it" if len(failing) == 1 else f"all {len(failing)} such joints"

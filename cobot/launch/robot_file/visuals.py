@@ -1,6 +1,6 @@
-"""The <visual> shapes of a URDF. They are written to visuals.yaml, and their meshes as GLB to visuals/.
+"""The <visual> shapes of a URDF. Their list is written to visuals.yaml, and their meshes as GLB to visuals/.
 
-They are not part of model.xml, so that neither collision checking nor the real-time process loads them.
+They are not part of model.xml, so neither collision checking nor the real-time process loads them.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from cobot.xml_file import numbers
 
 SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
-"""Timeout for converting one mesh, s. After it the visual is left out."""
+"""Timeout for converting one mesh, s. After it, the visual is left out."""
 MAX_TRIANGLES = 40_000
 """Target for the number of triangles of all meshes of a robot together. Finer meshes are simplified, so that
-the panel draws the robot at once, also without a graphics card.
+the panel draws the robot at once, even without a graphics card.
 """
 
 
@@ -51,7 +51,7 @@ class Visuals:
         }
 
     def write(self, folder: Path, worker: Worker) -> None:
-        """Write the manifest and its meshes; a visual that cannot be read is reported and left out."""
+        """Write the manifest and its meshes. A visual that cannot be read is reported and left out."""
         entries: list[dict[str, Any]] = []
         for link, visual in self._found:
             try:

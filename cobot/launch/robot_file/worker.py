@@ -1,7 +1,7 @@
 """A process that reads possibly hostile files, meshes and MJCF, with bounded memory and time.
 
-One request is one line of JSON, and so is the answer. A worker that takes too long is killed. A worker that
-needs too much memory or crashes ends. The next request starts another one.
+A request is one line of JSON, and so is its answer. A worker that takes too long is killed. A worker that
+needs too much memory or crashes ends. The next request starts a new worker.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TIMEOUT_S = 120.0
 
 
 class Worker:
-    """A worker. Use it as a context: the process ends with it."""
+    """A worker process. Use it as a context; the process ends with the context."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -67,7 +67,7 @@ class Worker:
         return dict(answer)
 
     def _start(self) -> subprocess.Popen[bytes]:
-        self._folder = tempfile.TemporaryDirectory()  # MuJoCo writes its log to the current folder.
+        self._folder = tempfile.TemporaryDirectory()  # MuJoCo writes its log to the current folder
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-m", MODULE, str(MAX_MEMORY_GB)],
@@ -90,7 +90,7 @@ class Worker:
 
 
 def _line(stream: IO[bytes], timeout_s: float) -> bytes:
-    """Read a line before the deadline. It is incomplete if the process has ended."""
+    """Read a line before the deadline. The line is incomplete if the process has ended."""
     end, content = time.monotonic() + timeout_s, b""
     while not content.endswith(b"\n"):
         ready, _, _ = select.select([stream], [], [], max(0.0, end - time.monotonic()))
@@ -104,5 +104,5 @@ def _line(stream: IO[bytes], timeout_s: float) -> bytes:
 
 
 def absolute(file: Path) -> str:
-    """Convert a path for a worker, which runs in another folder."""
+    """Make a path absolute for a worker, which runs in a different folder."""
     return str(file.absolute())

@@ -29,7 +29,7 @@ def write_solids(file: str, into: str, name: str, scale: list[float], split: boo
 
 
 def write_look(file: str, into: str, triangles: int) -> dict[str, Any]:
-    """Write a mesh with its colours as GLB, in metres, and return its number of triangles; see
+    """Write a mesh with its colours as GLB, in metres, and return the number of its triangles; see
     `mesh_reading.as_glb`.
     """
     from cobot.launch.robot_file import mesh_reading
@@ -40,12 +40,12 @@ def write_look(file: str, into: str, triangles: int) -> dict[str, Any]:
 
 
 def compile_mjcf(file: str) -> dict[str, Any]:
-    """Have MuJoCo read and compile a file, and allocate what it needs.
+    """Have MuJoCo read and compile a file, and allocate the memory that the model needs.
 
-    Errors in the file are not reported here, because the parent finds them too.
+    Errors in the file are not reported here, because the parent process also finds them.
 
     Raises:
-        MemoryError: it needs too much memory.
+        MemoryError: the model needs too much memory.
         ConfigError: MuJoCo fails without a reason, usually because a size in the file is far too large.
     """
     import mujoco
@@ -92,7 +92,7 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # Libraries print.
+    os.dup2(2, 1)  # libraries may print to the output
     for line in sys.stdin:
         request = json.loads(line)
         try:

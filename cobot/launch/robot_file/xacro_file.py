@@ -1,6 +1,6 @@
 """Expands xacro to URDF.
 
-Runs in the worker, because a xacro file holds Python expressions and may never end.
+This runs in the worker, because a xacro file contains Python expressions, which may never end.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cobot.launch.robot_file.packages import find_package
 
 
 def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Sequence[Path]) -> None:
-    """Writes the URDF that a xacro file describes.
+    """Write the URDF that a xacro file describes.
 
     Args:
         into: the file to write, in UTF-8.
@@ -34,14 +34,14 @@ def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Seque
         document = xacro.process_file(str(file), mappings=dict(arguments))
     except ConfigError:
         raise
-    except (Exception, SystemExit) as exc:  # Expressions of the file raise whatever they like.
+    except (Exception, SystemExit) as exc:  # expressions in the file may raise any error
         reason = " ".join(str(exc).split()) or type(exc).__name__
         raise ConfigError(f"xacro cannot expand it: {reason}{_known_arguments(file)}") from exc
     into.write_text(document.toprettyxml(indent="  "), encoding="utf-8")
 
 
 def _provide_packages(file: Path, packages: Sequence[Path]) -> None:
-    """Provides the folders for `$(find NAME)`, which xacro otherwise looks up in an installed ROS."""
+    """Provide the folders for `$(find NAME)`. Otherwise xacro would look for them in an installed ROS."""
     index = ModuleType("ament_index_python.packages")
     index.get_package_share_directory = (  # type: ignore[attr-defined]
         lambda name: str(find_package(name, file, packages))
@@ -54,7 +54,7 @@ def _known_arguments(file: Path) -> str:
     """The arguments that a file declares, as a hint; "" if it has none."""
     try:
         declared = parse(str(file)).getElementsByTagName("xacro:arg")
-    except (ExpatError, OSError, ValueError):  # has been reported already
+    except (ExpatError, OSError, ValueError):  # it has already been reported
         return ""
     names = [argument.getAttribute("name") for argument in declared]
     return f"; its arguments are: {', '.join(names)}; set them with --xacro NAME:=VALUE" if names else ""

@@ -18,14 +18,15 @@ def read_xml(
 ) -> tuple[Element, Path]:
     """The root of a URDF or MJCF file, and the file's name for errors.
 
-    The lines of a xacro file are those of the URDF that it expands to, so its name says "(expanded)".
+    For a xacro file, line numbers refer to the URDF to which it expands, so "(expanded)" is added to its
+    name.
 
     Args:
         arguments: values of the arguments of a xacro file.
         packages: folders of ROS packages, see `find_package`.
 
     Raises:
-        ConfigError: the file is missing, is not XML, is neither format, or cannot be expanded.
+        ConfigError: the file is missing, is not XML, is neither URDF nor MJCF, or cannot be expanded.
     """
     root, xacro_line = parse(file)
     named = file

@@ -1,4 +1,4 @@
-"""The supervisor's announcement of what it has started."""
+"""Announces everything that the supervisor has started."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ log = logging.getLogger("cobot")
 
 
 def announce(settings: Settings, url: str, access: str, memories: Mapping[str, RobotMemory]) -> None:
-    """Log where the service is, which clients may use it, and what runs.
+    """Log the address of the service, the clients that may use it, and the robots that are running.
 
     Args:
-        url: URL of the service, "" if there is none.
+        url: URL of the service; "" if there is none.
         access: the clients that may use the service, as a text for people.
         memories: shared memory of the robots whose cycles have begun.
     """

@@ -18,11 +18,14 @@ from cobot.logs.supervision import SupervisorLog
 
 FIRST_BACKOFF_S = 0.2
 QUICK = 3
-"""Number of consecutive restarts with the first pause. After them each pause is twice the previous one."""
+"""Number of consecutive restarts after the first pause. After them, each pause is twice as long as the
+previous one.
+"""
 MAX_BACKOFF_S = 5.0
 STEADY_S = 10.0
-"""Lifetime after which a process is trusted again, in seconds: its next restart begins with the first
-pause."""
+"""Lifetime after which a process is trusted again, in seconds. Its next restart then begins with the first
+pause.
+"""
 
 log = logging.getLogger("cobot")
 
@@ -32,7 +35,7 @@ class Child:
     """A process that is restarted whenever it ends.
 
     Attributes:
-        blank: a process that already exists, for the first start.
+        blank: a forked process that already exists. It is used for the first start.
         failures: number of deaths and failed starts since the process was last trusted.
     """
 
@@ -52,8 +55,8 @@ class Child:
 
     def start(self) -> None:
         read_end, write_end = os.pipe()
-        # A process writes past its log when C libraries and the interpreter print. If this thread does not
-        # read, such output is lost and blocks nothing.
+        # Output that C libraries and the interpreter print goes past the process's log. If this thread does
+        # not read it, such output is lost and blocks nothing.
         os.set_blocking(write_end, False)
         output = os.fdopen(read_end, "rb")
         environment = {**self.environment, SUPERVISED: "1"}
@@ -108,7 +111,7 @@ class Child:
             self.process.terminate()
 
     def end(self, timeout_s: float) -> None:
-        """Ask the process to end, and kill it after a timeout."""
+        """Ask the process to end, and kill it if it has not ended after a timeout."""
         if self.process is None:
             return
         self.ask_to_end()
@@ -124,15 +127,16 @@ class Child:
             self.reader.join(1.0)
 
     def ensure_running(self) -> None:
-        """Restart the process if it has ended, after a pause. The pause grows with each failure until the
-        process has lived for `STEADY_S`."""
+        """Restart the process after a pause if it has ended. The pause grows with each failure until the
+        process has lived for `STEADY_S`.
+        """
         assert self.process is not None
         status = self.process.poll()
         now_s = time.monotonic()
         if status is None:
             if now_s - self.started_s > STEADY_S:
                 self.failures = 0
-        elif self.restart_at_s <= self.started_s:  # its death has not been reported yet
+        elif self.restart_at_s <= self.started_s:  # its end has not been reported yet
             self.failures += status != 0
             self.restart_at_s = now_s + self.backoff_s
             self._tell_end(self.process.pid, status)

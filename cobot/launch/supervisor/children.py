@@ -1,4 +1,6 @@
-"""The processes that the supervisor runs, each with its command line, descriptors and secrets."""
+"""The processes that the supervisor runs, each with its command line, its file descriptors and its
+secrets.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ SERVICE, RECORDER = "service", "recorder"
 
 
 class Children:
-    """Describes the processes of one `cobot run`. It starts none.
+    """Describes the processes of one `cobot run`, but starts none of them.
 
     Args:
         config: the settings file that all processes read.
@@ -44,7 +46,7 @@ class Children:
         return Child(RECORDER, [*RUN_MODULE, "cobot.recorder", *self._config], self._log)
 
     def service(self, listener: socket.socket) -> Child:
-        """The web service; it takes connections from this socket."""
+        """The web service, which accepts connections on this socket."""
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
         losses = self._log.losses
@@ -63,7 +65,7 @@ class Children:
 
     def ros2(self, url: str) -> Child:
         """The DDS process. It is a client of the service at this URL, if there is one."""
-        # What one such process leaves to the next; it goes with the supervisor.
+        # The data that one such process leaves to the next. The file ends with the supervisor.
         participant_record = os.memfd_create("cobot-ros2")
         arguments = ["--participant-record", str(participant_record), *(("--url", url) if url else ())]
         command = [*RUN_MODULE, "cobot.dds", *self._config, *arguments]
@@ -71,6 +73,6 @@ class Children:
         return Child("ros2", command, self._log, (participant_record,), environment)
 
     def _certificate(self) -> dict[str, str]:
-        """The certificate that clients of the service must trust."""
+        """The certificate of the service, which its clients must trust."""
         file = self._settings.web.tls_certificate
         return {CERTIFICATE_VARIABLE: str(file)} if file else {}

@@ -1,12 +1,12 @@
 """Ends a process that is alive but hangs, because its heartbeat has stopped.
 
-The service's heartbeat is a counter in shared memory. The service's event loop increments it, and rtloop
-watches it too; reading it costs eight bytes. When the counter stops for long, the process is ended, and
-restarted like one that has died. rtloop decides long before that what the arm does.
+The service's heartbeat is a counter of eight bytes in shared memory. The service's event loop increments it,
+and rtloop also watches it. If the counter stops for long, the process is ended, and then restarted like one
+that has ended by itself. Long before that, rtloop decides what the arm does.
 
-A process that has never sent a heartbeat is left alone: it may be loading, or running to report why it cannot
-serve. A process with a debugger attached is left alone too. A process stopped by SIGSTOP is ended, because
-the robot cannot be used through it.
+A process that has never sent a heartbeat is not ended, because it may be loading, or may run only to report
+why it cannot serve. A process with a debugger attached is not ended either. A process that SIGSTOP has
+stopped is ended, because the robot cannot be used through it.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from cobot.launch.forked import Forked
 from cobot.launch.process import is_stopped, is_traced
 
 MAX_STEP_S = 0.5
-"""Maximum time that counts between two checks, in seconds. During a longer time the computer may have
-paused."""
+"""Maximum time that counts between two checks, in seconds. If more time has passed, the computer may have
+been paused.
+"""
 LAST_WORDS_S = 1.0
 """Time for a process to print its traceback before it is killed, in seconds."""
 
@@ -33,7 +34,7 @@ class HeartbeatWatch:
     """Watches one process, and the process that replaces it after a restart.
 
     Args:
-        name: displayed name of the process.
+        name: name of the process for messages.
         beats: returns a number that changes with each heartbeat.
         timeout_s: time without a heartbeat after which the process counts as hung; None for no timeout.
     """
@@ -65,8 +66,9 @@ class HeartbeatWatch:
             self._end(process)
 
     def _end(self, process: subprocess.Popen[bytes] | Forked) -> None:
-        """End the process. faulthandler first writes to the log, on SIGABRT, a traceback of where it
-        hangs."""
+        """End the process. Before that, SIGABRT makes faulthandler write a traceback to the log, which shows
+        where the process hangs.
+        """
         if is_traced(process.pid):
             self._silent_s = 0.0
             return

@@ -1,10 +1,10 @@
 """Locks that let only one `cobot run` write the files of a robot: tool, scene, positions, jobs, log,
 recordings.
 
-Shared memory shows another run of the same robot on this computer. It does not show a run in a container or
-on another computer that shares only the folder. Nor does it show a run that shares only `recording.folder`
-and has another robot of the same name there. So each run locks a file next to the files that it writes. The
-lock ends with the process.
+Shared memory shows whether the same robot is already running on this computer. It does not show a run in a
+container or on a different computer that shares only the folder. Nor does it show a run that shares only
+`recording.folder` and records a different robot of the same name there. So each run locks a file next to the
+files that it writes. The lock ends with the process.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from cobot.config import Settings
 from cobot.errors import ConflictError
 
 NOWHERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.ENOLCK)
-"""Errors after which a run continues without a lock: it cannot write there either, or the file system has no
-locks."""
+"""Errors after which a run continues without a lock. In these cases it cannot write to the folder either, or
+the file system does not support locks.
+"""
 
 log = logging.getLogger("cobot")
 
 
 @contextmanager
 def locking_kept_files(settings: Settings) -> Iterator[None]:
-    """Hold the locks for as long as the context lasts.
+    """A context that holds the locks until it ends.
 
     Raises:
-        ConflictError: another process holds one of them; names the file and the process.
+        ConflictError: a different process holds one of the locks; names the file and the process.
     """
     with ExitStack() as held:
         for path in sorted(lock_files(settings)):
@@ -49,7 +50,7 @@ def locking_kept_files(settings: Settings) -> Iterator[None]:
 
 
 def lock_files(settings: Settings) -> set[Path]:
-    """The files to lock: one in each folder with files of a robot."""
+    """The files that must be locked: one in each folder that contains files of a robot."""
     found: set[Path] = set()
     for name, each in settings.each.items():
         folders = (each.logs, each.kept or each.logs, each.recording_folder.parent)

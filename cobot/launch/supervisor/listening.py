@@ -1,4 +1,4 @@
-"""The service's socket: where it listens, and which clients may use it."""
+"""The service's socket: its address, and the clients that may use it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def url_of(listener: socket.socket, secure: bool) -> str:
 
 
 def access_to(web: WebSection, listener: socket.socket | None) -> str:
-    """The clients that may use the service, for people.
+    """The clients that may use the service, as text for people.
 
     Raises:
         ConfigError: the file of tokens cannot be read or is invalid.

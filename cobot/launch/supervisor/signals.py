@@ -1,4 +1,4 @@
-"""Signals to the supervisor, and a sleep that they interrupt."""
+"""Signals to the supervisor, and a sleep that a signal interrupts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from types import FrameType
 class ProcessSignals:
     """Handlers: SIGTERM and SIGINT end the supervisor, SIGHUP makes the service read its configuration again.
 
-    The handlers set plain attributes, not a `threading.Event`: another signal could interrupt its `set` and
-    then wait for the lock of that event for ever.
+    The handlers set plain attributes and no `threading.Event`. Otherwise a second signal could interrupt the
+    event's `set`, and then wait for ever for the lock of that event.
 
     Attributes:
         stopping: whether the supervisor must stop.
@@ -28,8 +28,9 @@ class ProcessSignals:
 
     @contextlib.contextmanager
     def catch(self) -> Iterator[None]:
-        """Install the handlers. Signals end a sleep inside this context. The handlers stay installed after
-        it, so that no signal interrupts the shutdown."""
+        """Install the handlers. Inside this context, signals end a sleep. The handlers stay installed after
+        it, so that no signal interrupts the shutdown.
+        """
         wake, written = socket.socketpair()
         with wake, written:
             written.setblocking(False)
@@ -52,9 +53,9 @@ class ProcessSignals:
         self.hangup = True
 
     def sleep(self, seconds: float) -> None:
-        """Wait until a signal comes, a child ends, or the time is over."""
+        """Wait until a signal arrives, a child ends, or the time is over."""
         assert self._wake is not None
-        with selectors.PollSelector() as selector:  # it needs no descriptor, of which there may be none
+        with selectors.PollSelector() as selector:  # this needs no descriptor; there may be none left
             selector.register(self._wake, selectors.EVENT_READ)
             if selector.select(seconds):
                 self._wake.recv(4096)

@@ -44,7 +44,9 @@ log = logging.getLogger("cobot")
 
 
 class Supervisor:
-    """Runs the robots, with a process for each and one service for all, until it receives a signal."""
+    """Runs the robots until it receives a signal. There is one process for each robot, and one service for
+    all robots.
+    """
 
     def __init__(
         self,
@@ -87,7 +89,7 @@ class Supervisor:
         if self._settings.fleet.connect:
             require_zenoh("fleet.connect")
         if self._settings.web.enabled:
-            check_endpoints(self._settings.web.endpoints)  # errors are reported here, not by a child
+            check_endpoints(self._settings.web.endpoints)  # errors are reported here and not by a child
         listener = listen(self._settings.web) if self._settings.web.enabled else None
         url = url_of(listener, secure) if listener is not None else ""
         access = access_to(self._settings.web, listener)
@@ -112,7 +114,7 @@ class Supervisor:
                     service.append(self._start(made.ros2(url)))
                 if self._settings.fleet.connect:
                     service.append(self._start(made.fleet(url)))
-                self._await_first(rtloops, list(memories.values()))  # the others take longer
+                self._await_first(rtloops, list(memories.values()))  # the other processes take longer
                 announce(self._settings, url, access, memories)
                 self._watch([*rtloops, *service], memories, url)
             finally:
@@ -130,8 +132,8 @@ class Supervisor:
         return child
 
     def _watch(self, children: list[Child], memories: dict[str, RobotMemory], url: str) -> None:
-        """Wait until it is time to stop."""
-        # For these robots the service must begin before all is ready.
+        """Watch the processes until it is time to stop."""
+        # Everything is ready only after the service has begun to serve these robots.
         served = list(memories.values()) if url else []
         known: dict[str, ProcessState] = {}
         watches = self._watches(memories)
@@ -156,8 +158,9 @@ class Supervisor:
             self._signals.sleep(0.1)
 
     def _watches(self, memories: dict[str, RobotMemory]) -> dict[str, list[HeartbeatWatch]]:
-        """The heartbeats to watch, by process. The recorder has one per robot, from the thread that follows
-        the robot."""
+        """The heartbeats that must be watched, by process. The recorder sends one heartbeat per robot, from
+        the thread that follows the robot.
+        """
         beats = partial(_beats, [memory.heartbeat for memory in memories.values()])
         return {
             SERVICE: [HeartbeatWatch(SERVICE, beats, self._settings.web.hang_to_restart_s)],
@@ -167,8 +170,9 @@ class Supervisor:
         }
 
     def _reload(self, children: list[Child]) -> None:
-        """Handle SIGHUP: the service reads the configuration again. If the terminal of this process has gone,
-        the supervisor ends instead, because the operator no longer watches the arm."""
+        """Handle SIGHUP: the service reads the configuration again. If the terminal of this process is gone,
+        the supervisor ends instead, because the operator no longer watches the arm.
+        """
         if self._in_terminal and not has_terminal():
             log.info("the terminal has been closed")
             self._signals.stopping = True
@@ -181,7 +185,7 @@ class Supervisor:
         service.process.send_signal(signal.SIGHUP)
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
-        """Create a robot's shared memory. Closing the stack removes it."""
+        """Create a robot's shared memory. When the stack is closed, the memory is removed."""
         settings = self._settings.of(name)
         own_url = address(url, name) if url and self._settings.robots else url
         robot = load_robot(settings)
@@ -200,8 +204,8 @@ class Supervisor:
         return memory
 
     def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
-        """Wait for the robots' cycles to begin. A process whose cycle does not begin is restarted later, like
-        one that has ended.
+        """Wait for the robots' cycles to begin. If the cycle of a process does not begin, the process is
+        restarted later, like one that has ended.
 
         Raises:
             UnavailableError: no cycle has begun.
@@ -236,13 +240,14 @@ class Supervisor:
 
 
 def _beats(blocks: Iterable[Block]) -> int:
-    """A number that changes with each heartbeat in one of the blocks."""
+    """A number that changes with each heartbeat in any of the blocks."""
     return sum(int(each.sequence) for each in blocks)
 
 
 def _repair_headers(memories: dict[str, RobotMemory]) -> None:
-    """Repair overwritten headers. A process reads the header only when it maps the memory, for example after
-    a restart."""
+    """Repair headers that were overwritten. A process reads the header only when it maps the memory, for
+    example after a restart.
+    """
     for name, memory in memories.items():
         if memory.mend_header():
             log.error("the header of the shared memory of %s was overwritten and has been restored", name)

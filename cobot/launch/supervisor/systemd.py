@@ -16,7 +16,8 @@ SHARE = 0.3
 class Systemd:
     """The service manager that has started this process, if there is one.
 
-    Its variables are removed from the environment, because they are not for the children.
+    The variables from the service manager are removed from the environment, because they are not meant for
+    the children.
     """
 
     def __init__(self) -> None:
@@ -30,7 +31,9 @@ class Systemd:
         self._is_ready = False
 
     def report_ready(self, status: str) -> None:
-        """Report that the service has started. May be called again; the message is sent once."""
+        """Report that the service has started. This may be called again, but the message is sent only
+        once.
+        """
         if not self._is_ready:
             self._is_ready = self._tell(f"READY=1\nSTATUS={status}")
 
