@@ -49,7 +49,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name on first use, so that a client that uses REST alone loads neither numpy nor shared
+    """Import a name on first use, so that a client that only uses REST loads neither numpy nor shared
     memory.
     """
     if name in _HOMES:

@@ -33,7 +33,7 @@ def require_condition(condition: Mapping[str, Any]) -> None:
 
 
 def describe(condition: Mapping[str, Any]) -> str:
-    """A condition in words: `part_there is true`, `pressure is below 0.2`."""
+    """A condition as text: `part_there is true`, `pressure is below 0.2`."""
     name = condition["input"]
     if condition.get("is") is not None:
         return f"{name} is {json.dumps(condition['is'])}"
@@ -42,11 +42,11 @@ def describe(condition: Mapping[str, Any]) -> str:
 
 
 def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, Any]:
-    """The input with that name in the answer of `GET /robot/io`.
+    """The input with this name in the answer to `GET /robot/io`.
 
     Raises:
-        NotFoundError: it does not exist. The message lists those that do.
-        InputError: it is an output.
+        NotFoundError: the input does not exist. The message lists the inputs that exist.
+        InputError: the name belongs to an output.
     """
     point = next((each for each in points if each["name"] == name), None)
     if point is None:
@@ -58,10 +58,12 @@ def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, A
 
 
 def holds(condition: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether a condition holds for the points of `GET /robot/io`. An unknown value fulfils no condition.
+    """Whether a condition holds for the points in the answer to `GET /robot/io`. An unknown value fulfils no
+    condition.
 
     Raises:
-        NotFoundError, InputError: see `find_input`; or the input has another kind than the condition.
+        NotFoundError, InputError: see `find_input`. Also if the kind of the input does not match the
+            condition.
     """
     point = find_input(points, condition["input"])
     boolean, value = point["kind"] == "boolean", point["value"]

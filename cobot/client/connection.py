@@ -18,7 +18,7 @@ MOTION_TIMEOUT_S = 100.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts, after
 which the service waits a few seconds for the arm to stop."""
 LONG_TIMEOUTS_S = {"/robot/move/sequence": 630.0, "/recordings": 150.0}
-"""Minimum timeouts for paths whose answer may take longer than one motion, s."""
+"""Minimum timeouts, s, for paths whose answer may take longer than one motion."""
 Json = dict[str, Any]
 
 
@@ -27,8 +27,8 @@ ERRORS = BY_CODE
 
 
 def _error_of(answer: Json) -> CobotError:
-    """The error that an answer reports. Raises KeyError if it reports no error."""
-    if "success" in answer:  # a motion that did not arrive
+    """The error that an answer reports. Raises KeyError if the answer reports no error."""
+    if "success" in answer:  # the answer to a motion that did not reach its goal
         error = ERRORS.get(str(answer.get("code")), ExecutionError)(str(answer["message"]))
     else:
         error = ERRORS.get(str(answer["code"]), CobotError)(str(answer["detail"]))
@@ -38,8 +38,9 @@ def _error_of(answer: Json) -> CobotError:
 
 
 class Connection:
-    """HTTP connection to one robot's service. It raises the service's errors as `CobotError`. See `Client`
-    for the arguments."""
+    """HTTP connection to the service of one robot. It raises the service's errors as `CobotError`. `Client`
+    describes the arguments.
+    """
 
     def __init__(
         self,
@@ -58,7 +59,8 @@ class Connection:
             url = address(url, robot)
         headers = token_header(token or token_from_environment())
         headers |= {"X-Motion-Token": motion_token} if motion_token else {}
-        # Creating a TLS context with the computer's certificates takes 10 ms.
+        # Creating a TLS context with the computer's certificates takes 10 ms, so it is only created if
+        # needed.
         trusted = tls_context(verify) if url.startswith("https:") else False
         try:
             # trust_env=False: motions must not go through the web proxy that the environment names.
@@ -85,7 +87,7 @@ class Connection:
         self._http.close()
 
     def _post_motion(self, path: str, body: Json) -> Json:
-        """Send a motion and wait for its end. A motion that does not arrive raises an error."""
+        """Send a motion and wait for its end. Raises an error if the motion does not reach its goal."""
         strict = {PREFER: STRICT_STATUS}
         answer = self._json("POST", path, json=body, timeout=self._answer_timeout_s(path), headers=strict)
         if not answer["success"]:  # a proxy has removed the header
@@ -147,8 +149,9 @@ class Connection:
 
     @contextlib.contextmanager
     def _stream(self, path: str, **request: Any) -> Iterator[httpx2.Response]:
-        """An answer that is read while it arrives. Raises the errors of `_request`.
-        Later reads may raise httpx2's errors."""
+        """A context for reading an answer while it arrives. Raises the errors of `_request`. Later reads may
+        raise httpx2's errors.
+        """
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:
             if not response.is_success:

@@ -1,4 +1,4 @@
-"""Streaming to an arm: context managers that begin a session, and stop the arm when they end."""
+"""Streaming to an arm: context managers that begin a session, and that stop the arm at their end."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ State = TypeVar("State")
 class Control(ABC, Generic[State]):
     """One session. Create it with a `Robot`. Use it in a `with` block, or call `stop`.
 
-    rtloop stops the arm when targets stop coming, and when this process ends for any reason.
+    rtloop stops the arm if no more targets arrive, and if this process ends for any reason.
     """
 
     def __init__(self, transport: Transport, request: np.ndarray) -> None:
@@ -47,7 +47,7 @@ class Control(ABC, Generic[State]):
 
     @abstractmethod
     def get_state(self) -> State:
-        """The state that rtloop measured last. It is at most some milliseconds old.
+        """The latest state that rtloop has measured. It is at most some milliseconds old.
 
         Raises:
             UnavailableError: rtloop does not answer.
@@ -71,7 +71,7 @@ class Control(ABC, Generic[State]):
         self._transport.request_estop()
 
     def stop(self) -> None:
-        """End the session and wait until the arm rests. May be called again, and from any thread.
+        """End the session and wait until the arm has stopped. May be called again, and from any thread.
 
         Raises:
             UnavailableError: rtloop does not answer.
@@ -89,8 +89,9 @@ class Control(ABC, Generic[State]):
             self._transport.clock.sleep(POLL_S / 10)
 
     def _publish(self, counter: str, **fields: object) -> None:
-        """Send these fields of the setpoint to rtloop and leave the others unchanged. If one is invalid,
-        nothing changes."""
+        """Send these fields of the setpoint to rtloop, and leave the other fields unchanged. If a value is
+        invalid, nothing changes.
+        """
         with self._turn:
             wanted = self._setpoint.copy()
             for name, value in fields.items():
@@ -105,7 +106,7 @@ class Control(ABC, Generic[State]):
         """Raise if the session has ended, so that a client cannot send targets that no arm follows.
 
         Raises:
-            MotionStopped: the session has ended, with the reason.
+            MotionStopped: the session has ended; gives the reason.
         """
         if self._ended:
             raise MotionStopped("this control has been stopped")
@@ -135,14 +136,15 @@ class JointImpedanceControl(Control[JointState]):
         """Set the joint target that is due one command period from now.
 
         Args:
-            positions: rad.
-            velocities: velocities at the target, rad/s; without them the interpolation chooses them.
-            accelerations: rad/s². They are checked but not used.
+            positions: joint positions, rad.
+            velocities: velocities at the target, rad/s. Without them, the interpolation chooses the
+                velocities.
+            accelerations: accelerations, rad/s². They are checked but not used.
 
         Raises:
             InputError: the number of joints is wrong, or a value is not finite. A first target that is too
                 far from the arm is reported once, by the call for a later target.
-            MotionStopped: the session has ended, with the reason.
+            MotionStopped: the session has ended; gives the reason.
         """
         target = vector(positions, self._dof, name="positions")
         rates = vector(velocities, self._dof, name="velocities") if len(velocities) else 0.0
@@ -151,15 +153,15 @@ class JointImpedanceControl(Control[JointState]):
         self._publish("number", joints=target, feed_forward=bool(len(velocities)), joint_velocity=rates)
 
     def set_chunk(self, times_s: Sequence[float], positions: Sequence[Sequence[float]]) -> None:
-        """Set joint targets for future times: an action chunk. A newer chunk replaces what has not been
-        executed.
+        """Set joint targets for future times: an action chunk. A newer chunk replaces the targets that have
+        not been executed.
 
         Args:
             times_s: increasing times on the robot's clock, see `Robot.clock_s`.
             positions: one list of joint positions for each time, rad.
 
         Raises:
-            InputError, MotionStopped: as `set_target_joints`.
+            InputError, MotionStopped: see `set_target_joints`.
         """
         count = len(positions)
         with self._turn:
@@ -178,16 +180,16 @@ class JointImpedanceControl(Control[JointState]):
 
 
 class JointTorqueControl(Control[JointState]):
-    """Streams joint torques, which are added to the torques for gravity and motion."""
+    """Streams joint torques. They are added to the torques for gravity and motion."""
 
     def get_state(self) -> JointState:
         return joint_state(self._transport.state())
 
     def set_target_torques(self, torques: Sequence[float]) -> None:
-        """Set the joint torques from now on, N·m. Torques beyond the limits are clamped to them.
+        """Set the joint torques from now on, N·m. Torques beyond the limits are clamped to the limits.
 
         Raises:
-            InputError, MotionStopped: as `JointImpedanceControl.set_target_joints`.
+            InputError, MotionStopped: see `JointImpedanceControl.set_target_joints`.
         """
         self._publish("number", joints=vector(torques, self._dof, name="torques"))
 
@@ -208,17 +210,17 @@ class CartesianMotionForceControl(Control[CartesianState]):
         """Set the TCP target that is due one command period from now. It is ignored during a `move_to_pose`.
 
         Args:
-            pose: x, y, z in m and w, x, y, z, in the base frame.
-            wrench: force and torque that the TCP exerts along the force-controlled axes, in the force
-            frame: N, N·m.
-            velocity: velocity at the target, m/s and rad/s, in the base frame; without it the interpolation
-                chooses one.
-            acceleration: m/s², rad/s². It is checked but not used.
+            pose: position x, y, z, m, and quaternion w, x, y, z, in the base frame.
+            wrench: force, N, and torque, N·m, that the TCP exerts along the force-controlled axes, in the
+                force frame.
+            velocity: velocity at the target, m/s and rad/s, in the base frame. Without it, the interpolation
+                chooses the velocity.
+            acceleration: acceleration, m/s² and rad/s². It is checked but not used.
 
         Raises:
             InputError: the number of values is wrong, a value is not a finite number, or the quaternion is
                 invalid.
-            MotionStopped: the session has ended, with the reason.
+            MotionStopped: the session has ended; gives the reason.
         """
         force = vector(wrench, 6, name="wrench") if len(wrench) else 0.0
         twist = vector(velocity, 6, name="velocity") if len(velocity) else 0.0
@@ -234,7 +236,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
 
         Raises:
             InputError: the pose is invalid, or the duration is not 0.001 to 600 s.
-            MotionStopped: the session has ended, with the reason.
+            MotionStopped: the session has ended; gives the reason.
         """
         self._publish("move", move_pose=vector(pose, 7, name="pose"), move_duration_s=duration_sec)
 
@@ -261,14 +263,14 @@ class CartesianMotionForceControl(Control[CartesianState]):
         """Whether a `move_to_pose` is running.
 
         Raises:
-            MotionStopped: the session has ended, with the reason.
+            MotionStopped: the session has ended; gives the reason.
         """
         state = self._transport.state()
         self._require_running(state)
         return bool(state["move_running"]) or int(state["move_seen"]) != int(self._setpoint["move"])
 
     def cancel_move(self) -> None:
-        """End a `move_to_pose`: the arm stops and waits for the next target."""
+        """End a `move_to_pose`. The arm stops and waits for the next target."""
         with self._turn:
             self._require_running(self._transport.state())
             self._setpoint["cancel"] = self._setpoint["move"]

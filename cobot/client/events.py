@@ -13,13 +13,15 @@ from cobot.client.connection import Connection, Json
 from cobot.errors import UnavailableError
 
 SILENT_S = 20.0
-"""Time without data after which the connection counts as lost, in seconds. The service sends every 5 s."""
+"""Time without data after which the connection counts as lost, in seconds. The service sends data every 5
+s.
+"""
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
 UNTOLD = ("hello", "alive")
 
 
 def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
-    """Parse a text/event-stream. Yields the fields of each block, with the lines of `data` joined."""
+    """Parse a text/event-stream. Yields the fields of each block; several lines of `data` are joined."""
     fields: dict[str, str] = {}
     for line in lines:
         name, _, value = line.partition(":")
@@ -38,7 +40,8 @@ class EventReader:
     """Reads one stream after another. Each stream continues after the last event of the previous one.
 
     Args:
-        stream: opens a stream with these headers; raises the service's error if the service refuses it.
+        stream: opens a stream with these headers; raises the service's error if the service rejects the
+            request.
         patience_s: maximum time for which the service may be unreachable.
     """
 
@@ -60,7 +63,7 @@ class EventReader:
 
         Raises:
             UnavailableError: the service is unreachable at the start, or for longer than `patience_s`.
-            CobotError: the service refuses the request.
+            CobotError: the service rejects the request.
         """
         pause_s = FIRST_PAUSE_S
         while True:
@@ -86,7 +89,8 @@ class EventReader:
                 self._heard_s = self._now_s()
                 if "data" in fields and fields.get("event") not in UNTOLD:
                     yield json.loads(fields["data"])
-                # Store the id only now: a caller that leaves the loop at the event has not processed it.
+                # Store the id only now, because a caller that leaves the loop at this event has not processed
+                # it.
                 self._last_id = fields.get("id", self._last_id)
 
 
@@ -102,14 +106,14 @@ class EventConnection(Connection):
         after: str | None = None,
         patience_s: float = 60.0,
     ) -> Iterator[Json]:
-        """Yield events as they happen: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. There is no
-        end. A lost connection is opened again and continues after the last event.
+        """Yield events as they happen: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. The
+        iterator never ends by itself. A lost connection is opened again and continues after the last event.
 
         Args:
-            types: event types; all if none is given. With `state_hz`, states come in any case.
-            robot: yield only events of this robot; for a client of all robots.
+            types: types of events; all types if none is given. With `state_hz`, states are always included.
+            robot: yield only events of this robot. This is for a client that is connected to all robots.
             state_hz: rate of states, 0.1 to 100 per second.
-            after: "EPOCH-ID" of an earlier event, "0" for all stored events; without it only new ones.
+            after: "EPOCH-ID" of an earlier event, "0" for all stored events; without it, only new events.
             patience_s: time for which a lost connection is retried before UnavailableError is raised.
         """
         asked: Json = {"robot": robot, "state_hz": state_hz, "after": after}

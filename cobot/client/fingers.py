@@ -1,4 +1,6 @@
-"""The gripper of a policy: the last number of its action is a width, which is commanded when it changes."""
+"""The gripper of a policy. The last number of the policy's action is a width, which is commanded when it
+changes.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,11 @@ from cobot.errors import NotSupportedError
 
 UNKNOWN_FORCE_N = 500.0
 CHANGE_M = 0.0005
-"""Minimum change of the width for a new command, m."""
+"""Minimum change of the width that causes a new command, m."""
 
 
 class WidthFollower(Protocol):
-    """Interface of fingers that follow a width.
+    """Interface of fingers that move to a width.
 
     Attributes:
         width_m: the smallest and the largest width, m.
@@ -25,20 +27,20 @@ class WidthFollower(Protocol):
     width_m: tuple[float, float]
 
     def aim(self, width: float) -> None:
-        """Go to the nearest possible width, m, without waiting.
+        """Go to the possible width that is nearest to `width`, m, without waiting.
 
         Raises:
-            CobotError: the gripper rejects the command, with the reason.
+            CobotError: the gripper rejects the command; gives the reason.
         """
         ...
 
 
 class FollowedWidth:
-    """Commands widths, and remembers the last one.
+    """Commands widths, and stores the last one.
 
     Args:
         width_m: see `WidthFollower`.
-        continuous: whether every width in this range is possible, or only its two ends.
+        continuous: whether every width in this range is possible, or only the two ends of the range.
     """
 
     def __init__(self, width_m: tuple[float, float], *, continuous: bool = True) -> None:
@@ -46,7 +48,7 @@ class FollowedWidth:
         self._commanded: float | None = None
 
     def follow(self, width: float, command: Callable[[float], object]) -> None:
-        """Command the nearest possible width if it has changed. A failed command is repeated."""
+        """If the nearest possible width has changed, command it. A command that has failed is repeated."""
         low, high = self._width_m
         width = min(max(width, low), high)
         if not self._continuous:
@@ -57,10 +59,10 @@ class FollowedWidth:
 
 
 class ServedFingers:
-    """The fingers of a service's gripper.
+    """The fingers of a gripper that the service controls.
 
     Args:
-        able: the capabilities in the answer of GET /robot/gripper.
+        able: the capabilities in the answer to GET /robot/gripper.
 
     Attributes:
         max_force_n: the largest force at the fingers, N; `UNKNOWN_FORCE_N` if the gripper does not know it.
@@ -75,7 +77,8 @@ class ServedFingers:
 
     @classmethod
     def of(cls, gripper: GripperCommands) -> ServedFingers | None:
-        """The fingers of a robot; None if it has no gripper, or one without a width, such as a suction cup.
+        """The fingers of a robot. None if the robot has no gripper, or a gripper without a width, such as a
+        suction cup.
 
         Raises:
             UnavailableError: the service does not answer.

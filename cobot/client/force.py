@@ -12,9 +12,10 @@ from cobot.client.moves import Moves
 class ForceMoves(Moves):
     """Motions with force.
 
-    Their fields are those of POST /robot/force/...: `direction`, `frame`, `force`, `max_force`, `speed`,
-    `max_distance`, `max_time_s`, `retract`, `if_not_met`, and those of each motion. They return the answer
-    when the arm rests, with `stopped_by` and `contact`; with `wait=False` a `JobHandle`.
+    Their arguments are the fields of POST /robot/force/...: `direction`, `frame`, `force`, `max_force`,
+    `speed`, `max_distance`, `max_time_s`, `retract`, `if_not_met`, and the fields of each motion. When the
+    arm has stopped, they return the answer, which contains `stopped_by` and `contact`. With `wait=False` they
+    return a `JobHandle` at once.
     """
 
     def press(self, force: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:
@@ -31,7 +32,7 @@ class ForceMoves(Moves):
         return self._force("follow", wait, force=force, motion=motion, **how)
 
     def search(self, force: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:
-        """Approach until contact, then look for a hole or an edge with a force, N.
+        """Approach until contact, then search for a hole or an edge with a force, N.
 
         Args:
             how: `pattern`, `radius`, `pitch`, `angle`, `search_speed`, `drop`, `target`, `tolerance`,
@@ -40,7 +41,7 @@ class ForceMoves(Moves):
         return self._force("search", wait, force=force, **how)
 
     def insert(self, force: float, depth: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:
-        """Search for a hole with a force, N, then push in to a depth, m.
+        """Search for a hole with a force, N, then push into it to a depth, m.
 
         Args:
             how: `compliance`, and the fields of `search`.

@@ -1,4 +1,4 @@
-"""The gripper of the REST client."""
+"""The REST client's commands for the gripper."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 
 class GripperCommands:
-    """The gripper of one robot, as `gripper` of a client.
+    """The commands for the gripper of one robot, which a client provides as `gripper`.
 
     Commands return when the fingers have finished, with the gripper's state and `held`; with `wait=False`
     they return a `JobHandle` at once. A new command replaces a running one. Widths are in m, speeds in m/s,
-    forces in N. Optional values default to those of the gripper.
+    forces in N. The gripper defines the defaults of optional values.
     """
 
     def __init__(self, client: Moves) -> None:
@@ -39,7 +39,8 @@ class GripperCommands:
         """Go to a width.
 
         Args:
-            if_blocked: "success": if an object stops the fingers, the motion succeeds and the object is held.
+            if_blocked: with "success", the motion succeeds if an object stops the fingers, and the object is
+                then held.
         """
         return self._run("move", wait, width=width, speed=speed, force=force, if_blocked=if_blocked)
 
@@ -47,7 +48,7 @@ class GripperCommands:
         """Close on an object and hold it.
 
         Args:
-            width: width of the object; None for any.
+            width: width of the object; None if it can be any.
             how: `tolerance_inner`, `tolerance_outer`, `speed`, `force`, `if_missed`.
         """
         return self._run("grasp", wait, width=width, **how)
@@ -61,7 +62,7 @@ class GripperCommands:
         return self._run("home", wait)
 
     def stop(self) -> Json:
-        """Stop the fingers where they are. An object in the gripper stays held."""
+        """Stop the fingers at their current position. An object in the gripper stays held."""
         return self._client._json("POST", "/robot/gripper/stop")
 
     def _run(self, kind: str, wait: bool, **body: Any) -> Json | JobHandle:

@@ -11,7 +11,9 @@ from cobot.errors import ExecutionError, MotionTimeout
 
 ENDS = ("finished", "failed", "cancelled", "interrupted")
 POLL_S = 5.0
-"""Longest wait of one request for the end of a job, in seconds. The service then answers in any case."""
+"""Maximum time for which one request waits for the end of a job, in seconds. After this time the service
+always answers.
+"""
 
 
 class JobHandle:
@@ -20,8 +22,8 @@ class JobHandle:
     Attributes:
         id: number of the job.
 
-    Every method raises what those of `Client` raise, and `NotFoundError` once the service has removed the
-    job.
+    Every method raises the errors that the methods of `Client` raise, and `NotFoundError` after the service
+    has removed the job.
     """
 
     def __init__(self, connection: Connection, job: str) -> None:
@@ -34,18 +36,17 @@ class JobHandle:
         return str(self.read()["state"])
 
     def read(self, wait_s: float = 0.0) -> Json:
-        """Read the job. The answer comes at the end of the job, or at the latest after `wait_s` (at most
-        60)."""
+        """Read the job. The answer arrives at the end of the job, or after at most `wait_s` (up to 60)."""
         return self._connection._json(
             "GET", f"/jobs/{self.id}", params={"wait_s": wait_s}, timeout=wait_s + 10.0
         )
 
     def wait(self, timeout_s: float = math.inf) -> Json:
-        """Wait until the arm has arrived and settled, and return the job.
+        """Wait until the arm has reached the goal and settled, and return the job.
 
         Raises:
             MotionTimeout: the job is still running after `timeout_s`.
-            CobotError: the job has failed; the class is that of its `code`.
+            CobotError: the job has failed; the `code` of the job determines the class.
         """
         until_s = SYSTEM.now_s() + timeout_s
         while (job := self.read(max(min(POLL_S, until_s - SYSTEM.now_s()), 0.0)))["state"] not in ENDS:
@@ -75,7 +76,7 @@ class JobHandle:
         return self._tell("step")
 
     def resume(self, waypoint: int | None = None) -> Json:
-        """Resume the job. A sequence that is paused at a waypoint can resume from another one."""
+        """Resume the job. A sequence that is paused at a waypoint can resume from a different waypoint."""
         return self._tell("resume", **{} if waypoint is None else {"waypoint": waypoint})
 
     def retarget(self, **goal: Any) -> Json:
@@ -86,7 +87,7 @@ class JobHandle:
                 `joints=[...], speed=0.3`.
 
         Returns:
-            The answer of POST /jobs/{job}/retarget: where the arm leaves its former path.
+            The answer to POST /jobs/{job}/retarget, which tells where the arm leaves its previous path.
 
         Raises:
             CobotError: the goal cannot be changed; the motion continues as before.
@@ -102,15 +103,15 @@ class JobHandle:
 
 
 class Jobs(Connection):
-    """The requests of a client about jobs."""
+    """Requests about jobs."""
 
     def jobs(self, limit: int = 50, *states: str, after: str | None = None) -> list[Json]:
-        """The jobs, newest first, active ones before ended ones.
+        """The jobs, sorted from the newest on. Active jobs are listed before jobs that have ended.
 
         Args:
             limit: maximum number of jobs.
-            states: if given, only jobs in one of them.
-            after: id of a job of an earlier answer: the list continues after it.
+            states: if given, only jobs in one of these states are returned.
+            after: id of a job in an earlier answer; the list continues after this job.
         """
         return list(self._page("/jobs", limit, after, state=list(states))["jobs"])
 
@@ -128,7 +129,9 @@ class Jobs(Connection):
         return float(self._json("POST", "/robot/speed_override", json=body)["fraction"])
 
     def _motion(self, path: str, body: Json, wait: bool) -> Json | JobHandle:
-        """Send a motion. Returns the answer on arrival, or without `wait` the handle of the job."""
+        """Send a motion. Returns the answer when the goal is reached. If `wait` is false, returns the handle
+        of the job at once.
+        """
         if wait:
             return self._post_motion(path, body)
         job = self._json("POST", path, params={"wait": False}, json=body, timeout=self._motion_timeout_s)

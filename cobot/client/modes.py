@@ -1,4 +1,6 @@
-"""The modes of a `Robot`, and the allowed changes between them. Code, tests and docs use this one table."""
+"""The modes of a `Robot`, and the changes between them that are allowed. Code, tests and documents use this
+one table.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ class Mode(IntEnum):
 
 
 class CoordType(IntEnum):
-    """The frame in which another frame is given."""
+    """The frame in which a different frame is specified."""
 
     WORLD = 0
     TCP = 1
@@ -31,9 +33,10 @@ SWITCHES: dict[Mode, frozenset[Mode]] = {
     Mode.UNKNOWN: frozenset({Mode.IDLE}),
     **dict.fromkeys(_CHOSEN, _CHOSEN),
 }
-"""Allowed changes of the mode while the arm rests and no session is open. Any mode may follow any other.
-Exception: UNKNOWN, which means that the robot does not answer, changes only to IDLE and cannot be
-selected."""
+"""Changes of the mode that are allowed while the arm does not move and no session is open. Any mode may
+follow any other, with one exception: UNKNOWN means that the robot does not answer. It changes only to IDLE
+and cannot be selected.
+"""
 
 JOINT_STREAMS = frozenset({Mode.RT_JOINT_IMPEDANCE, Mode.NRT_JOINT_IMPEDANCE})
 CARTESIAN_STREAMS = frozenset({Mode.RT_CARTESIAN_MOTION_FORCE, Mode.NRT_CARTESIAN_MOTION_FORCE})

@@ -1,5 +1,6 @@
-"""The motions of the REST client. Each returns on arrival, or with `wait=False` at once, with the handle of
-its job."""
+"""The motions of the REST client. Each method returns when the goal is reached. With `wait=False`, it returns
+the handle of its job at once.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +17,9 @@ KINDS = {
     "joints": "move/joints",
     "angle": "move/arc",
 }
-"""The endpoint of a motion, chosen by the first of these keys in its body. Without any, the motion goes to a
-pose."""
+"""The endpoint of a motion. The first of these keys in the body of the motion determines it. Without any of
+them, the motion goes to a pose.
+"""
 
 
 class Moves(Jobs):
@@ -38,7 +40,8 @@ class Moves(Jobs):
     def move_named(
         self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, wait: bool = True, **how: Any
     ) -> Json | JobHandle:
-        """Move to a named position. Returns on arrival; raises an error if the position is not reached.
+        """Move to a named position. Returns when the position is reached, and raises an error if it is not
+        reached.
 
         Args:
             how: `planner`, `budget_s`, `algorithm`, `synchronization`, `constraints`, `actions`,
@@ -67,7 +70,8 @@ class Moves(Jobs):
         wait: bool = True,
         **how: Any,
     ) -> Json | JobHandle:
-        """Move to joint angles in rad. Returns on arrival; raises an error if they are not reached.
+        """Move to joint angles, rad. Returns when they are reached, and raises an error if they are not
+        reached.
 
         Args:
             how: `planner`, `budget_s`, `algorithm`, `synchronization`, `constraints`, `actions`,
@@ -81,11 +85,12 @@ class Moves(Jobs):
     @overload
     def execute(self, plan_id: str, *, wait: Literal[False]) -> JobHandle: ...
     def execute(self, plan_id: str, *, wait: bool = True) -> Json | JobHandle:
-        """Run a plan. Returns on arrival; raises an error if the plan has expired or its goal is not
-        reached."""
+        """Execute a plan. Returns when its goal is reached. Raises an error if the plan has expired or its
+        goal is not reached.
+        """
         return self._motion("/robot/execute", {"plan_id": plan_id}, wait)
 
-    # Its parameters are the fields of POST /robot/move/pose, by the same names.
+    # The parameters are the fields of POST /robot/move/pose, with the same names.
     @overload
     def move_pose(
         self,
@@ -123,8 +128,8 @@ class Moves(Jobs):
         wait: bool = True,
         **more: Any,
     ) -> Json | JobHandle:
-        """Move the TCP to a pose (m, KUKA angles in rad). Returns on arrival; raises an error if it is not
-        reached.
+        """Move the TCP to a pose (m, KUKA angles in rad). Returns when the pose is reached, and raises an
+        error if it is not reached.
 
         Args:
             speed: share of the maximum speed. The default is 0.1, or 1 if `speed_m_s` or `speed_rad_s` is
@@ -169,7 +174,8 @@ class Moves(Jobs):
         wait: bool = True,
         **more: Any,
     ) -> Json | JobHandle:
-        """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
+        """Turn the TCP by `angle`, rad, about the axis through `centre`, m. Returns when the motion is
+        complete.
 
         Args:
             more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
@@ -188,19 +194,19 @@ class Moves(Jobs):
     def move_sequence(
         self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = (), *, wait: bool = True
     ) -> Json | JobHandle:
-        """Run several motions as one; returns on arrival.
+        """Run several motions as one. Returns when the last goal is reached.
 
         Args:
             motions: bodies of POST /robot/move/named, joints, pose and arc.
-            radii: blend radius at the end of each motion except the last, m; without them the arm stops
-                there.
+            radii: blend radius at the end of each motion except the last, m. Without radii, the arm stops at
+                the end of each motion.
         """
         return self._move(
             "sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)}, wait
         )
 
     def queue(self, motion: Mapping[str, Any], *, blend_radius: float = 0.0) -> JobHandle:
-        """Queue a motion after those that are already queued; returns as soon as it is planned.
+        """Add a motion to the end of the queue. Returns as soon as the motion is planned.
 
         Args:
             motion: a body of POST /robot/move/named, joints, pose, arc or sequence, or of /robot/execute.

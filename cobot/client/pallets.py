@@ -1,4 +1,4 @@
-"""Pallets: a grid of places, and motions that are relative to one of them.
+"""Pallets: a grid of places, and motions that are relative to one of these places.
 
 A place is a frame. The client converts poses relative to a place into the frame of the pallet's origin, which
 the service knows.
@@ -28,7 +28,7 @@ class PalletPlace:
     Attributes:
         position: position of the place, m.
         quaternion: orientation of the place, (w, x, y, z).
-        frame_id: frame in which both are given, as in POST /robot/move/pose.
+        frame_id: frame in which position and orientation are given, as in POST /robot/move/pose.
         number: number of the place in its pallet, from 1.
     """
 
@@ -45,12 +45,15 @@ class PalletPlace:
         return cls((x, y, z), kuka_quaternion(a, b, c), str(pose.get("frame_id") or ""), number)
 
     def at(self, **pose: Any) -> dict[str, Any]:
-        """A body of POST /robot/move/pose for a pose relative to this place. Other fields stay unchanged."""
+        """Make a body for POST /robot/move/pose from a pose relative to this place. Other fields are not
+        changed.
+        """
         return self.resolve({**dict.fromkeys(POSITION, 0.0), **pose})
 
     def resolve(self, body: Mapping[str, Any]) -> dict[str, Any]:
-        """Convert a body of POST /robot/move/pose or move/arc. Its poses, points and axis, given relative to
-        this place, become relative to `frame_id`."""
+        """Convert a body for POST /robot/move/pose or move/arc. Poses, points and the axis that are relative
+        to this place become relative to `frame_id`.
+        """
         resolved = {**body, "frame_id": self.frame_id}
         if "x" in body:
             resolved |= self._pose(body)
@@ -86,15 +89,15 @@ def _vector(values: Mapping[str, Any]) -> Vector:
 
 
 def _shown(count: object) -> str:
-    """A count for a message. Very large integers are shortened, because Python may refuse to write them."""
+    """A count for a message. Very large integers are shortened, because Python may reject writing them."""
     return "too large" if isinstance(count, int) and abs(count) > 10**12 else repr(count)[:40]
 
 
 def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) -> int:
-    """Check a grid. Returns the number of its places.
+    """Check a grid. Returns the number of places in it.
 
     Raises:
-        InputError: there are too few or too many, or counts and offsets do not agree.
+        InputError: there are too few or too many places, or the lengths of counts and offsets differ.
     """
     if not 1 <= len(counts) <= MAX_DIRECTIONS:
         raise InputError(f"counts has {len(counts)} directions, allowed: 1 to {MAX_DIRECTIONS}")
@@ -123,7 +126,8 @@ def places(
             origin, m.
 
     Raises:
-        InputError: see `require_grid`; or the origin is in the frame of the tool, which moves.
+        InputError: see `require_grid`. Also if the origin is in the frame of the tool, because this frame
+            moves.
     """
     require_grid(counts, offsets)
     if origin.get("frame_id") == TOOL_FRAME:

@@ -1,4 +1,4 @@
-"""Runs a motion of the service in the background."""
+"""Runs a motion in the service in the background."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 
 BEGIN_S = 15.0
-"""Timeout until a plan moves the arm, including planning, s."""
+"""Timeout for a plan to begin to move the arm, including planning, s."""
 POLL_S = 0.005
 Run = Callable[[Client], Json]
 
 
 class BackgroundPlan:
-    """The plan that was started last. If it fails after its start, the next `begin` raises the error."""
+    """The plan that was started last. If it fails after its start, the next call of `begin` raises the
+    error.
+    """
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock
@@ -35,10 +37,10 @@ class BackgroundPlan:
         connect: Callable[[], contextlib.AbstractContextManager[Client]],
         motion_id: Callable[[], int],
     ) -> None:
-        """Start a plan, and return when it moves the arm.
+        """Start a plan, and return when it begins to move the arm.
 
         Args:
-            run: executes the plan; returns on arrival.
+            run: executes the plan; returns when its goal is reached.
             motion_id: returns the id of the arm's latest motion.
 
         Raises:

@@ -1,5 +1,6 @@
-"""The primitives of `Robot.execute_primitive`: motions of the service under the names that robot controllers
-use."""
+"""The primitives of `Robot.execute_primitive`. They are motions of the service, under the names that robot
+controllers use.
+"""
 
 from __future__ import annotations
 
@@ -42,9 +43,10 @@ PRIMITIVES: dict[str, Primitive] = {
     "MoveArc": Primitive("move_arc", ("centre", "axis", "angle")),
     "MoveFree": Primitive("move_pose", ("target",), default={"planner": "auto"}),
 }
-"""The primitives by name. `target` is joint angles, rad, for MoveJ, and for others a pose: x, y, z (m), w, x,
-y, z. `through`: poses. `via`, `centre`, `axis`: x, y, z. All others are the fields of the motion in
-docs/motions.md."""
+"""The primitives by name. For MoveJ, `target` contains joint angles, rad. For all others, it is a pose: x, y,
+z (m), w, x, y, z. `through` contains poses. `via`, `centre` and `axis` are x, y, z. All other parameters are
+fields of the motion, see docs/motions.md.
+"""
 
 _RATES = ("speed", "accel_scale")
 _JOINT = (*_RATES, "planner", "budget_s", "algorithm", "synchronization", "constraints")
@@ -66,7 +68,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
     """The method and the arguments that execute a primitive. The service checks the values of the fields.
 
     Raises:
-        InputError: unknown primitive or wrong parameters; the message lists the valid ones.
+        InputError: the primitive is unknown or its parameters are wrong; the message lists the valid ones.
     """
     if name not in PRIMITIVES:
         raise InputError(f"there is no primitive {name!r}; valid are: {', '.join(PRIMITIVES)}")
@@ -87,7 +89,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
 
 
 def _fields(place: str, key: str, value: Any, dof: int | None) -> Json:
-    """Convert a parameter to its form in the body of the motion.
+    """Convert a parameter to the form that it has in the body of the motion.
 
     Args:
         dof: number of joints of a target; None if the target is a pose.

@@ -3,8 +3,8 @@
     with Client("http://localhost:8007") as robot:
         robot.move_joints([0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], speed=0.5)
 
-Answers are the service's decoded JSON. An error of the service is raised as the same subclass of `CobotError`
-that the service uses: an unreachable pose raises `UnreachableError`.
+Answers are the service's decoded JSON. An error from the service is raised as the same subclass of
+`CobotError` that the service uses: an unreachable pose raises `UnreachableError`.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
 class Client(ForceMoves, Steps, EventConnection):
-    """One robot's service.
+    """A client for the service of one robot.
 
     Args:
         url: URL of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
         robot: name of the robot, if it is not the default one.
         timeout_s: timeout for all requests that are answered at once.
-        motion_timeout_s: timeout for motions, which are answered on arrival; longer than the service's own
-            timeouts. Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
+        motion_timeout_s: timeout for motions, which are answered when they end. It is longer than the
+            service's own timeouts. Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
         token: access token, made with `cobot token create`, if the service requires one; by default
             `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
@@ -47,9 +47,8 @@ class Client(ForceMoves, Steps, EventConnection):
     Raises (constructor):
         InputError: the URL is invalid.
 
-    Every method raises:
-        UnavailableError: the service or the robot behind it does not answer.
-        CobotError: the service's error; the class is that of its `code`.
+    Every method raises: UnavailableError: the service or the robot behind it does not answer. CobotError: the
+        error that the service reports; its `code` determines the class.
     """
 
     @property
@@ -67,7 +66,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def state(self) -> Json:
         """The whole state block: `mode`, `reason`, measured and commanded joints, the TCP, the motion, the
-        session, counters. `/docs` of the service has units and meanings.
+        session and counters. The service's page `/docs` describes units and meanings.
         """
         return self._json("GET", "/robot/state")
 
@@ -83,9 +82,9 @@ class Client(ForceMoves, Steps, EventConnection):
     def positions(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The named positions.
 
-        Args (of every list):
-            limit: maximum number of entries; None: all of them, or as many as the service sends by default.
-            after: id or name of an entry of an earlier answer: the list continues after it.
+        Args (of every list): limit: maximum number of entries; None: all of them, or as many as the service
+            sends by default. after: id or name of an entry in an earlier answer; the list continues after
+            this entry.
         """
         return list(self._page("/robot/positions", limit, after))
 
@@ -96,7 +95,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
         Args:
             name: name in programs: letters, digits and _ . -
-            label: displayed name, in any language; "" to show them `name`.
+            label: displayed name, in any language; with "", `name` is displayed.
         """
         body: Json = {"name": name, "description": description}
         if label:
@@ -110,26 +109,30 @@ class Client(ForceMoves, Steps, EventConnection):
         self._request("DELETE", f"/robot/positions/{name}")
 
     def plan(self, what: str, **request: Any) -> Json:
-        """Plan without moving. Returns `plan_id`, `duration_s`, path, utilisation of the limits, distances,
-        torques.
+        """Plan without moving. Returns `plan_id`, `duration_s`, the path, the utilisation of the limits,
+        distances and torques.
 
         Args:
             what: "named", "joints", "pose", "arc", "path" or "sequence".
-            request: the body of POST /robot/plan/{what}: that of the motion, `start` and `samples`.
+            request: the body of POST /robot/plan/{what}, which contains the fields of the motion, `start` and
+                `samples`.
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
     def improve(self, plan_id: str, budget_s: float = 1.0, samples: int = 50) -> Json:
-        """A faster plan with the start and goal of a plan, found within a time, s; the same plan if none is
-        found. `planning.quality` is "improved", or "final" if more time does not help.
+        """A faster plan with the start and goal of a plan. The service searches for it for `budget_s`, s. If
+        none is found, the same plan is returned.
+
+        `planning.quality` is "improved", or "final" if more time does not help.
         """
         path = f"/robot/plans/{quote(plan_id, safe='')}/improve"
         body = {"budget_s": budget_s, "samples": samples}
         return self._json("POST", path, json=body, timeout=self._motion_timeout_s)
 
     def rehearse(self, plan_id: str) -> Json:
-        """Dry run of a plan on a simulated copy of the robot; nothing moves. Returns `runs_through`,
-        `problem`, `effort`."""
+        """Dry run of a plan on a simulated copy of the robot. The real arm does not move. Returns
+        `runs_through`, `problem`, `effort`.
+        """
         path = f"/robot/plans/{quote(plan_id, safe='')}/rehearse"
         return self._json("POST", path, timeout=self._motion_timeout_s)
 
@@ -139,7 +142,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", "/robot/tool")
 
     def set_tool(self, **changes: Any) -> Json:
-        """Set the tool while the arm rests. Fields that are not given stay unchanged.
+        """Set the tool while the arm does not move. Fields that are not given stay unchanged.
 
         Args:
             changes: `clear`, `name`, `mass`, `centre`, `inertia`, `tcp`, `shapes`, `gravity`, as in POST
@@ -148,8 +151,9 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/robot/tool", json=changes)
 
     def calibrate_tool(self, points: Sequence[Sequence[float]]) -> Json:
-        """Find the TCP from joint positions in which the tip touches one fixed point. Nothing changes.
-        Returns its `position` in the flange's frame, `point`, `error_m` and `errors_m`.
+        """Compute the TCP from joint positions in which the tip of the tool touches one fixed point. This
+        does not change the tool. Returns the `position` of the TCP in the flange's frame, `point`, `error_m`
+        and `errors_m`.
 
         Args:
             points: 4 to 20 joint positions, rad.
@@ -195,7 +199,9 @@ class Client(ForceMoves, Steps, EventConnection):
         return self.change_scene(detach=[name])
 
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
-        """Run timed points. Returns when the motion has begun. Options as in POST /trajectory/send."""
+        """Run timed points. Returns when the motion has begun. `options` are the options of POST
+        /trajectory/send.
+        """
         body = {"points": [dict(point) for point in points], **options}
         return self._json("POST", "/trajectory/send", json=body, timeout=self._motion_timeout_s)
 
@@ -215,11 +221,11 @@ class Client(ForceMoves, Steps, EventConnection):
             )
 
     def trajectory_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
-        """Results of trajectories, the newest line last."""
+        """Results of trajectories; the newest line is the last."""
         return list(self._page("/trajectory/logs", limit, after)["lines"])
 
     def recordings(self, limit: int | None = None, after: str | None = None) -> Json:
-        """The stored `recordings`, newest first, and the state of the `recorder`."""
+        """The stored `recordings`, sorted from the newest on, and the state of the `recorder`."""
         return dict(self._page("/recordings", limit, after))
 
     def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
@@ -236,15 +242,19 @@ class Client(ForceMoves, Steps, EventConnection):
         self._fetch(f"/recordings/{quote(name, safe='')}", Path(path))
 
     def remove_recording(self, name: str) -> None:
-        """Delete a recording at the service permanently."""
+        """Permanently delete a recording that the service stores."""
         self._json("DELETE", f"/recordings/{quote(name, safe='')}")
 
     def fetch_backup(self, path: str | Path) -> None:
-        """Write a backup of settings, tool, scene, taught positions and stored programs to a local file."""
+        """Write a backup to a local file. It contains settings, tool, scene, taught positions and stored
+        programs.
+        """
         self._fetch(self._of_service("/admin/backup"), Path(path))
 
     def fetch_support(self, path: str | Path) -> None:
-        """Write a bundle with settings without secrets, versions, health and logs to a local file."""
+        """Write a support bundle to a local file. It contains the settings without secrets, versions, health
+        and logs.
+        """
         self._fetch(self._of_service("/admin/support"), Path(path))
 
     def restore(self, path: str | Path) -> Json:
@@ -255,11 +265,14 @@ class Client(ForceMoves, Steps, EventConnection):
             )
 
     def access_tokens(self) -> Json:
-        """`tokens` with their names, roles and times; `required`, and a `hint` if none can be created."""
+        """The access `tokens` with their names, roles and times; `required`, and a `hint` if none can be
+        created.
+        """
         return self._json("GET", self._of_service("/access/tokens"))
 
     def create_access_token(self, name: str, role: str, days: float | None = None) -> Json:
-        """Create an access token in the name of an administrator; only this answer has it, as `token`.
+        """Create an access token. The client must be an administrator. Only this answer contains the token
+        itself, as `token`.
 
         Args:
             name: name of a person or a program.
@@ -270,21 +283,23 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", self._of_service("/access/tokens"), json=body)
 
     def delete_access_token(self, name: str, own: bool = False) -> Json:
-        """Delete an access token, which is invalid at once.
+        """Delete an access token. It becomes invalid at once.
 
         Args:
-            own: also if it is the token of this client.
+            own: delete it even if it is the token of this client.
         """
         params = {"own": "true"} if own else {}
         path = self._of_service(f"/access/tokens/{quote(name, safe='')}")
         return self._json("DELETE", path, params=params)
 
     def reload(self) -> Json:
-        """Read the settings files again: `taken_over` and `needs_restart` list the changes."""
+        """Make the service read the settings files again. `taken_over` and `needs_restart` list the
+        changes.
+        """
         return self._json("POST", self._of_service("/admin/reload"), timeout=RELOAD_S)
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
-        """Start a sequence file; options as in POST /sequences/start."""
+        """Start a sequence file. `options` are the options of POST /sequences/start."""
         with Path(path).open("rb") as file:
             return self._json(
                 "POST",
@@ -294,11 +309,11 @@ class Client(ForceMoves, Steps, EventConnection):
             )
 
     def sequence_status(self) -> Json:
-        """State of the newest sequence."""
+        """The state of the newest sequence."""
         return self._json("GET", "/sequences/status")
 
     def sequence_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
-        """Output of the runner, the newest line last."""
+        """Output of the runner; the newest line is the last."""
         return list(self._page("/sequences/logs", limit, after)["lines"])
 
     def programs(self, limit: int | None = None, after: str | None = None) -> list[Json]:
@@ -307,14 +322,14 @@ class Client(ForceMoves, Steps, EventConnection):
         return list(self._page("/programs", limit, after))
 
     def program(self, program: str, version: int | None = None) -> Json:
-        """A stored program with its `text`; the newest version by default."""
+        """A stored program with its `text`. The default is the newest version."""
         params = {} if version is None else {"version": version}
         return self._json("GET", _program_path(program), params=params)
 
     def program_versions(
         self, program: str, limit: int | None = None, after: str | None = None
     ) -> list[Json]:
-        """The versions of a stored program that are kept, the newest first."""
+        """The stored versions of a program, sorted from the newest on."""
         return list(self._page(f"{_program_path(program)}/versions", limit, after))
 
     def save_program(
@@ -330,11 +345,11 @@ class Client(ForceMoves, Steps, EventConnection):
         """Save a version of a program.
 
         Args:
-            program: its id: a-z, 0-9, _ and -.
-            label: its name for people, in any language.
+            program: id of the program: a-z, 0-9, _ and -.
+            label: name of the program for people, in any language.
             text: the sequence file, as text or as a dictionary; or the Lua program.
             kind: "sequence" or "lua".
-            base: number of the version on which this one is based; None for a new program.
+            base: number of the version on which this version is based; None for a new program.
 
         Raises:
             ChangedError: another client saved a version meanwhile; the message names it.
@@ -357,32 +372,35 @@ class Client(ForceMoves, Steps, EventConnection):
         )
 
     def delete_program(self, program: str) -> list[Json]:
-        """Delete a stored program with all its versions; returns the remaining programs."""
+        """Delete a stored program with all its versions. Returns the remaining programs."""
         return list(self._request("DELETE", _program_path(program)))
 
     def run_program(self, program: str, **options: Any) -> Json:
-        """Run a stored program; options as in POST /programs/{program}/run. `sequence_status` reports its
-        progress."""
+        """Run a stored program. `options` are the options of POST /programs/{program}/run. `sequence_status`
+        reports its progress.
+        """
         return self._json("POST", f"{_program_path(program)}/run", json=options)
 
     def start_study(self, document: Mapping[str, Any], max_s: float = 3600.0) -> Json:
-        """Start a study of the service, or continue it. Returns the same as `study`, once its tasks are
-        known.
+        """Start a study in the service, or continue it. Returns the same answer as `study`, as soon as the
+        study's tasks are known.
 
         Args:
-            document: content of a study's file, without files and functions; `program` may be {"stored": ID}.
+            document: content of a study file. It must not refer to files or functions; `program` may be
+                {"stored": ID}.
             max_s: maximum duration of this run.
         """
         body = {**document, "max_s": max_s}
         return self._json("POST", "/studies", json=body, timeout=self._motion_timeout_s)
 
     def studies(self, limit: int | None = None, after: str | None = None) -> list[Json]:
-        """The studies of the service, the newest first; see `study`."""
+        """The studies in the service, sorted from the newest on; see `study`."""
         return list(self._page("/studies", limit, after)["studies"])
 
     def study(self, study: str) -> Json:
         """A study: `state` (running, finished, partial, failed), `reason`, `done`, `tasks`, `left_s`,
-        `answer` (partial while it runs), and `job`. Cancelling that job ends the study."""
+        `answer` (partial while the study runs), and `job`. Cancelling this job ends the study.
+        """
         return self._json("GET", f"/studies/{study}")
 
     def study_map(self, study: str) -> Json:
@@ -390,28 +408,33 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", f"/studies/{study}/map")
 
     def fetch_study_table(self, study: str, file: Path | str) -> None:
-        """Write all results of a study to a file, in SQLite format, or in Parquet format if the service has
-        duckdb."""
+        """Write all results of a study to a file. The format is SQLite, or Parquet if the service has
+        duckdb.
+        """
         self._fetch(f"/studies/{study}/table", Path(file))
 
     def delete_study(self, study: str) -> list[Json]:
-        """Delete a study with its results; returns the remaining studies."""
+        """Delete a study with its results. Returns the remaining studies."""
         return list(self._json("DELETE", f"/studies/{study}")["studies"])
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
-        """Call a vendor service of the robot by its name. Returns `code` (0 is success), `message`,
-        `result`."""
+        """Call a vendor service of the robot by the service's name. Returns `code` (0 is success), `message`
+        and `result`.
+        """
         url = self._of_service(f"/{robot}/{robot_class}/{method}")
         return self._json("POST", url, json=dict(arguments), timeout=self._motion_timeout_s)
 
     def _of_service(self, path: str) -> str:
-        """The URL of a path of the service, also if this client is of one of its robots."""
+        """The URL of a path of the service. It is the same if this client is connected to one of several
+        robots.
+        """
         base = self._http.base_url
         return str(base.copy_with(path=f"{service_of(str(base))}{path}"))
 
     def who_controls(self) -> Json:
-        """The control of the robot and its current motion: `held`, `holder`, `address`, `how`, `what`,
-        `since`, `until`."""
+        """The control of the robot and its current motion. The keys are `held`, `holder`, `address`, `how`,
+        `what`, `since`, `until`.
+        """
         return self._json("GET", "/robot/control")
 
     @contextlib.contextmanager
@@ -420,12 +443,12 @@ class Client(ForceMoves, Steps, EventConnection):
         answer.
 
         Args:
-            timeout_s: time without a motion after which control is lost; each motion renews it.
-            force: take control from another client; its motion ends.
+            timeout_s: time without a motion after which control is lost. Each motion restarts this time.
+            force: take control even if a different client has it; the motion of that client ends.
 
         Raises:
-            ConflictError: another client has control; the message names it. It is raised in the block if
-                another client takes control.
+            ConflictError: a different client has control; the message names it. The error is raised inside
+                the block if a different client takes control.
         """
         body = {"timeout_s": timeout_s, "force": force}
         taken = self._json("POST", "/robot/control", json=body, timeout=15.0)
@@ -440,12 +463,12 @@ class Client(ForceMoves, Steps, EventConnection):
     def stop(self, *, category: int = 2) -> Json:
         """End the sequence, the planning and the motion. The answer reports whether the arm is at rest.
 
-        Without the name of a robot, all robots are stopped. The request is repeated if it gets no answer or a
-        "busy", because an overloaded service closes connections before it reads their requests.
+        Without the name of a robot, all robots are stopped. The request is repeated if there is no answer or
+        the service is busy, because an overloaded service closes connections before it reads their requests.
 
         Args:
-            category: 2: stop on the path, the drives hold the arm; 1: stop as fast as the limits permit, then
-                switch the drives off until `reset`.
+            category: with 2, the arm stops on its path, and the drives hold it. With 1, it stops as fast as
+                the limits permit, and the drives are then off until `reset`.
         """
         params = None if category == 2 else {"category": category}
         for _ in range(STOP_TRIES - 1):
@@ -458,8 +481,8 @@ class Client(ForceMoves, Steps, EventConnection):
         speed.
 
         Args:
-            payload_checked: whether the arm carries the tool and load of the model, so that none has to be
-                set.
+            payload_checked: whether the arm carries the tool and the load of the model, so that no tool has
+                to be set.
         """
         body = {"payload_checked": payload_checked}
         return self._json("POST", "/robot/acknowledge", json=body)
@@ -478,7 +501,7 @@ def _program_path(program: str) -> str:
 
 
 def _compact(solid: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a solid, with a numpy array of points as `points_base64`."""
+    """The fields of a solid. A numpy array of points is converted to `points_base64`."""
     fields = dict(solid)
     points: Any = fields.get("points")
     if hasattr(points, "astype"):

@@ -1,6 +1,6 @@
 """The real-time client: one arm, its state, and its streaming sessions.
 
-This module is long because its one class has every method that users of an arm need.
+This module is long because its single class contains every method that users of an arm need.
 """
 
 from __future__ import annotations
@@ -44,26 +44,28 @@ STREAMING = {
 }
 
 LATE_S = 0.5
-"""Maximum delay of a state over the network after a REST answer that reports the end of a motion, in
-seconds."""
+"""Maximum delay of states over the network, in seconds. They may arrive this much later than a REST answer
+that reports the end of a motion.
+"""
 
 
 class Robot(SessionSettings):
-    """An arm that `cobot run` serves on this computer, or, given the URL of its service, on another one.
+    """An arm that `cobot run` serves on this computer. With the URL of the service, the arm may be on a
+    different computer.
 
         with Robot("iiwa") as robot:
             robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
             with robot.start_joint_impedance_control() as control:
                 control.set_target_joints(control.get_state().q)
 
-    Every method has a name in snake_case. Methods that scripts for libpyflexiv call also have their names
-    there.
+    Every method has a name in snake_case. Methods that scripts for libpyflexiv call also have the names that
+    libpyflexiv uses.
 
     Args:
         serial_number: the robot's name (`robot.name` in its settings), or a URL: http://HOST:PORT, or
             http://HOST:PORT/robots/NAME for one of several robots.
         network_whitelist: accepted and ignored; the operating system chooses the network interface.
-        connect_retries: number of further attempts while the robot does not exist yet.
+        connect_retries: number of further attempts to connect if the robot does not exist yet.
         retry_interval_sec: pause between attempts.
         verbose: log the connection.
         lite: accepted and ignored.
@@ -73,11 +75,12 @@ class Robot(SessionSettings):
 
     Raises:
         UnavailableError: the robot does not exist, or its rtloop does not answer.
-        LayoutError: another version of cobot serves the robot.
-        NotSupportedError: a name was given, but the service is not installed on this computer; use the URL.
+        LayoutError: a different version of cobot serves the robot.
+        NotSupportedError: a name was given, but the service is not installed on this computer; use a URL
+            instead.
     """
 
-    # The many parameters are the vocabulary of libpyflexiv's users; additional ones are keyword-only.
+    # The many parameters are those that users of libpyflexiv know; additional ones are keyword-only.
     def __init__(
         self,
         serial_number: str,
@@ -119,13 +122,14 @@ class Robot(SessionSettings):
         """Check that the arm may move. Its drives are on from the start.
 
         Raises:
-            NotReadyError: an e-stop or a fault is latched, with the reason and the remedy.
+            NotReadyError: an e-stop or a fault is latched; gives the reason and the remedy.
             UnavailableError: rtloop does not answer.
         """
         self._require_ready(self._state())
 
     def stop(self) -> None:
-        """End the session, the plan and any other motion. Waits until the arm rests; the mode is then IDLE.
+        """End the session, the plan and any other motion, and wait until the arm has stopped. The mode is
+        then IDLE.
 
         Raises:
             UnavailableError: the robot does not answer.
@@ -139,7 +143,7 @@ class Robot(SessionSettings):
         self._chosen = Mode.IDLE
 
     def close(self) -> None:
-        """Stop what this object has begun and disconnect from the robot. May be called again."""
+        """Stop everything that this object has begun, and disconnect from the robot. May be called again."""
         if self._closed:
             return
         try:
@@ -157,8 +161,8 @@ class Robot(SessionSettings):
         """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may then move.
 
         Raises:
-            NotReadyError: the cause persists, with the reason.
-            UnavailableError: the service does not answer, or the arm does not rest within `timeout`, s.
+            NotReadyError: the cause is still present; gives the reason.
+            UnavailableError: the service does not answer, or the arm does not stop within `timeout`, s.
         """
         deadline_s = self._clock.now_s() + timeout
         with self._client() as client:
@@ -173,7 +177,7 @@ class Robot(SessionSettings):
         self._chosen = Mode.IDLE
         while (
             not self.operational() and self._clock.now_s() < deadline_s
-        ):  # the state is older than the answer
+        ):  # the state may be older than the answer
             self._clock.sleep(0.001)
         return self.operational()
 
@@ -181,7 +185,7 @@ class Robot(SessionSettings):
         """Select the mode of the arm.
 
         Raises:
-            InputError: unknown mode, or one that cannot be selected.
+            InputError: the mode is unknown or cannot be selected.
             ConflictError: the arm moves or has a streaming session; stop it first.
             NotReadyError: see `enable`.
         """
@@ -226,8 +230,9 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) != LoopMode.ESTOP
 
     def reduced(self) -> bool:
-        """Whether a safety input reduces the speed of the arm. False, because this controller has no such
-        input."""
+        """Whether a safety input reduces the speed of the arm. This is always False, because this controller
+        has no such input.
+        """
         return False
 
     def recovery(self) -> bool:
@@ -283,15 +288,15 @@ class Robot(SessionSettings):
     # Plans and primitives
 
     def execute_plan(self, name: str, **options: str | float) -> None:
-        """Start a plan and return when the arm moves.
+        """Start a plan, and return when the arm begins to move.
 
         Args:
             name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
-            options: fields of the motion or the sequence, such as speed, see docs/motions.md. A sequence runs
-                once by default.
+            options: fields of the motion or the sequence, such as `speed`; see docs/motions.md. By default, a
+                sequence runs once.
 
         Raises:
-            ConflictError: the mode is not NRT_PLAN_EXECUTION, or another client moves the arm.
+            ConflictError: the mode is not NRT_PLAN_EXECUTION, or a different client moves the arm.
             CobotError: the plan cannot be executed, or the previous one has failed.
         """
         self._require_mode(Mode.NRT_PLAN_EXECUTION)
@@ -309,15 +314,16 @@ class Robot(SessionSettings):
         self._begin(primitive("MoveNamed", {"name": known, **options}, self._transport.dof))
 
     def execute_primitive(self, name: str, params: Mapping[str, Any] | None = None) -> None:
-        """Start a motion and return when the arm moves.
+        """Start a motion, and return when the arm begins to move.
 
         Args:
             name: one of `cobot.client.primitives.PRIMITIVES`.
-            params: its parameters, and fields of its motion such as `speed`.
+            params: parameters of the primitive, and fields of its motion such as `speed`.
 
         Raises:
-            InputError: unknown primitive or wrong parameters; the message lists the valid ones.
-            ConflictError, CobotError: as `execute_plan`, with NRT_PRIMITIVE_EXECUTION.
+            InputError: the primitive is unknown or its parameters are wrong; the message lists the valid
+                ones.
+            ConflictError, CobotError: see `execute_plan`; the required mode is NRT_PRIMITIVE_EXECUTION.
         """
         self._require_mode(Mode.NRT_PRIMITIVE_EXECUTION)
         self._begin(primitive(name, params or {}, self._transport.dof))
@@ -333,14 +339,16 @@ class Robot(SessionSettings):
         """Begin to stream joint positions.
 
         Args:
-            inner_control_hz: rate at which rtloop takes a new target, 1 to 1000; give the rate of the sender.
-            interpolate_cmds: whether to move to each target at constant velocity, within one period of that
-                rate.
-            interpolation: another interpolation instead: none, linear, quintic or ruckig.
+            inner_control_hz: rate at which rtloop reads a new target, 1 to 1000 Hz. Use the rate at which
+                targets are sent.
+            interpolate_cmds: whether the arm moves to each target at constant velocity, within one period of
+                this rate.
+            interpolation: the interpolation to use instead of `interpolate_cmds`: none, linear, quintic or
+                ruckig.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or another client has a session.
-            ExecutionError: rtloop refuses, with its reason.
+            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or a different client has a session.
+            ExecutionError: rtloop rejects the session; gives the reason.
         """
         self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.JOINT_STREAMS)
@@ -357,8 +365,9 @@ class Robot(SessionSettings):
         """Begin to stream poses and wrenches; see `start_joint_impedance_control`.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or another client has a session.
-            ExecutionError: rtloop refuses, with its reason.
+            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or a different client has a
+                session.
+            ExecutionError: rtloop rejects the session; gives the reason.
         """
         self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.CARTESIAN_STREAMS)
@@ -370,8 +379,8 @@ class Robot(SessionSettings):
         """Begin to stream joint torques.
 
         Raises:
-            ConflictError: the mode is not RT_JOINT_TORQUE, or another client has a session.
-            ExecutionError: rtloop refuses, with its reason.
+            ConflictError: the mode is not RT_JOINT_TORQUE, or a different client has a session.
+            ExecutionError: rtloop rejects the session; gives the reason.
         """
         self._describe(Stream.JOINT_TORQUE, 1000, False, None)
         self._require_mode(Mode.RT_JOINT_TORQUE)

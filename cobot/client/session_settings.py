@@ -21,7 +21,7 @@ from cobot.types import Array, vector
 
 
 class SessionSettings:
-    """The settings of a `Robot`'s sessions. A call affects only sessions that begin later.
+    """The settings for the sessions of a `Robot`. A call affects only sessions that begin later.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.
@@ -36,7 +36,7 @@ class SessionSettings:
         """Set stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.
 
         Raises:
-            InputError: invalid numbers; the message gives the limits.
+            InputError: a value is invalid; the message gives the limits.
         """
         self._set_impedance("", K_q, Z_q, "K_q", "Z_q")
 
@@ -44,7 +44,7 @@ class SessionSettings:
         """Set stiffness (N/m, N·m/rad, up to `info().K_x_nom`) and damping ratio (0.3 to 1) of the TCP.
 
         Raises:
-            InputError: invalid numbers; the message gives the limits.
+            InputError: a value is invalid; the message gives the limits.
         """
         self._set_impedance("cartesian_", K_x, Z_x, "K_x", "Z_x")
 
@@ -62,8 +62,8 @@ class SessionSettings:
         """Select the axes of the force frame along which the wrench is controlled instead of the pose.
 
         Args:
-            axes: x, y, z, rx, ry, rz.
-            max_vel: maximum speed of force control along x, y, z: m/s.
+            axes: whether each axis is selected, in the order x, y, z, rx, ry, rz.
+            max_vel: maximum speed of force control along x, y and z, m/s.
         """
         if len(axes) != 6 or not all(isinstance(axis, bool | np.bool_) for axis in axes):
             raise InputError(f"axes must be 6 times True or False, got {list(axes)}")
@@ -71,9 +71,10 @@ class SessionSettings:
         self._request["force_axes"] = axes
 
     def set_force_control_frame(self, coord: CoordType, T: Sequence[float] = NO_FRAME) -> None:
-        """Set the frame of the force axes: x, y, z in m, w, x, y, z, in the world or in the TCP's frame.
+        """Set the frame of the force axes: position x, y, z, m, and quaternion w, x, y, z, in the world frame
+        or in the TCP's frame.
 
-        In the world only its orientation is used: the axes go through the TCP.
+        In the world frame, only its orientation is used, because the axes go through the TCP.
         """
         frame = vector(T, 7, name="T")
         if abs(float(np.linalg.norm(frame[3:])) - 1.0) > 1e-3:
@@ -82,7 +83,7 @@ class SessionSettings:
         self._request["force_frame"] = frame
 
     def set_null_space_posture(self, ref_pos: Sequence[float]) -> None:
-        """Set the joint angles (rad) to which the arm stays as close as the TCP permits."""
+        """Set the joint angles, rad, to which the arm stays as close as the pose of the TCP permits."""
         posture = vector(ref_pos, self._dof, name="ref_pos")
         low, high = self._limits_of["min_position"], self._limits_of["max_position"]
         if not ((posture >= low) & (posture <= high)).all():

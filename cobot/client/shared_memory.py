@@ -22,7 +22,7 @@ POLL_S = 0.001
 
 
 class SharedMemoryTransport:
-    """The `Transport` on the robot's own computer."""
+    """The `Transport` that is used on the computer of the robot."""
 
     def __init__(self, robot: str, clock: Clock = SYSTEM) -> None:
         self.clock = clock
@@ -37,7 +37,7 @@ class SharedMemoryTransport:
         self._streaming = False
         self._session = 0
         self._first: FirstTarget | None = None
-        self.state()  # rtloop describes its robot before its first cycle.
+        self.state()  # rtloop describes its robot before its first cycle
 
     @property
     def info(self) -> np.ndarray:

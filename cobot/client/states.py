@@ -42,13 +42,13 @@ class RobotInfo:
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """The last reading of the gripper. A number that the gripper does not know is NaN.
+    """The last reading of the gripper. A value that the gripper does not know is NaN.
 
     Attributes:
         width, commanded_width: distance between the fingers, m.
         force: force at the fingers, N.
         moving: whether a command is running.
-        object: whether and how it holds an object.
+        object: whether the gripper holds an object, and how.
     """
 
     width: float
@@ -69,13 +69,13 @@ class GripperReading:
 
     @property
     def target_width(self) -> float:
-        """The commanded width, m; before the first command the current one."""
+        """The commanded width, m. Before the first command, it is the current width."""
         return self.known_width if isnan(self.commanded_width) else self.commanded_width
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Joint positions, velocities, torques, external torques: rad, rad/s, N·m; see `RobotStates`."""
+    """Joint positions, rad, velocities, rad/s, torques and external torques, N·m; see `RobotStates`."""
 
     q: Values
     dq: Values
@@ -87,7 +87,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True)
 class CartesianState:
-    """Motion of the TCP and the forces on it; see `RobotStates`."""
+    """The motion of the TCP and the forces on it; see `RobotStates`."""
 
     tcp_pose: Values
     tcp_vel: Values
@@ -102,19 +102,20 @@ class CartesianState:
 class RobotStates:
     """All measured values of one cycle.
 
-    External torques and forces are those that the surroundings exert on the arm. The world is the base frame.
+    External torques and forces are those that the surroundings exert on the arm. The world frame is the base
+    frame.
 
     Attributes:
-        q, dq: joints, rad and rad/s.
-        theta, dtheta: the same on the motors' side. They equal q and dq, because the drives count as rigid.
-        tau, tau_des, tau_ext: measured, commanded and external torques: N·m.
+        q, dq: positions, rad, and velocities, rad/s, of the joints.
+        theta, dtheta: the same for the motors. They equal q and dq, because the drives count as rigid.
+        tau, tau_des, tau_ext: measured, commanded and external torques of the joints, N·m.
         tau_dot: change of tau, smoothed over 10 ms, N·m/s.
-        tcp_pose, flange_pose: x, y, z in m, then w, x, y, z.
-        tcp_vel: m/s three times, rad/s three times, in the base frame.
+        tcp_pose, flange_pose: position x, y, z, m, and quaternion w, x, y, z.
+        tcp_vel: linear velocity, m/s, and angular velocity, rad/s, of the TCP in the base frame.
         ft_sensor_raw: reading of the sensor at the flange, in the TCP's frame, including the tool's weight
             and inertia; zeros without a sensor.
         ext_wrench_in_tcp, ext_wrench_in_world: force and torque at the TCP, N and N·m, estimated.
-        gripper: None without a gripper, or before it has been read.
+        gripper: reading of the gripper; None if there is no gripper, or before its first reading.
     """
 
     q: Values

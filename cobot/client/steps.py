@@ -1,4 +1,4 @@
-"""Steps of programs, under the same names as in sequence files and Lua: docs/programs.md."""
+"""Steps of programs. Their names are the same as in sequence files and in Lua, see docs/programs.md."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ from cobot.reasons import Reason, ReasonCode
 Result = TypeVar("Result")
 WAIT_FOR_TIMEOUT_S = 60.0
 POLL_S = 0.05
-"""Interval between two readings of the inputs, in seconds. A shorter signal can be missed."""
+"""Interval between two readings of the inputs, in seconds. A signal that is shorter may be missed."""
 MAX_TIME_S = 86_400.0
 """Maximum duration of a wait, in seconds."""
 MAX_RETRIES = 1000
 RECOVERABLE = (PlanningError, ExecutionError, DeviceError)
 """Errors that `on_error` handles: a failed motion, wait or device. A mistake in the program, a stop, and a
-robot that is not available always end the program."""
+robot that is not available always end the program.
+"""
 
 
 def is_recoverable(error: BaseException) -> bool:
@@ -45,7 +46,7 @@ def require_time(value: object, name: str) -> float:
     """Check a time in seconds.
 
     Raises:
-        InputError: it is not a number from 0 to `MAX_TIME_S`.
+        InputError: the value is not a number from 0 to `MAX_TIME_S`.
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= MAX_TIME_S:
         return float(value)
@@ -63,11 +64,11 @@ def wait_until(
 
     Args:
         read: reads the inputs.
-        paused_s: total time for which the program has been paused. Such time does not count.
+        paused_s: total time for which the program has been paused, s. This time does not count.
 
     Raises:
         ExecutionError: the condition does not hold within `timeout_s`.
-        NotFoundError, InputError: there is no such input, or it has another kind.
+        NotFoundError, InputError: the input does not exist, or its kind does not match the condition.
     """
     begin_s, paused_before_s = clock.now_s(), paused_s()
     end_s = begin_s + timeout_s
@@ -90,7 +91,7 @@ def wait_until(
 
 
 def wait(seconds: float, clock: Clock = SYSTEM, paused_s: Callable[[], float] = lambda: 0.0) -> None:
-    """Wait. Time for which the program is paused does not count."""
+    """Wait for a time, s. Time for which the program is paused does not count."""
     begin_s, paused_before_s = clock.now_s(), paused_s()
     end_s = begin_s + seconds
     while (left_s := end_s - clock.now_s()) > 0.0:
@@ -132,7 +133,7 @@ def on_error(
 
 
 class Steps(Jobs):
-    """The steps of sequence files, for Python programs."""
+    """The steps of sequence files as methods for Python programs."""
 
     def io(self) -> list[Json]:
         """The device's inputs and outputs: `name`, `kind`, `direction`, `value`."""
@@ -142,12 +143,12 @@ class Steps(Jobs):
         """Set an output of the device by its name. Returns when the device reports the new value.
 
         Args:
-            value: true or false for a boolean output, else a number.
+            value: true or false for a boolean output, otherwise a number.
         """
         return self._json("PUT", f"/robot/io/{quote(output, safe='')}", json={"value": value})
 
     def set_output(self, name: str, value: float) -> Json:
-        """Set an output; the earlier name of `set`."""
+        """Set an output. This is the earlier name of `set`."""
         return self.set(name, value)
 
     def wait_for(self, condition: Mapping[str, Any], timeout_s: float = WAIT_FOR_TIMEOUT_S) -> float:
@@ -155,7 +156,7 @@ class Steps(Jobs):
         it took, s.
 
         Raises:
-            ExecutionError: it does not hold within `timeout_s`.
+            ExecutionError: the condition does not hold within `timeout_s`.
         """
         require_condition(condition)
         return wait_until(condition, self.io, require_time(timeout_s, "timeout_s"))
@@ -183,10 +184,10 @@ class Steps(Jobs):
         return places(origin, counts, offsets)
 
     def call(self, path: str | Path, timeout_s: float = math.inf) -> Json:
-        """Run a sequence file or a Lua program to its end. Returns its job.
+        """Run a sequence file or a Lua program to its end. Returns the job of the program.
 
         Raises:
-            CobotError: it has failed, or has not ended within `timeout_s`.
+            CobotError: the program has failed, or has not ended within `timeout_s`.
         """
         with Path(path).open("rb") as file:
             job = self._json(

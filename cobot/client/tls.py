@@ -1,4 +1,4 @@
-"""Trusted certificates of a client, and TLS connections that two threads share."""
+"""The certificates that a client trusts, and TLS connections that two threads can share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ Result = TypeVar("Result")
 
 
 class SharedSocket(ssl.SSLSocket):
-    """A TLS connection in which one thread may read while another writes, as the clients of `websockets` do.
+    """A TLS connection in which one thread may read while a second thread writes, as the clients of
+    `websockets` do.
 
     OpenSSL forbids this for one connection, and Python before 3.13 does not prevent it. A request that is
     written while a session ticket is read gets lost, about once in 300 connections. So a lock lets only one
@@ -95,10 +96,10 @@ def token_from_environment() -> str | None:
 
 
 def token_header(token: str | None) -> dict[str, str]:
-    """The header with an access token; empty without a token.
+    """The HTTP header with an access token; empty without a token.
 
     Raises:
-        InputError: no token has these characters, and no header can have them.
+        InputError: the token contains characters that are not allowed in a token or in a header.
     """
     if not token:
         return {}
@@ -114,9 +115,10 @@ def tls_context(verify: Verify) -> ssl.SSLContext:
     """The TLS context for a connection to a service.
 
     Args:
-        verify: True: trust the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
-            names. A file: trust only the service's own certificate (the first PEM block in it), for any host
-            name. False: trust any certificate, which protects from eavesdropping but not from an interceptor.
+        verify: with True, trust the certificates that the computer trusts, or the file that
+            `COBOT_CERTIFICATE` names. With the path of a file, trust only the service's own certificate (the
+            first PEM block in the file), for any host name. With False, trust any certificate. This protects
+            from eavesdropping but not from an interceptor.
 
     Raises:
         InputError: the file is not a certificate.
@@ -139,7 +141,8 @@ def _context(verify: bool | str | Path) -> ssl.SSLContext:
         return context
     try:
         first, end, _ = Path(verify).read_text(encoding="ascii").partition(END)
-        # Trust only the first certificate: with a whole chain, everything its issuers have signed would pass.
+        # Trust only the first certificate. With a whole chain, everything that its issuers have signed would
+        # be trusted.
         context.load_verify_locations(cadata=first + end)
     except (OSError, ValueError) as exc:  # an SSLError is an OSError
         raise InputError(f"certificate {verify}: {exc}") from exc

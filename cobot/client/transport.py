@@ -1,4 +1,6 @@
-"""Interface between a `Robot` and its rtloop: `cobot.client.shared_memory` or `cobot.client.websocket`."""
+"""Interface between a `Robot` and its rtloop. `cobot.client.shared_memory` and `cobot.client.websocket`
+implement it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ class Transport(Protocol):
 
     Attributes:
         robot: name of the robot.
-        url: URL of its service, "" if it has none.
+        url: URL of the robot's service; "" if it has none.
         dof: number of joints.
         clock: the robot's clock.
     """
@@ -27,10 +29,11 @@ class Transport(Protocol):
 
     @property
     def info(self) -> np.ndarray:
-        """The latest record of `cobot.ipc.layout.info_dtype`. Its flange changes with the tool.
+        """The latest record of `cobot.ipc.layout.info_dtype`. The pose of the flange in it changes with the
+        tool.
 
         Raises:
-            UnavailableError: it cannot be read.
+            UnavailableError: the record cannot be read.
         """
         ...
 
@@ -53,8 +56,8 @@ class Transport(Protocol):
             Number of the session.
 
         Raises:
-            ConflictError: another client has a session.
-            ExecutionError: rtloop refuses, with its reason.
+            ConflictError: a different client has a session.
+            ExecutionError: rtloop rejects the session; gives the reason.
             UnavailableError: rtloop does not answer.
         """
         ...
@@ -72,11 +75,11 @@ class Transport(Protocol):
         ...
 
     def request_estop(self) -> None:
-        """Trigger an e-stop without waiting. Only the client with the session may do so."""
+        """Trigger an e-stop without waiting. Only the client that has the session may do this."""
         ...
 
     def end_session(self) -> None:
-        """Stop streaming; the arm stops. Without a session nothing happens."""
+        """Stop streaming, which stops the arm. Without a session, nothing happens."""
         ...
 
     def close(self) -> None:

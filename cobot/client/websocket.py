@@ -1,4 +1,4 @@
-"""Connection of a `Robot` to an rtloop on another computer, through the service's WebSocket."""
+"""Connection of a `Robot` to an rtloop on a different computer, through the service's WebSocket."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ Result = TypeVar("Result")
 
 
 class WebSocketTransport:
-    """The `cobot.client.transport.Transport` over a network. A separate thread receives the newest state.
+    """The `cobot.client.transport.Transport` that uses a network. A separate thread receives the newest
+    state.
 
     The service does not answer targets. If one is wrong, the next call that sends a target raises the error.
 
@@ -43,7 +44,7 @@ class WebSocketTransport:
     Raises:
         UnavailableError: the service or its rtloop does not answer.
         InputError: the URL is invalid.
-        LayoutError: the service is another version of cobot.
+        LayoutError: the version of cobot in the service differs.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class WebSocketTransport:
         self._hello: dict[str, Any] = {}
         self._newest = b""
         self._newest_s = -np.inf
-        self._session: int | None = None  # once there is an answer
+        self._session: int | None = None  # set when there is an answer
         self._error: CobotError | None = None
         self._lost = ""
         threading.Thread(target=self._listen, name="cobot-stream", daemon=True).start()
@@ -91,7 +92,8 @@ class WebSocketTransport:
         self._send(packed(FrameKind.SESSION, 0, request))
         number = self._wait(self._session_or_error, "answered")
         answered_s = self.clock.now_s()
-        # The service saw the session in a state before it answered, so the next state has it too.
+        # The service saw a state of the session before it answered, so the next state also belongs to the
+        # session.
         self._wait(lambda: self._newest_s > answered_s or None, "sent a state of the session")
         self._sequence = 0
         return number
@@ -108,11 +110,11 @@ class WebSocketTransport:
     def end_session(self) -> None:
         if self._session is not None:
             self._session = None
-            if not self._lost:  # or the service ends it
+            if not self._lost:  # otherwise the service ends the session
                 self._send(packed(FrameKind.END, 0))
 
     def close(self) -> None:
-        with contextlib.suppress(UnavailableError):  # without a connection the service ends it too
+        with contextlib.suppress(UnavailableError):  # without a connection, the service also ends it
             self.end_session()
         self._connection.close()
 
@@ -188,12 +190,12 @@ class WebSocketTransport:
 
 
 def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection:
-    """A connection to /robot/stream.
+    """Open a connection to /robot/stream.
 
     Raises:
         UnavailableError: the service does not answer.
         InputError: the URL is invalid.
-        CobotError: the service refuses, for example without permission.
+        CobotError: the service rejects the connection, for example because permission is missing.
     """
     check_url(url)
     trusted = tls_context(verify) if url.startswith("https:") else None
@@ -204,12 +206,12 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
             ssl=trusted,
             additional_headers=token_header(token),
             proxy=None,
-            compression=None,  # compression takes more time than these floats save
+            compression=None,  # compression takes more time than it saves for these floats
             open_timeout=CONNECT_S,
             close_timeout=1.0,
             ping_interval=PING_S,
             ping_timeout=PING_S,
-        ).__enter__()  # otherwise websockets 17 uses it as an iterator; the exit only calls `close`
+        ).__enter__()  # otherwise websockets 17 uses it as an iterator; its exit only calls `close`
     except InvalidStatus as exc:
         answer = exc.response
         try:

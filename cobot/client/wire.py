@@ -1,6 +1,7 @@
 """Binary frames of the WebSocket /robot/stream: a header of 16 bytes, then a record of `cobot.ipc.layout`.
 
-All little-endian: kind (4 bytes), layout version (4), sequence number (8). Records have no gaps.
+The header contains the kind (4 bytes), the layout version (4 bytes) and the sequence number (8 bytes). All
+numbers are little-endian, and records have no gaps.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ _HEADER = struct.Struct("<IIQ")
 class FrameKind(IntEnum):
     """The content of a binary frame."""
 
-    STATE = 1  # from the service; all others are from the client
+    STATE = 1  # sent by the service; the client sends all other kinds
     SESSION = 2
     SETPOINT = 3
     CHUNK = 4
-    ESTOP = 5  # no record
-    END = 6  # no record
+    ESTOP = 5  # has no record
+    END = 6  # has no record
 
 
 _DTYPES = {
@@ -47,8 +48,8 @@ def header(frame: bytes) -> tuple[FrameKind, int]:
     """Read the kind and the sequence number of a frame.
 
     Raises:
-        InputError: the frame is shorter than a header, or has an unknown kind.
-        LayoutError: the sender has another version of the records.
+        InputError: the frame is shorter than a header, or its kind is unknown.
+        LayoutError: the sender uses a different version of the records.
     """
     if len(frame) < _HEADER.size:
         raise InputError(f"a binary frame begins with {_HEADER.size} bytes of header, got {len(frame)} bytes")

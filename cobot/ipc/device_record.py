@@ -1,4 +1,4 @@
-"""The device in shared memory: its capabilities and its status."""
+"""The record in shared memory that describes a device: its capabilities and its status."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from cobot.robot.device import (
 )
 
 UNABLE, DOES, CONFIRMS = range(3)
-"""Support for a stop category: none, commanded by cobot, or also confirmed by the device."""
+"""Support for a stop category: not available, commanded by cobot, or also confirmed by the device."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceReport:
-    """What rtloop reports about its device.
+    """The report of rtloop about its device.
 
     Attributes:
-        status: None if the device reports none.
+        status: status of the device; None if the device reports none.
         share: current speed of planned motions, as a share from 0 to 1.
-        unacknowledged: sentences with the reason for the reduced speed until a user acknowledges; "" for
-            none.
-        drives_off: whether a stop of category 1 has switched the drives off; a reset switches them on.
+        unacknowledged: sentences with the reason why the speed is reduced until a user acknowledges them; ""
+            if there is no reason.
+        drives_off: whether a category 1 stop has switched the drives off; a reset switches them on.
     """
 
     capabilities: Capabilities
@@ -64,7 +64,7 @@ def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
 
 
 def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
-    """Write a status into a record of `cobot.ipc.layout.DEVICE`; texts that are too long are cut."""
+    """Write a status into a record of `cobot.ipc.layout.DEVICE`. Texts that are too long are cut off."""
     for name in STATUS_WORDS:
         size = record.dtype[name].itemsize
         word = plain_text(getattr(status, name), size).encode()

@@ -1,4 +1,6 @@
-"""Checks whether rtloop follows the first target of a session, and writes the error for the client if not."""
+"""Checks whether rtloop follows the first target of a session. If not, this module writes the error for the
+client.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ class FirstTarget:
     def __init__(self, stream: Stream, names: list[str], state: np.ndarray) -> None:
         """
         Args:
-            state: record of `cobot.ipc.state_fields.state_dtype`, before anything is sent.
+            state: record of `cobot.ipc.state_fields.state_dtype`, read before anything is sent.
         """
         self._stream, self._names = stream, names
         self._jumps = _jumps(state)
@@ -29,14 +31,16 @@ class FirstTarget:
         self._known = False
 
     def note(self, setpoint: np.ndarray) -> None:
-        """Note a target, a record of `cobot.ipc.layout.setpoint_dtype`, before it is sent. Only the first one
-        counts."""
+        """Record a target before it is sent; the target is a record of `cobot.ipc.layout.setpoint_dtype`.
+        Only the first target counts.
+        """
         if self._target is None and setpoint["number"]:
             self._target = setpoint.copy()
 
     def refusal(self, session: int, state: np.ndarray) -> str:
-        """The reason why the first target was rejected, returned once; "" if it was not, or if that is not
-        known yet."""
+        """The reason why the first target was rejected, which is returned once. "" if it was not rejected, or
+        if this is not known yet.
+        """
         if self._known or self._target is None:
             return ""
         if int(state["session"]) != session or not int(state["setpoint_seen"]):

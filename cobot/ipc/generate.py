@@ -1,8 +1,8 @@
-"""`python -m cobot.ipc.generate`: writes the files and parts of files that follow from the state fields.
+"""`python -m cobot.ipc.generate`: writes the files and parts of files that are derived from the state fields.
 
 These are the declarations for compiled modules (`cobot/ipc/state_block.pxd`) and the attributes of
-`rtloop.backends.Measured` (`rtloop/backends/compiled.pyi`). The declarations note the layout version and a
-digest of all records in shared memory: a record that has changed under the same version is an error.
+`rtloop.backends.Measured` (`rtloop/backends/compiled.pyi`). The declarations contain the layout version and a
+digest of all records in shared memory. If a record has changed without a new version, this is an error.
 """
 
 from __future__ import annotations
@@ -74,14 +74,14 @@ def declarations() -> str:
 
 
 def attributes() -> Iterator[str]:
-    """The measured fields as attributes of a class in a stub, line by line."""
+    """The measured fields as attributes of a class in a stub file, line by line."""
     for field in MEASURED:
         yield f"    # {field.meaning}; {field.unit}."
         yield f"    {field.name}: Array"
 
 
 def with_attributes(stub: str) -> str:
-    """The stub with the generated attributes between its marks.
+    """The stub file with the generated attributes between its marks.
 
     Raises:
         ConfigError: the marks are missing.
@@ -96,10 +96,10 @@ def with_attributes(stub: str) -> str:
 
 
 def require_order(measured: tuple[StateField, ...]) -> None:
-    """Reject measured fields that are not where compiled modules expect them.
+    """Reject measured fields that are not at the place where compiled modules expect them.
 
     Raises:
-        ConfigError: they must be in another place of the table.
+        ConfigError: a field must be at a different place in the table.
     """
     names = tuple(field.name for field in measured)
     table_names = [field.name for field in STATE_FIELDS]
@@ -119,10 +119,10 @@ def require_order(measured: tuple[StateField, ...]) -> None:
 
 
 def require_version(noted: str) -> None:
-    """Reject records that have changed while the layout version is still the noted one.
+    """Reject records that have changed if the layout version is still the one in the declarations.
 
     Raises:
-        ConfigError: the version must be raised.
+        ConfigError: the version must be increased.
     """
     pattern = re.escape(_NOTE.strip()).replace(r"\{version\}", r"(\d+)").replace(r"\{digest\}", r"(\w+)")
     found = re.search(pattern, noted)
@@ -140,8 +140,8 @@ def write(root: Path) -> list[Path]:
         The files that have changed.
 
     Raises:
-        ConfigError: a record has changed without its version, a measured field is in the wrong place, or the
-            stub has no marks.
+        ConfigError: a record has changed without a new version, a measured field is at the wrong place, or
+            the marks in the stub file are missing.
         OSError: the folder is not a checkout.
     """
     before = {DECLARATIONS: "", STUB: (root / STUB).read_text("utf-8")}
@@ -157,7 +157,7 @@ def write(root: Path) -> list[Path]:
 
 
 def main() -> int:
-    """Run the command. Returns the exit status: 0, or 2 if nothing was written."""
+    """Run the command. Returns the exit status: 0, or 2 if no file was written."""
     argparse.ArgumentParser(prog="python -m cobot.ipc.generate", description=__doc__).parse_args()
     try:
         changed = write(Path(__file__).parents[2])

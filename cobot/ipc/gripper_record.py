@@ -1,4 +1,6 @@
-"""The gripper in shared memory: the service writes what rtloop publishes with the state of the arm."""
+"""The record of the gripper in shared memory. The service writes it, and rtloop publishes it with the state
+of the arm.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Inputs and outputs in shared memory: the device's report, and the requested value of an output."""
+"""Records of inputs and outputs in shared memory: the report of the device, and the requested value of an
+output.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ class IoReport:
     """A report of inputs and outputs.
 
     Attributes:
-        number: number of the report; it increases from report to report.
+        number: number of the report. It increases with each report.
     """
 
     number: int
@@ -26,8 +28,9 @@ class IoReport:
 
 
 def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
-    """Write points into a record of `cobot.ipc.layout.IO`. Returns the names of points for which it has no
-    room."""
+    """Write points into a record of `cobot.ipc.layout.IO`. Returns the names of the points for which there is
+    no room.
+    """
     kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
     count = record["count"] = len(kept)
     record["names"][:count] = [each.name.encode() for each in kept]

@@ -1,7 +1,7 @@
-"""The records in a robot's shared memory and the enumerations for their values.
+"""The records in a robot's shared memory, and the enumerations for their values.
 
-`cobot.ipc.shm` maps them. The record of the state block, and the version of all records, which must be raised
-with each change, are in `cobot.ipc.state_fields`.
+`cobot.ipc.shm` maps the records. `cobot.ipc.state_fields` defines the record of the state block, and the
+version of all records, which must be increased with each change.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ MAGIC = b"COBOTRT\0"
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 256
-"""Segments of a motion that rtloop copies from its slot per cycle. With the checks this takes 40 µs."""
+"""Number of segments of a motion that rtloop copies from its slot per cycle. Together with the checks, this
+takes 40 µs.
+"""
 HISTOGRAM_BUCKETS = 1024
 CHUNK_POINTS = 64
 POINTS = 1024
@@ -29,13 +31,13 @@ class Command(IntEnum):
     SET_RATE = 2  # path time per clock time, 0 (pause) to 1
     RESET = 3  # leave ESTOP or FAULT
     TOOL = 4  # carry the tool in the tool block
-    SCENE = 5  # read the scene file again, for streams
+    SCENE = 5  # read the scene file again, which streams use
     REPLACE = 6  # continue with the trajectory in a slot, which begins as the rest of the current one
     ACKNOWLEDGE = 7  # a user has seen the findings of the first contact: full speed
     OUTPUT = 8  # set the output in the output block
     RESET_CELL = 9  # put the simulated cell back to its state at the start
     RESTART = 10  # put the simulated arm, and its cell, back to the start
-    PULL = 11  # pull the simulated arm as the pull block says
+    PULL = 11  # pull the simulated arm as the pull block defines
 
 
 class Ack(IntEnum):
@@ -50,15 +52,15 @@ class MotionResult(IntEnum):
     RUNNING = 1
     ARRIVED = 2  # settled at its goal
     STOPPED = 3  # stopped on its path, by request
-    FAILED = 4  # ended by a fault or an e-stop, see the state's `reason`
-    STOPPED_ASIDE = 5  # stopped by request, but not on its path, which left no room to slow down
+    FAILED = 4  # ended by a fault or an e-stop; see `reason` in the state
+    STOPPED_ASIDE = 5  # stopped by request, but not on its path, because there was no room to slow down on it
     MET = 6  # stopped because its condition `until` was met
 
 
 class Phase(IntEnum):
-    """The parts of a cycle whose durations the statistics' histograms count."""
+    """The parts of a cycle whose durations are counted in the histograms of the statistics."""
 
-    WAKEUP = 0  # how late the cycle began
+    WAKEUP = 0  # delay with which the cycle began
     READ = 1
     UPDATE = 2
     WRITE = 3
@@ -76,16 +78,18 @@ class Intervention(IntEnum):
     TRACKING = 5
     SERVICE_TIMEOUT = 6
     OVERRUN = 7
-    JUMP = 8  # a streamed target farther from the last one than an arm can get: rejected
-    COMMAND_TIMEOUT = 9  # no streamed target for too long: stopped
+    JUMP = 8  # a streamed target was farther from the last one than an arm can get: rejected
+    COMMAND_TIMEOUT = 9  # no streamed target arrived for too long: stopped
     COLLISION = 10  # a stream led into the arm itself or its surroundings: stopped
     PROXIMITY = 11  # a stream came near them: slowed down
-    CONTACT = 12  # contact forces exceed the session's limits: stopped
+    CONTACT = 12  # contact forces exceeded the session's limits: stopped
     LATE = 13  # timed targets that arrived after their time: dropped
 
 
 class GripperObject(IntEnum):
-    """The object between the fingers, as in `cobot.grippers.HeldObject`, and whether it is known."""
+    """The object between the fingers, as in `cobot.grippers.HeldObject`, and whether its presence is
+    known.
+    """
 
     ABSENT = 0  # no gripper, or it has not been read yet
     UNKNOWN = 1  # the gripper does not detect objects
@@ -126,8 +130,8 @@ class ServoMode(IntEnum):
     BUFFERED = 3  # one point after the other, each in its own time
     BUFFERED_1MS = 4  # one point per millisecond
     THROUGH = 5  # planned through all points
-    REPLANNED_FORCE = 6  # as 1, with force control along the force axes
-    THROUGH_FORCE = 7  # as 5, with force control along the force axes
+    REPLANNED_FORCE = 6  # as REPLANNED, with force control along the force axes
+    THROUGH_FORCE = 7  # as THROUGH, with force control along the force axes
 
 
 HEADER = np.dtype(
@@ -152,7 +156,7 @@ STATISTICS = np.dtype(
         ("started_ns", "i8"),  # CLOCK_REALTIME
         ("backend", "S64"),
         ("clock", "S16"),
-        ("permissions", "S400"),  # which were not granted, and why
+        ("permissions", "S400"),  # those that were not granted, and the reasons
         ("cycles", "u8"),
         ("max_us", "f8", (len(Phase),)),
         ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs per bucket, the last is "more"
@@ -177,12 +181,13 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
-"""stops: number of stop requests known to the sender. A START or REPLACE is rejected if rtloop knows of more.
-For a RESET the number of e-stops is added, because it ends only e-stops that its sender knew of.
+"""stops: number of stop requests that the sender knows of. A START or REPLACE is rejected if rtloop knows of
+more. For a RESET, the number of e-stops is added, because a RESET ends only e-stops that its sender knew of.
 value: rate of a SET_RATE; for a REPLACE the path time, s, of the current motion at which the new one begins.
-tool: tool version for which a START or REPLACE was planned; it is rejected if the tool has another version.
-For a TOOL: version in the block.
-scene: for a SCENE or a TOOL, the version of the scene file to read."""
+tool: for a START or REPLACE, the version of the tool for which it was planned. It is rejected if the current
+tool has a different version. For a TOOL, the version in the tool block.
+scene: for a SCENE or a TOOL, the version of the scene file to read.
+"""
 TOOL = np.dtype(
     [
         ("version", "u8"),
@@ -191,12 +196,12 @@ TOOL = np.dtype(
         ("inertia", "f8", (6,)),  # about the centre: xx, xy, xz, yy, yz, zz, kg·m²; NaN: a point mass
         ("tcp", "f8", (7,)),  # in the flange's frame; NaN: the model's
         ("gravity", "f8", (3,)),  # in the base frame, m/s²; NaN: the model's
-        ("mounted_mass", "f8"),  # without the parts of a simulated cell, which are bodies of their own
+        ("mounted_mass", "f8"),  # without the parts of a simulated cell, which are separate bodies
         ("mounted_centre", "f8", (3,)),
         ("mounted_inertia", "f8", (6,)),
     ]
 )
-"""A `cobot.robot.tool.Tool`, without its name and shapes."""
+"""A `cobot.robot.tool.Tool` without its name and its shapes."""
 IO_POINTS = 64
 IO_NAME_BYTES = 64
 CONDITION = np.dtype(
@@ -209,8 +214,8 @@ CONDITION = np.dtype(
         ("low", "f8"),
         ("high", "f8"),
         ("direction", "f8", (3,)),  # NaN: any
-        ("zero", "f8", (6,)),  # NaN: what is measured when it begins to be watched
-        ("from_s", "f8"),  # path times between which it is watched
+        ("zero", "f8", (6,)),  # NaN: the value that is measured when evaluation begins
+        ("from_s", "f8"),  # path times between which it is evaluated
         ("to_s", "f8"),
     ],
     align=True,
@@ -221,7 +226,7 @@ SIGNALS = np.dtype(
         ("count", "u8"),  # of the actions
         ("path_times_s", "f8", (MAX_ACTIONS,)),  # in their order
         ("numbers", "u8", (MAX_ACTIONS,)),  # unique in the motion
-        ("outputs", f"S{IO_NAME_BYTES}", (MAX_ACTIONS,)),  # "": the service acts
+        ("outputs", f"S{IO_NAME_BYTES}", (MAX_ACTIONS,)),  # "": the service executes the action
         ("values", "f8", (MAX_ACTIONS,)),
         ("stops", "u1", (MAX_ACTIONS,)),  # 1: the motion stops if the device rejects it
         ("start_when", CONDITION),
@@ -250,7 +255,7 @@ class Firing(IntEnum):
 
     PENDING = 0
     FIRED = 1
-    REJECTED = 2  # the device does not take it
+    REJECTED = 2  # the device rejects it
 
 
 class Waiting(IntEnum):
@@ -271,28 +276,28 @@ SIGNAL_REPORT = np.dtype(
         ("firings", "u1", (MAX_ACTIONS,)),  # as `Firing`
         ("path_times_s", "f8", (MAX_ACTIONS,)),  # of the cycle, since the start of the motion
         ("robot_times_s", "f8", (MAX_ACTIONS,)),
-        ("poses", "f8", (MAX_ACTIONS, 7)),  # of the TCP, measured in that cycle
-        ("reasons", REASON, (MAX_ACTIONS,)),  # of rejections
-        ("met", "u8"),  # 1: `until` was met, as follows
+        ("poses", "f8", (MAX_ACTIONS, 7)),  # measured pose of the TCP in that cycle
+        ("reasons", REASON, (MAX_ACTIONS,)),  # reasons of rejections
+        ("met", "u8"),  # 1: `until` was met; the fields below describe how
         ("met_path_time_s", "f8"),
         ("met_robot_time_s", "f8"),
-        ("met_value", "f8"),  # of what the condition compares
-        ("met_wrench", "f8", (6,)),  # at the TCP, in the base frame, without the zero
+        ("met_value", "f8"),  # value that the condition compares
+        ("met_wrench", "f8", (6,)),  # wrench at the TCP, in the base frame; the zero is subtracted
         ("met_pose", "f8", (7,)),  # of the TCP, measured
     ],
     align=True,
 )
-"""Report of rtloop on the actions and conditions of the last motion that has any."""
+"""The report of rtloop about the actions and conditions of the last motion that has any."""
 MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
         ("periods_s", "f8", (MAX_PERIODS,)),  # supported cycle periods; unused places are 0
         ("measured", "u8"),  # a bit for each name of `cobot.ipc.state_fields.MEASURED_NAMES`
-        ("able", "u1", (8,)),  # one per `cobot.robot.device.FLAGS`
-        ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
+        ("able", "u1", (8,)),  # one for each name in `cobot.robot.device.FLAGS`
+        ("stops", "u1", (3,)),  # categories 0 to 2, with values as in `cobot.ipc.device_record`
         ("hardware", "u1"),
         ("guides", "u1"),
-        ("says", "u8"),  # 1: the device reports the status that follows
+        ("says", "u8"),  # 1: the device reports the status below
         ("connection", "S64"),
         ("quality", "S64"),
         ("operation_mode", "S16"),
@@ -304,8 +309,8 @@ DEVICE = np.dtype(
         ("device_time_s", "f8"),  # NaN: not reported
         ("text", "S400"),
         ("share", "f8"),  # current speed of planned motions, as a share
-        ("unacknowledged", "S800"),  # findings of the first contact; "" once acknowledged
-        ("drives_off", "u1"),  # 1: after a stop of category 1, until a reset
+        ("unacknowledged", "S800"),  # findings of the first contact; "" after they are acknowledged
+        ("drives_off", "u1"),  # 1: switched off by a category 1 stop, until a reset
     ],
     align=True,
 )
@@ -324,10 +329,11 @@ IO = np.dtype(
 """A `cobot.ipc.io_record.IoReport`."""
 OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
 PULL = np.dtype([("link", "S64"), ("point", "f8", (3,)), ("target", "f8", (3,))])
-"""A pull by hand. point: point of the link, in its frame, m; target: the place to which it is pulled, in the
-base frame, m. Without a link, the pull ends."""
+"""A pull by hand. `point` is a point of the link, in the link's frame, m. `target` is the position to which
+this point is pulled, in the base frame, m. Without a link, the pull ends.
+"""
 PULL_S = 0.2
-"""Time after which the simulation ends a pull that is not renewed."""
+"""Time after which the simulation ends a pull that is not renewed, s."""
 CELL_PARTS = 32
 CELL = np.dtype(
     [
@@ -343,8 +349,9 @@ INFO_TEXT = "S64"
 
 
 def info_dtype(dof: int) -> np.dtype:
-    """Properties of the robot that rtloop knows from its start. Those that depend on the tool change with the
-    tool."""
+    """Properties of the robot that rtloop publishes at its start. Those that depend on the tool change with
+    the tool.
+    """
     joints = ("f8", (dof,))
     return np.dtype(
         [
@@ -360,8 +367,8 @@ def info_dtype(dof: int) -> np.dtype:
             ("stiffness", *joints),  # nominal, N·m/rad; zeros: no impedance control
             ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
             ("flange", "f8", (7,)),  # in the TCP's frame
-            ("tool_version", "u8"),  # of the tool that it carries, including attached objects
-            ("scene_version", "u8"),  # of the newest scene that it knows
+            ("tool_version", "u8"),  # of the tool that the arm carries, including attached objects
+            ("scene_version", "u8"),  # of the newest scene that rtloop knows
         ]
     )
 
@@ -371,10 +378,10 @@ def session_dtype(dof: int) -> np.dtype:
     joints = ("f8", (dof,))
     return np.dtype(
         [
-            ("number", "u8"),  # of the session: a new one for each
-            ("open", "u8"),  # 1: in use; 2: a servo session ends after its current points
+            ("number", "u8"),  # of the session; each session gets a new number
+            ("open", "u8"),  # 1: in use; 2: a servo session that ends after its current points
             ("pid", "u8"),  # the client's process; the session ends with it
-            ("stops", "u8"),  # number of stops when the client asked; a later stop rejects the session
+            ("stops", "u8"),  # number of stops when the client sent the request; a later stop rejects it
             ("stream", "u8"),
             ("interpolation", "u8"),
             ("decimation", "u8"),  # number of cycles per target
@@ -382,13 +389,13 @@ def session_dtype(dof: int) -> np.dtype:
             ("damping_ratio", *joints),
             ("cartesian_stiffness", "f8", (6,)),
             ("cartesian_damping_ratio", "f8", (6,)),
-            ("max_contact_torque", *joints),  # N·m, infinite for none
+            ("max_contact_torque", *joints),  # N·m; infinite for no limit
             ("max_contact_wrench", "f8", (6,)),  # N, N·m
             ("force_axes", "f8", (6,)),  # 1: force control along this axis of the force frame
-            ("force_velocity", "f8", (6,)),  # the fastest that force control moves, m/s and rad/s
-            ("force_in_tcp", "u8"),  # the force frame is given in the TCP's frame, not in the base frame
+            ("force_velocity", "f8", (6,)),  # maximum speed of force control, m/s and rad/s
+            ("force_in_tcp", "u8"),  # 1: the force frame is given in the TCP's frame; 0: in the base frame
             ("force_frame", "f8", (7,)),
-            ("posture", *joints),  # of the null space, rad; NaN for none
+            ("posture", *joints),  # for the null space, rad; NaN for none
             ("servo_mode", "u8"),  # 0: targets are in the setpoint; otherwise they are points in the queue
             ("watchdog_s", "f8"),  # a servo session ends after this time without a point
         ]
@@ -432,11 +439,11 @@ def chunk_dtype(dof: int) -> np.dtype:
 
 
 def point_dtype(dof: int) -> np.dtype:
-    """A servo point, in a queue of `POINTS` places."""
+    """A servo point, which is stored in a queue of `POINTS` places."""
     return np.dtype(
         [
-            ("number", "u8"),  # in its session, from 1 on
-            ("time_s", "f8"),  # intended duration of the way to it
+            ("number", "u8"),  # number of the point in its session, from 1 on
+            ("time_s", "f8"),  # intended duration of the motion to the point
             ("lookahead_s", "f8"),  # see `rtloop.sources.servo_law`; 0 for none
             ("gain", "f8"),  # 1/s²
             ("joints", "f8", (dof,)),  # rad
@@ -451,7 +458,7 @@ STREAM_REQUESTS = np.dtype([("estops", "u8")])
 
 
 def record_of(octets: bytes, kind: np.dtype) -> np.ndarray:
-    """Convert bytes to a record. numpy's own conversion copies field by field, which takes 20 µs."""
+    """Convert bytes to a record. numpy's own conversion copies each field separately, which takes 20 µs."""
     return np.ndarray((), kind, bytearray(octets))
 
 

@@ -1,7 +1,7 @@
-"""The files of the robots' memories in /dev/shm, and their locks.
+"""The files of the robots' memories in /dev/shm, and the locks on these files.
 
-Each process takes the lock of its role, one byte of the file, so every block of the memory has one writer. A
-lock ends with its process, and a process that is denied a lock learns the pid of its holder.
+Each process locks one byte of the file for its role, so every block of the memory has one writer. A lock ends
+with its process. A process that is denied a lock learns the pid of the process that holds it.
 """
 
 from __future__ import annotations
@@ -24,28 +24,32 @@ REMEDIES = {
 }
 _users: Counter[Path] = Counter()
 _closed: defaultdict[Path, list[int]] = defaultdict(list)
-"""For each file: the number of memories that this process has open, and the descriptors of those it has
-closed."""
+"""For each file, the number of memories that this process has open, and the descriptors of the memories that
+it has closed.
+"""
 
 
 class MemoryRole(IntEnum):
-    """The user of a memory; the value is the byte of the file that the role locks."""
+    """The role of a user of a memory. Its value is the number of the byte in the file that the role locks."""
 
     SUPERVISOR = 0
     RTLOOP = 1
     SERVICE = 2
-    READER = 3  # locks nothing, writes nothing
-    STREAM = 4  # a client that streams targets; `take` adds it to the role that has mapped the memory
+    READER = 3  # neither locks nor writes anything
+    STREAM = 4  # a client that streams targets; `take` adds this role to the role that has mapped the memory
 
 
 def robots_running() -> list[str]:
     """The names of this computer's robots that have a supervisor or a real-time process, or whose memory this
-    process has open, because the kernel does not report a process's own locks."""
+    process has open.
+
+    The last case is listed separately because the kernel does not report a process's own locks.
+    """
     found = []
     for path in sorted(FOLDER.glob("cobot-*")):
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except OSError:  # another user's file, or not a robot's
+        except OSError:  # a file of a different user, or a file that does not belong to a robot
             continue
         roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
         if _users[path] or any(holder(descriptor, role) for role in roles):
@@ -55,7 +59,7 @@ def robots_running() -> list[str]:
 
 
 def user_of(robot: str, role: MemoryRole) -> int:
-    """The pid of the process with a role in a robot's memory, 0 for none."""
+    """The pid of the process that has a role in a robot's memory; 0 if there is none."""
     try:
         descriptor = os.open(path_of(robot), os.O_RDWR | os.O_CLOEXEC)
     except OSError:
@@ -67,18 +71,20 @@ def user_of(robot: str, role: MemoryRole) -> int:
 
 
 def add_user(path: Path) -> None:
-    """Count one more open memory of a file in this process."""
+    """Add one to the number of open memories of a file in this process."""
     _users[path] += 1
 
 
 def remove_user(path: Path) -> None:
-    """Count one open memory of a file less in this process. Call `close_file` afterwards."""
+    """Subtract one from the number of open memories of a file in this process. Call `close_file`
+    afterwards.
+    """
     _users[path] -= 1
 
 
 def close_file(path: Path, descriptor: int) -> None:
-    """Close a descriptor once this process no longer uses the file: when a process closes any descriptor of a
-    file, POSIX releases all its locks on it.
+    """Close a descriptor, but only when this process no longer uses the file. Reason: when a process closes
+    any descriptor of a file, POSIX releases all locks of the process on that file.
     """
     _closed[path].append(descriptor)
     if not _users[path]:
@@ -89,12 +95,12 @@ def close_file(path: Path, descriptor: int) -> None:
 def create_file(path: Path, robot: str) -> int:
     """Create an empty file, locked for the supervisor. Returns its descriptor.
 
-    The file of a killed run is removed, not reused: another process may still have it mapped, and truncating
-    it would kill that process by SIGBUS.
+    The file of a killed run is removed and not reused. A different process may still have it mapped, and
+    truncating it would kill that process by SIGBUS.
 
     Raises:
-        ConflictError: another supervisor, or a remaining process of one, uses the file; the message has its
-            pid.
+        ConflictError: a different supervisor, or a process that remains from one, uses the file; the message
+            gives its pid.
         OSError: the system denies access.
     """
     while True:
@@ -106,7 +112,7 @@ def create_file(path: Path, robot: str) -> int:
         lock(descriptor, MemoryRole.SUPERVISOR, robot)
         if _is_at(path, descriptor):
             return descriptor
-        os.close(descriptor)  # another supervisor removed it as stale before it was locked
+        os.close(descriptor)  # a different supervisor removed it as stale before it was locked
 
 
 def _remove_stale(path: Path, robot: str) -> None:
@@ -142,7 +148,7 @@ def _flock(kind: int, role: MemoryRole) -> bytes:
 
 
 def holder(descriptor: int, role: MemoryRole) -> int:
-    """The pid that holds a role's lock, 0 for none."""
+    """The pid of the process that holds a role's lock; 0 if there is none."""
     answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
     kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
     return 0 if kind == fcntl.F_UNLCK else int(pid)
@@ -158,7 +164,7 @@ def lock(descriptor: int, role: MemoryRole, robot: str) -> None:
     """Take a role until `unlock` or the end of the process.
 
     Raises:
-        ConflictError: another process has the role; the message has its pid.
+        ConflictError: a different process has the role; the message gives its pid.
     """
     try:
         fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))

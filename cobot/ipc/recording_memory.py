@@ -39,7 +39,7 @@ def ring_path(robot: str) -> Path:
 
 
 def history_places(dof: int, period_s: float, ring_s: float) -> int:
-    """Number of cycles in the history: those of `ring_s`, or as many as HISTORY_BYTES permits."""
+    """Number of cycles in the history: all cycles of `ring_s`, or as many as HISTORY_BYTES permits."""
     return max(1, min(round(ring_s / period_s), HISTORY_BYTES // record_dtype(dof).itemsize))
 
 
@@ -60,20 +60,20 @@ class _Places:
 
 
 class RecordingMemory:
-    """A mapped recording. Make it with `create` or `attach`. The mapping ends with the last array that views
-    it.
+    """A mapped recording. Make it with `create` or `attach`. The mapping ends when the last array that uses
+    it ends.
 
     Attributes:
         dof, period_s, robot, joint_names: properties of the robot.
         created_ns: CLOCK_MONOTONIC at which the supervisor created the memory.
-        status: the recorder's block.
+        status: the block that the recorder writes.
         notes, fresh, history: the rings; history is None if it was not requested.
     """
 
     def __init__(self, path: Path, descriptor: int, raw: bytes, *, history: bool) -> None:
         """
         Args:
-            raw: the header, already checked. The object takes over the descriptor.
+            raw: the header, which has been checked. The object becomes the owner of the descriptor.
         """
         self.path = path
         header = np.frombuffer(raw, HEADER)[0]
@@ -98,11 +98,11 @@ class RecordingMemory:
     def create(
         cls, robot: str, dof: int, period_s: float, ring_s: float, joint_names: Sequence[str]
     ) -> RecordingMemory:
-        """Create the file, and remove that of a killed run. Only the owner of the robot's memory may call
+        """Create the file, and remove the file of a killed run. Only the owner of the robot's memory may call
         this.
 
         Raises:
-            SharedMemoryError: no space in /dev/shm, or no permission.
+            SharedMemoryError: there is no space in /dev/shm, or no permission.
         """
         path, record = ring_path(robot), record_dtype(dof)
         header = np.zeros((), HEADER)
@@ -134,11 +134,11 @@ class RecordingMemory:
         """Map the file that the supervisor has created.
 
         Args:
-            history: whether to map the history too, which is many times larger than the rest.
+            history: whether to map the history too. It is many times larger than everything else.
 
         Raises:
             UnavailableError: there is no file.
-            LayoutError: the file is damaged, is not a recording, or was made by another version of cobot.
+            LayoutError: the file is damaged, is not a recording, or was made by a different version of cobot.
             SharedMemoryError: the file cannot be opened or mapped.
         """
         path = ring_path(robot)
@@ -160,7 +160,7 @@ class RecordingMemory:
             raise SharedMemoryError(f"{path}: cannot be mapped: {exc.strerror}") from exc
 
     def unlink(self) -> None:
-        """Remove the file; existing mappings stay valid."""
+        """Remove the file. Existing mappings stay valid."""
         self.path.unlink(missing_ok=True)
 
 

@@ -1,6 +1,7 @@
 """Defaults and checks for the records that clients write into shared memory.
 
-Records are those of `cobot.ipc.layout`. The checks raise an InputError with field, value and the valid range.
+`cobot.ipc.layout` defines the records. The checks raise an InputError that gives the field, the value and the
+valid range.
 """
 
 from __future__ import annotations
@@ -13,19 +14,22 @@ from cobot.types import Array
 
 DAMPING_RATIO = 0.7
 DAMPING_RATIOS = (0.3, 1.0)
-"""Range of damping ratios. Below it the arm would oscillate; above it the control cycle could not follow."""
+"""Range of damping ratios. Below this range the arm would oscillate; above it the control cycle could not
+follow.
+"""
 MAX_DECIMATION = 1000
-"""The largest number of cycles between two targets."""
+"""Maximum number of cycles between two targets."""
 FORCE_RATE_RAD_S = 5.0
-"""Decay rate of a force error if only the arm's own springs are elastic; with elastic surroundings it decays
-more slowly. The rate is well below the bandwidth of the estimated external wrench."""
+"""Decay rate of a force error if only the arm's own springs are elastic, rad/s. With elastic surroundings the
+error decays more slowly. The rate is well below the bandwidth of the estimated external wrench.
+"""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """Shortest and longest duration of a `move_to_pose`, s."""
 QUATERNION_TOLERANCE = 1e-2
 MIN_STEP_S = 0.0005
 LATEST_S = 1e9
-"""Largest absolute time of a chunk, s: thirty years."""
+"""Largest absolute time in a chunk, s: about thirty years."""
 _TARGETS = {
     Stream.JOINT_IMPEDANCE: ("joints", "joint_velocity", "joint_acceleration"),
     Stream.CARTESIAN: ("pose", "wrench", "twist", "twist_rate"),
@@ -35,7 +39,8 @@ _TARGETS = {
 
 
 def nominal_session(info: np.ndarray) -> np.ndarray:
-    """The default session: the robot's nominal stiffness, without force control and contact limits.
+    """The settings of the default session: the robot's nominal stiffness, without force control and contact
+    limits.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.
@@ -54,7 +59,9 @@ def nominal_session(info: np.ndarray) -> np.ndarray:
 
 
 def decimation(command_hz: float, period_s: float) -> int:
-    """Number of cycles of this period per target, for a client that sends `command_hz` targets per second."""
+    """Number of cycles per target for a client that sends `command_hz` targets per second. A cycle takes
+    `period_s`.
+    """
     return min(max(round(1.0 / (command_hz * period_s)), 1), MAX_DECIMATION)
 
 
@@ -87,7 +94,7 @@ def check_session(request: np.ndarray, info: np.ndarray) -> None:
 
 
 def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
-    """Check a target for this stream, and a move, and normalise their quaternions."""
+    """Check a target for this stream and a `move_to_pose`, and normalise the quaternions in both."""
     for name in _TARGETS[stream]:
         _require_finite(setpoint[name], name)
     if stream is not Stream.CARTESIAN:
@@ -133,7 +140,7 @@ def _normalise(pose: Array, name: str) -> None:
 
 
 def force_gain(cartesian_stiffness: Array) -> float:
-    """Velocity of the TCP per force error, m/s per N; 0 without springs.
+    """Velocity of the TCP for each newton of force error, m/s per N; 0 if there are no springs.
 
     Args:
         cartesian_stiffness: stiffness of a session, shape (6,), N/m and N·m/rad.

@@ -96,7 +96,7 @@ MAX_DOF = 16
 MEND_S = 1.0
 """Time in which a running supervisor repairs a damaged header, s."""
 _RTLOOP, _SERVICE, _STREAM = "rtloop", "the service", "the streaming client"
-"""Names of the blocks' writers in errors."""
+"""Names of the writers of blocks, for error messages."""
 
 _PAGE = 4096
 
@@ -128,7 +128,7 @@ class Slot:
 
         Raises:
             InputError: the motion has more segments than the slot's capacity.
-            SharedMemoryError: the motion has another number of joints.
+            SharedMemoryError: the motion has the wrong number of joints.
         """
         n, capacity = trajectory.segments, len(self.coefficients)
         if n > capacity:
@@ -155,7 +155,7 @@ class RobotMemory:
     def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
         """
         Args:
-            raw: the header, already checked.
+            raw: the header, which has been checked.
         """
         self.path = path
         self.role = role
@@ -204,15 +204,15 @@ class RobotMemory:
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
-        """Create the file of a robot, and remove that of a killed run.
+        """Create the file of a robot, and remove the file of a killed run.
 
         Args:
-            url: address of the robot's service, for local clients; "" for none.
+            url: address of the robot's service, for local clients; "" if there is no service.
 
         Raises:
-            ConflictError: another supervisor, or a remaining process of one, uses the file; the message has
-                its pid.
-            SharedMemoryError: no space in /dev/shm, or no permission.
+            ConflictError: a different supervisor, or a process that remains from one, uses the file; the
+                message gives its pid.
+            SharedMemoryError: there is no space in /dev/shm, or no permission.
         """
         path, size = path_of(robot), _file_size(dof, capacity)
         try:
@@ -225,7 +225,7 @@ class RobotMemory:
         except ConflictError as exc:
             raise ConflictError(f"{exc}; stop it, or set another robot.name") from exc
         try:
-            # A full /dev/shm fails here, not in the middle of a motion.
+            # A full /dev/shm causes an error here and not in the middle of a motion.
             os.posix_fallocate(descriptor, 0, size)
             header = np.zeros((), HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
@@ -247,7 +247,7 @@ class RobotMemory:
 
         Raises:
             UnavailableError: there is no file.
-            LayoutError: the file is damaged, is not a robot's memory, or was made by another version of
+            LayoutError: the file is damaged, is not a robot's memory, or was made by a different version of
                 cobot.
             ConflictError: the role is taken.
         """
@@ -283,10 +283,10 @@ class RobotMemory:
         return True
 
     def take(self, role: MemoryRole) -> None:
-        """Become the writer of another role's blocks, until `release` or the end of the process.
+        """Become the writer of the blocks of an additional role, until `release` or the end of the process.
 
         Raises:
-            ConflictError: another process has the role; the message has its pid.
+            ConflictError: a different process has the role; the message gives its pid.
         """
         lock(self._descriptor, role, self.robot)
         self._roles.add(role)
@@ -296,7 +296,7 @@ class RobotMemory:
         unlock(self._descriptor, role)
 
     def close(self) -> None:
-        """Release the locks. The mapping itself ends with the last array that views it."""
+        """Release the locks. The mapping itself ends when the last array that uses it ends."""
         if self._descriptor < 0:
             return
         for role in tuple(self._roles):
@@ -306,12 +306,12 @@ class RobotMemory:
         self._descriptor = -1
 
     def unlink(self) -> None:
-        """Remove the file; existing mappings stay valid."""
+        """Remove the file. Existing mappings stay valid."""
         self.path.unlink(missing_ok=True)
 
     def _block(self, dtype: np.dtype, name: str, writer: str) -> Block:
         block = Block(self._map, self._offset, dtype, name, writer)
-        self._offset += -(-Block.size(dtype) // 64) * 64  # no two blocks share a cache line
+        self._offset += -(-Block.size(dtype) // 64) * 64  # each block begins on a new cache line
         return block
 
     def _counter(self) -> SharedCounter:
@@ -338,7 +338,9 @@ def memory_bytes(dof: int, capacity: int) -> int:
 
 
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
-    """Encode a message for a text field: cut between characters, with unencodable characters escaped."""
+    """Encode a message for a text field. Long messages are cut between characters, and characters that cannot
+    be encoded are escaped.
+    """
     return message.encode("utf-8", "backslashreplace")[:size].decode("utf-8", "ignore").encode()
 
 
@@ -362,11 +364,12 @@ def _file_size(dof: int, capacity: int) -> int:
 
 
 def _checked_header(path: Path, descriptor: int) -> bytes:
-    """Read and check the header. A damaged header is read again for the time in which a supervisor repairs
+    """Read and check the header. If it is damaged, it is read again until a supervisor has had time to repair
     it.
 
     Raises:
-        LayoutError: the file is damaged, is not a robot's memory, or was made by another version of cobot.
+        LayoutError: the file is damaged, is not a robot's memory, or was made by a different version of
+            cobot.
     """
     deadline_s = time.monotonic() + MEND_S
     while True:

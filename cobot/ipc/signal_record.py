@@ -1,4 +1,4 @@
-"""Actions and conditions of a motion in shared memory, and rtloop's report on them."""
+"""Records of the actions and conditions of a motion in shared memory, and rtloop's report about them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ class Fired:
     """The outcome of an action.
 
     Attributes:
-        path_time_s, robot_time_s: times of the cycle.
+        path_time_s, robot_time_s: path time, and time on the robot's clock, of the cycle in which the action
+            fired, s.
         pose: pose of the TCP, measured in that cycle, shape (7,), m and (w, x, y, z), in the base frame.
-        reason: the reason why the device rejects it; "" if it does not.
+        reason: the reason why the device rejects the action; "" if it does not reject it.
     """
 
     firing: Firing
@@ -50,11 +51,11 @@ class Met:
 
 @dataclass(frozen=True, slots=True)
 class SignalReport:
-    """rtloop's report on the signals of a motion.
+    """rtloop's report about the signals of a motion.
 
     Attributes:
-        fired: outcomes by number of the action, without those of pending actions.
-        met: the cycle in which `until` was met; None before.
+        fired: outcomes of the actions by their numbers. Pending actions are left out.
+        met: the cycle in which `until` was met; None if it has not been met.
     """
 
     motion_id: int

@@ -1,9 +1,9 @@
-"""The state block of a robot, field by field: what rtloop publishes in each cycle.
+"""The state block of a robot, field by field. rtloop publishes it in each cycle.
 
-A field is declared only in `STATE_FIELDS`. All of these follow from this table: the record in shared memory;
-the struct and the rows of the compiled modules and the attributes of `rtloop.backends.Measured`, which
-`python -m cobot.ipc.generate` writes; the JSON of `GET /robot/state` with its schema, and of the WebSocket;
-the record of a cycle in recordings; and the messages in recordings and in Foxglove.
+A field is declared only in `STATE_FIELDS`. The following are derived from this table: the record in shared
+memory; the struct and the rows of the compiled modules and the attributes of `rtloop.backends.Measured`,
+which `python -m cobot.ipc.generate` writes; the JSON of `GET /robot/state` with its schema, and of the
+WebSocket; the record of a cycle in recordings; and the messages in recordings and in Foxglove.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
 LAYOUT_VERSION = 23
-"""Version of all records in shared memory: a change of any of them raises it."""
+"""Version of all records in shared memory. Any change of a record increases it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
-"""Topics of recordings and of Foxglove whose messages follow from this table."""
+"""Topics in recordings and in Foxglove whose messages are derived from this table."""
 _STRUCT_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
-"""The kinds of numbers, and their codes in `struct`."""
+"""The kinds of numbers, and the code of each kind in `struct`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,18 +31,20 @@ class StateField:
     """A field of the state block.
 
     Attributes:
-        name: the same in shared memory, in JSON and in recordings.
+        name: name of the field in shared memory, in JSON and in recordings.
         kind: numpy's type in shared memory: "u8", "i8", "f8", or `TEXT`.
-        unit: unit; "" for counts, flags and texts. A field per joint has the units of a hinge and of a slide.
+        unit: unit; "" for counts, flags and texts. For a field with a value per joint, the units for a rotary
+            joint and for a linear joint.
         meaning: a phrase for the documents and the JSON schema, with the frame of a vector.
-        length: number of numbers, 0 for one number or text, or `PER_JOINT`.
-        member: enumeration; JSON has the name of a member instead of the number.
-        keys: enumeration with a number for each member; JSON has an object with these keys.
+        length: number of values; 0 for a single number or text; or `PER_JOINT`.
+        member: enumeration. JSON contains the name of the member instead of the number.
+        keys: enumeration. The field contains a number for each of its members, and JSON contains an object
+            with the members as keys.
         measured: whether backends measure it in each cycle, as an attribute of `rtloop.backends.Measured`.
-        recorded: type in the recording's record, "" for a field that is not recorded.
+        recorded: type of the field in the record of a recording; "" if it is not recorded.
         message: place and ROS type in the message of `topic`, which recordings and Foxglove show. A place is
-            never given to another field, because readers depend on it. A new field gets the next place.
-        topic: the topic whose message has the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
+            never given to a different field, because readers depend on it. A new field gets the next place.
+        topic: the topic whose message contains the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 
     name: str
@@ -59,16 +61,16 @@ class StateField:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether the field is one number. The cycle writes all such fields at once."""
+        """Whether the field is a single number. The cycle writes all such fields at once."""
         return self.length == 0 and not self.is_text
 
     @property
     def is_text(self) -> bool:
-        """Whether it is UTF-8."""
+        """Whether the field is a UTF-8 text."""
         return self.kind not in _STRUCT_CODES
 
     def shape(self, dof: int) -> tuple[int, ...]:
-        """Shape of its array, () for one number or text."""
+        """Shape of the field's array; () for a single number or text."""
         return (dof if self.length == PER_JOINT else self.length,) if self.length else ()
 
 
@@ -130,8 +132,9 @@ GRIPPER_FIELDS = (
         "CLOCK_MONOTONIC when the gripper was last read, 0 without a gripper",
     ),
 )
-"""Fields of the gripper, which the service writes and rtloop publishes. A number that the gripper does not
-know is NaN, which is null in JSON."""
+"""Fields of the gripper, which the service writes and rtloop publishes. A value that the gripper does not
+know is NaN, which becomes null in JSON.
+"""
 
 STATE_FIELDS = (
     StateField("cycle", "u8", "", "Number of the cycle since rtloop started"),
@@ -298,19 +301,23 @@ STATE_FIELDS = (
     StateField("reason_values", "f8", "", "Value and limit of that reason; NaN for none", 2),
     StateField("reason_unit", "S16", "", "Unit of these values"),
 )
-"""The fields in the order of the record. Arrays that the cycle copies at once are listed together: the
-measured ones and the commanded ones. The measured fields per joint come first, with `external_effort` as the
-last one, because its values and those of `wrench` are also used as one array."""
+"""The fields in the order of the record. Arrays that the cycle copies at once are listed together: first the
+measured ones, then the commanded ones. The measured fields with a value per joint come first.
+`external_effort` is the last of these, because its values and those of `wrench` are also used as one array.
+"""
 
 SCALARS = tuple(field for field in STATE_FIELDS if field.is_scalar)
-"""Fields at the beginning of the record, without gaps: `StateScalars` of the compiled modules."""
+"""Fields at the beginning of the record, which have no gaps between them. Compiled modules use them as
+`StateScalars`.
+"""
 STATE_SCALARS = tuple((field.name, field.kind) for field in SCALARS)
 STATE_STRUCT = struct.Struct("=" + "".join(_STRUCT_CODES[field.kind] for field in SCALARS))
 _ARRAYS = tuple(field for field in STATE_FIELDS if not field.is_scalar)
 MEASURED = tuple(field for field in STATE_FIELDS if field.measured)
 MEASURED_NAMES = tuple(field.name for field in MEASURED if field.name != "sensor")
 """Quantities that a device can declare to measure (`cobot.robot.device.Capabilities`). The force-torque
-sensor at the flange is not declared; without one its readings are zeros."""
+sensor at the flange is not declared. Without a sensor its readings are zeros.
+"""
 GRIPPER_RECORD = np.dtype([(field.name, field.kind) for field in GRIPPER_FIELDS])
 """The gripper's block, which rtloop copies into its state without changes."""
 RECORDED = tuple(field for field in STATE_FIELDS if field.recorded)

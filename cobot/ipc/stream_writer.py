@@ -1,4 +1,4 @@
-"""The streaming client's blocks in shared memory; all sessions begin and end here."""
+"""The blocks of the streaming client in shared memory. All sessions begin and end here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
 def _after(number: int) -> int:
-    """The next session number: 64 bits, without 0, which means none."""
+    """The next session number. It has 64 bits and is never 0, which means no session."""
     return number % (2**64 - 1) + 1
 
 
@@ -20,7 +20,7 @@ class StreamWriter:
     """Writes the blocks of one session after the other. No call blocks.
 
     Args:
-        memory: mapped in any role; `MemoryRole.STREAM` is added for the duration of a session.
+        memory: memory that is mapped in any role. `MemoryRole.STREAM` is added for the duration of a session.
     """
 
     def __init__(self, memory: RobotMemory) -> None:
@@ -30,15 +30,15 @@ class StreamWriter:
         """Request a session from rtloop. Read the result with `answer`, and always call `release` afterwards.
 
         Args:
-            request: record of `cobot.ipc.layout.session_dtype`; this fills in number, process and count of
-                stops.
+            request: record of `cobot.ipc.layout.session_dtype`; this method fills in the number, the process
+                and the count of stops.
             stops: stops requested so far; rtloop rejects the session if there are more by then.
 
         Returns:
             Number of the session.
 
         Raises:
-            ConflictError: another process is streaming.
+            ConflictError: a different process is streaming.
         """
         memory = self._memory
         memory.take(MemoryRole.STREAM)
@@ -71,7 +71,7 @@ class StreamWriter:
         self._memory.stream_requests.publish()
 
     def end(self) -> None:
-        """End the session; the arm stops."""
+        """End the session, which stops the arm."""
         self._memory.session.data["open"] = 0
         self._memory.session.publish()
 
@@ -97,11 +97,13 @@ class PointWriter:
         self._session = self._seen = self.number = 0
 
     def begin(self, session: int) -> None:
-        """Write points of this session from now on; rtloop's state must show it already."""
+        """Write points of this session from now on. rtloop's state must already show the session."""
         self._session, self._seen, self.number = session, 0, 0
 
     def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
-        """Write a point, rad and s. False if there is no room, because rtloop has not read enough points."""
+        """Write a point, rad and s. Returns False if there is no room because rtloop has not read enough
+        points.
+        """
         if self.number - self._seen >= POINTS:
             self._look()
             if self.number - self._seen >= POINTS:

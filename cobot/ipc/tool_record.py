@@ -1,4 +1,4 @@
-"""The load of the arm in shared memory, with the values that rtloop needs."""
+"""The record of the arm's load in shared memory, with the values that rtloop needs."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def fill(record: np.ndarray, tool: Tool, mounted: Tool) -> None:
 
 
 def load_of(record: np.ndarray) -> tuple[Tool, Tool]:
-    """Read the two tools that `fill` has written into a record. They have no names and shapes.
+    """Read the two tools that `fill` has written into a record. They have neither names nor shapes.
 
     Raises:
-        ValueError: the record is invalid; `cobot.robot.tool.check_tool` checks the rest.
+        ValueError: the record is invalid. `cobot.robot.tool.check_tool` checks everything else.
     """
     fields = {name: _or_none(record[name]) for name in ("inertia", "tcp", "gravity")}
     tool = Tool(version=int(record["version"]), **_mass_of(record, ""), **fields)
