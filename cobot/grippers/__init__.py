@@ -3,11 +3,11 @@
 protocol    the interface of a driver: commands, state, capabilities, options
 registry    the drivers by name, and the creation of a driver
 positions   base of grippers with two positions
-digital     a gripper at outputs that open and close it, with inputs that report its ends
-vacuum      a suction cup at outputs, with a sensor
-point_rigs  simulated devices of these and of `simulated`, for the contract
+digital     a gripper that outputs open and close, with inputs that report its end positions
+vacuum      a suction cup that outputs switch, with a sensor
+point_rigs  simulated devices for digital, vacuum and simulated, on which the contract runs
 simulated   the hand of a simulated cell
-ros/        a gripper that has a ROS 2 driver
+ros/        a gripper that already has a ROS 2 driver
 robotiq/    2F-85, 2F-140 and Hand-E over Modbus RTU, and a simulated one
 
 docs/your-gripper.md explains how to write a driver.

@@ -1,5 +1,6 @@
-"""A gripper at one or two outputs of the robot, with up to two inputs that report the position of its
-fingers."""
+"""A gripper that one or two outputs of the robot open and close. Up to two inputs report the position of its
+fingers.
+"""
 
 from __future__ import annotations
 
@@ -70,8 +71,8 @@ class DigitalOptions(GripperOptions):
 
 
 class DigitalGripper(TwoPositions):
-    """See the module. With two outputs (a valve with two coils) one of them is on; a single output is on or
-    off.
+    """The driver for such a gripper, see the module. With two outputs (a valve with two coils) exactly one of
+    them is on. A single output is on or off.
 
     Without inputs a command counts as finished after `close_time_s` or `open_time_s`. With `opened_input`, it
     is a fault if opening takes three times as long. With `closed_input`, the fingers hold an object if they
@@ -92,7 +93,7 @@ class DigitalGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: DigitalOptions) -> DigitalRig:
-        """Simulated fingers at these outputs and inputs."""
+        """Simulated fingers that these outputs move, with these inputs."""
         return DigitalRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
@@ -112,8 +113,9 @@ class DigitalGripper(TwoPositions):
                 self._adopt(FingerGoal.CLOSED if closes else FingerGoal.OPEN)
 
     def stop(self) -> None:
-        """Stop. These fingers cannot stop between their ends: two outputs are switched off, a single output
-        stays as it is."""
+        """Stop. These fingers cannot stop between their end positions: two outputs are switched off, and a
+        single output does not change.
+        """
         options = self._options
         if options.close_output and options.open_output and self._moves():
             self._port.set(options.close_output, 0.0)

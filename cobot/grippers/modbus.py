@@ -1,9 +1,9 @@
 """Frames of Modbus RTU and of Modbus TCP, and a master that reads and writes registers and coils.
 
 Sources: MODBUS over Serial Line V1.02, MODBUS Messaging on TCP/IP V1.0b and MODBUS Application Protocol
-V1.1b3, modbus.org. An answer that violates these is an error. A late answer must not be taken for the answer
-to the next request, so after an error the master waits until the line has been quiet for the time of an
-answer.
+V1.1b3, modbus.org. An answer that violates these standards is an error. A late answer must not be mistaken
+for the answer to the next request. So after an error, the master waits until the line has been quiet for as
+long as an answer takes.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from cobot.modbus import COIL_ON, REFUSALS, REFUSED, ModbusFunction
 MIN_FRAME = 5
 """Number of bytes of the shortest answer, which is an exception."""
 HEAD = 6
-"""Number of bytes before the unit in a frame of Modbus TCP."""
+"""Number of bytes before the unit in a Modbus TCP frame."""
 SOCKET = "socket://"
 MAX_DRAINS = 8
-"""Maximum number of reads until the line is quiet."""
+"""Maximum number of reads to wait until the line is quiet."""
 LOST = (OSError, termios.error)
-"""Errors that pyserial raises for a line that is gone. Its own errors are OSErrors."""
+"""Errors that pyserial raises if the line is gone. Its own errors are OSErrors."""
 
 
 def _crc_table() -> list[int]:
@@ -51,7 +51,7 @@ def crc(data: bytes) -> int:
 
 
 def framed(data: bytes) -> bytes:
-    """A frame with its checksum."""
+    """The frame with its checksum appended."""
     return data + struct.pack("<H", crc(data))
 
 
@@ -64,10 +64,10 @@ class Master:
     """A master on a serial port, or on a TCP connection that carries the same frames.
 
     Args:
-        device: /dev/ttyUSB0, or HOST:PORT.
+        device: path of the serial port, such as /dev/ttyUSB0, or HOST:PORT.
         unit: address of the slave.
         timeout_s: timeout for each answer.
-        line: creates a port instead of pyserial's, for tests.
+        line: creates a port that tests use instead of pyserial's.
         slave: description of the slave, for errors.
     """
 
@@ -104,8 +104,8 @@ class Master:
     def close(self) -> None:
         port, self._port = self._port, None
         if port is not None:
-            connection = getattr(port, "_socket", None)  # pyserial does not close one that has ended already
-            with contextlib.suppress(*LOST):  # a line that is gone needs no end
+            connection = getattr(port, "_socket", None)  # not closed by pyserial if it has ended
+            with contextlib.suppress(*LOST):  # a line that is gone needs no closing
                 port.close()
             if connection is not None:
                 connection.close()
@@ -116,7 +116,7 @@ class Master:
         """Read holding registers or input registers.
 
         Raises:
-            GripperError: there is no answer, or the answer is wrong; the message has the answer.
+            GripperError: there is no answer, or the answer is wrong; the message then contains the answer.
         """
         data = self._ask(function, struct.pack(">HH", address, count), 1 + 2 * count)
         if data[0] != 2 * count:
@@ -144,8 +144,9 @@ class Master:
             raise self._error("has sent an answer that does not match the request")
 
     def _ask(self, function: ModbusFunction, data: bytes, length: int) -> bytes:
-        """Send a request. Returns the data of its answer, between function and checksum, if it has this
-        length."""
+        """Send a request. Returns the data between the function and the checksum of its answer, if these data
+        have this length.
+        """
         if self._port is None:
             raise self._error("is not connected")
         try:
@@ -171,7 +172,7 @@ class Master:
         return bytes(frame[2:-2])
 
     def _exchange(self, request: bytes, length: int) -> bytes:
-        """Send a request, and return the bytes that arrive of the answer's frame."""
+        """Send a request, and return the bytes of the answer's frame that arrive."""
         self._port.write(framed(request))
         frame: bytes = self._port.read(MIN_FRAME)
         if len(frame) == MIN_FRAME and not frame[1] & REFUSED:
@@ -179,7 +180,7 @@ class Master:
         return frame
 
     def _await_quiet(self) -> None:
-        """Wait until no more bytes arrive, after an error."""
+        """After an error, wait until no more bytes arrive."""
         if self._expects_late:
             for _ in range(MAX_DRAINS):
                 if not self._port.read(256):
@@ -193,7 +194,7 @@ class Master:
 
 
 class TcpMaster(Master):
-    """A master on a TCP connection that uses the frames of Modbus TCP."""
+    """A master on a TCP connection that uses Modbus TCP frames."""
 
     _transaction = 0
 

@@ -1,4 +1,6 @@
-"""Coils, inputs and registers of a Modbus device, used instead of the robot's inputs and outputs."""
+"""Coils, inputs and registers of a Modbus device. A driver uses them instead of the robot's inputs and
+outputs.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ KINDS = {
     "register": ModbusFunction.READ_HOLDING_REGISTERS,
     "input register": ModbusFunction.READ_INPUT_REGISTERS,
 }
-"""Kinds of points, with the function that reads them."""
+"""Kinds of points, and the function that reads each kind."""
 WRITABLE = ("coil", "register")
 BITS = ("coil", "input")
 MAX_WORD = 65535
@@ -45,8 +47,9 @@ class ModbusOptions(BaseModel):
 
 
 class ModbusPoints:
-    """See `IoPort`. Names are such as `coil 3`, `input 0`, `register 7`, `input register 2`; numbers begin at
-    0."""
+    """The points of a Modbus device, see `IoPort`. Their names are such as `coil 3`, `input 0`, `register 7`,
+    `input register 2`. Numbers begin at 0.
+    """
 
     def __init__(self, options: ModbusOptions) -> None:
         kind = TcpMaster if options.protocol == "tcp" else Master
@@ -80,7 +83,7 @@ class ModbusPoints:
 
 
 def port_of(modbus: ModbusOptions | None, port: IoPort) -> IoPort:
-    """The points of the Modbus device, or without one those of the robot."""
+    """The points of the Modbus device. Without a device, the points of the robot."""
     return port if modbus is None else ModbusPoints(modbus)
 
 
@@ -105,7 +108,7 @@ def check_names(
     """Check the names of points of a Modbus device.
 
     Raises:
-        ValueError: a name is invalid, or an output is an input of the device.
+        ValueError: a name is invalid, or the name of an output belongs to an input of the device.
     """
     if modbus is None:
         return

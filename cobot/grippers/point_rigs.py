@@ -1,4 +1,4 @@
-"""Simulated devices at a robot's inputs and outputs, for the contract of their drivers."""
+"""Simulated devices that are connected to a robot's inputs and outputs, for the contract of their drivers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PointRig:
         self.silent = False
 
     def now_s(self) -> float:
-        """The clock."""
+        """The time on the clock, s."""
         return self.seconds
 
     def read(self, name: str) -> float:
@@ -48,7 +48,7 @@ class PointRig:
         self.values[name] = value
 
     def place(self, width_m: float | None) -> None:
-        """See `GripperRig`, also for `inject` and `clear`."""
+        """See `GripperRig`. The same applies to `inject` and `clear`."""
         self.object_m = width_m
 
     def inject(self, fault: str) -> None:
@@ -59,7 +59,7 @@ class PointRig:
 
 
 class HandRig(PointRig):
-    """The hand of a cell: the fingers move to the width, and stop at an object between them.
+    """The simulated hand of a cell. The fingers move to a width, and stop at an object between them.
 
     Attributes:
         width: width between the fingers, m.
@@ -72,7 +72,7 @@ class HandRig(PointRig):
         self.values |= {"hand.width": self.width, "hand.speed": hand.max_speed_m_s, "hand.force": 0.0}
 
     def gripper(self, port: IoPort) -> Gripper:
-        """A new driver at the same hand."""
+        """Create one more driver for the same hand."""
         from cobot.grippers.simulated import SimulatedGripper
 
         return SimulatedGripper(self.hand, self, self)
@@ -111,7 +111,7 @@ class DigitalRig(PointRig):
         self.step(0.0)
 
     def gripper(self, port: IoPort) -> Gripper:
-        """A new driver at the same fingers."""
+        """Create one more driver for the same fingers."""
         from cobot.grippers.digital import DigitalGripper
 
         return DigitalGripper(self._options, self, self)
@@ -134,7 +134,7 @@ class DigitalRig(PointRig):
 
     @property
     def _narrowest(self) -> float:
-        """The position at which the fingers stop, as a share of the way from closed to open."""
+        """The position at which the fingers stop, as a share of the distance from closed to open."""
         options = self._options
         if self.object_m is None:
             return 0.0
@@ -142,8 +142,9 @@ class DigitalRig(PointRig):
 
 
 class VacuumRig(PointRig):
-    """A suction cup. With a part at it, the vacuum builds up and decays over time; without a part there is
-    none."""
+    """A simulated suction cup. If a part is at the cup, the vacuum builds up and decays over time; without a
+    part there is none.
+    """
 
     BUILD_UP_S = 0.2
 
@@ -155,7 +156,7 @@ class VacuumRig(PointRig):
         self.step(0.0)
 
     def gripper(self, port: IoPort) -> Gripper:
-        """A new driver at the same cup."""
+        """Create one more driver for the same cup."""
         from cobot.grippers.vacuum import VacuumGripper
 
         return VacuumGripper(self._options, self, self)

@@ -1,4 +1,6 @@
-"""Base of grippers that outputs of the robot open and close, and that have no position in between."""
+"""Base of grippers that outputs of the robot open and close. They have no positions between open and
+closed.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
 class FingerGoal(Enum):
-    """The commanded position of the fingers. NEITHER: cobot has not commanded one yet."""
+    """The commanded position of the fingers. NEITHER means that cobot has not commanded one yet."""
 
     NEITHER = auto()
     OPEN = auto()
@@ -26,17 +28,17 @@ class FingerGoal(Enum):
 
 class TwoPositions:
     """Base class for a gripper with two positions. It chooses the position that is nearer to a width, and
-    measures the time of the fingers.
+    measures how long the fingers take.
 
     Args:
-        width_m: widths when closed and when open; None for a gripper without a width.
+        width_m: width of the closed and of the open gripper; None for a gripper without a width.
 
     Attributes:
         goal: goal of the last command.
     """
 
     LATE = 3.0
-    """If a command has no effect after this multiple of its time, that is a fault."""
+    """If a command has no effect after this multiple of its usual time, this is a fault."""
 
     def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port
@@ -67,7 +69,7 @@ class TwoPositions:
         self.open()
 
     def disconnect(self) -> None:
-        """Disconnect. Outputs stay as they are."""
+        """Disconnect. Outputs do not change."""
         if isinstance(self._port, ModbusPoints):
             self._port.close()
 
@@ -84,11 +86,11 @@ class TwoPositions:
 
     @property
     def _since_s(self) -> float:
-        """Time since the last command."""
+        """Time since the last command, s."""
         return self._clock.now_s() - self._begun_s
 
     def _require_points(self, *names: str | None) -> None:
-        """Connect to the device with these inputs and outputs, and check that they exist."""
+        """Connect to the device that provides these inputs and outputs, and check that they exist."""
         if isinstance(self._port, ModbusPoints):
             self._port.open()
         for name in names:
@@ -96,5 +98,5 @@ class TwoPositions:
                 self._port.read(name)
 
     def _input(self, name: str | None, inverted: bool) -> bool | None:
-        """The value of a boolean input; None without an input."""
+        """The value of a boolean input; None if the gripper has no such input."""
         return None if name is None else bool(self._port.read(name)) is not inverted

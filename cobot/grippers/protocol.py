@@ -1,6 +1,6 @@
-"""The protocol of grippers: one class drives one kind of device.
+"""The protocol of grippers. One class drives one kind of device.
 
-The class has these attributes: `Options`, its options; `sdk`, a module that its instances import;
+The class has these attributes: `Options`, its options; `sdk`, a module that its instances import; and
 `contract_rig`, the simulated device on which the contract runs (`cobot.grippers.contract`).
 docs/your-gripper.md is the guide.
 """
@@ -25,13 +25,15 @@ MAX_VALUE = 1e6
 
 
 class GripperError(Exception):
-    """A device does not answer, rejects a request or reports a fault; the user reads the text as the
-    reason."""
+    """The device does not answer, rejects a request or reports a fault. The user reads the text as the
+    reason.
+    """
 
 
 class HeldObject(StrEnum):
-    """The object in the fingers. INSIDE: the fingers close on it; OUTSIDE: they open inside a hollow
-    object."""
+    """How the fingers hold an object. INSIDE: the object is between the fingers, which close on it. OUTSIDE:
+    the fingers are inside a hollow object, and open.
+    """
 
     NONE = "none"
     HELD_INSIDE = "held_inside"
@@ -53,11 +55,12 @@ class PowerLoss(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class GripperCapabilities:
-    """The capabilities of a gripper. A request that needs a missing one is rejected, naming it.
+    """The capabilities of a gripper. A request that needs a missing capability is rejected; the error names
+    the capability.
 
     Attributes:
-        width_m: the smallest and the largest width between the fingers, m. None: the gripper has no width,
-            such as a suction cup, and only grasps and releases.
+        width_m: the smallest and the largest width between the fingers, m. None means that the gripper has no
+            width, such as a suction cup, and only grasps and releases.
         force_n: the forces that can be commanded, N; None: the force is fixed.
         speed_m_s: the speeds that can be commanded, m/s; None: the speed is fixed.
         object_detection: whether `GripperState.object` is known.
@@ -75,9 +78,8 @@ class GripperCapabilities:
     hardware: bool = True
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            ValueError: a range is empty or below 0.
+        """Raises:
+        ValueError: a range is empty or contains values below 0.
         """
         for name in ("width_m", "force_n", "speed_m_s"):
             bounds = getattr(self, name)
@@ -86,7 +88,7 @@ class GripperCapabilities:
 
     @property
     def words(self) -> str:
-        """The capabilities in words, for people."""
+        """The capabilities as text for people."""
         force = "a fixed force" if self.force_n is None else f"{self.force_n[0]:g} to {self.force_n[1]:g} N"
         detects = "detects objects" if self.object_detection else "does not detect objects"
         if self.width_m is None:
@@ -107,10 +109,10 @@ class GripperState:
         commanded_width: width of the last command, m.
         force: force at the fingers, N.
         moving: whether a command is running. It must be true as soon as the command has returned.
-        object: None for a gripper that does not detect objects.
+        object: how the fingers hold an object; None if the gripper does not detect objects.
         temperature: temperature, °C.
         fault: the fault of the device, as a text; "" for none.
-        ages_s: for values that are older than the state, by name, the additional age, s.
+        ages_s: additional age of values that are older than the state, by their names, s.
     """
 
     width: float | None
@@ -123,10 +125,9 @@ class GripperState:
     ages_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            TypeError: a value has another type.
-            ValueError: a number is not finite, or too large for a measured value.
+        """Raises:
+        TypeError: a value has the wrong type.
+        ValueError: a number is not finite, or too large for a measured value.
         """
         for name in ("width", "commanded_width", "force", "temperature"):
             if getattr(self, name) is not None:
@@ -144,8 +145,9 @@ class GripperState:
 
 
 def _measured(name: str, value: Any) -> float:
-    """Convert a value of a device to a Python number. Raises TypeError or ValueError if that is
-    impossible."""
+    """Convert a value from a device to a Python number. Raises TypeError or ValueError if this is
+    impossible.
+    """
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number:
         raise TypeError(f"{name} is {shown(value)}, must be a number; report None for an unknown value")
@@ -162,9 +164,10 @@ class Grasp:
     """A request to hold an object.
 
     Attributes:
-        width: width of the object, m; None for any. An object wider than the current width is held from
-            inside.
-        tolerance_inner, tolerance_outer: how much narrower and wider than `width` the object may be, m.
+        width: width of the object, m; None if it can be any. An object that is wider than the current width
+            is held from inside.
+        tolerance_inner, tolerance_outer: how much narrower, and how much wider, the object may be than
+            `width`, m.
         speed, force: speed and force of the fingers; None for the driver's default.
     """
 
@@ -205,39 +208,42 @@ class Now(Protocol):
 
 
 class IoPort(Protocol):
-    """The inputs and outputs of the robot, by their names in GET /robot/io. For the thread of a driver."""
+    """The inputs and outputs of the robot, by their names in GET /robot/io. A driver uses them in its
+    thread.
+    """
 
     def read(self, name: str) -> float:
         """The last value that the robot has reported; 0 or 1 for a boolean.
 
         Raises:
-            GripperError: there is no such input or output, or the robot does not report it.
+            GripperError: the input or output does not exist, or the robot does not report it.
         """
         ...
 
     def set(self, name: str, value: float) -> None:
-        """Set an output of the robot. May wait for some milliseconds.
+        """Set an output of the robot. The call may take some milliseconds.
 
         Raises:
-            GripperError: there is no such output, or the robot rejects the value.
+            GripperError: the output does not exist, or the robot rejects the value.
         """
         ...
 
 
 class Gripper(Protocol):
-    """A gripper. The constructor is called with (options, port), and must not connect. A class that needs
-    other settings too has `of_robot(settings, port)`, which is called instead.
+    """A gripper. The constructor is called with (options, port), and must not connect. A class that also
+    needs settings of the robot defines `of_robot(settings, port)`, which is called instead of the
+    constructor.
 
-    A separate thread calls the methods, one at a time. Each method may wait for the device some tenths of a
-    second, and may raise a GripperError. A command returns when the device has accepted it, not when the
-    motion ends. It replaces a running one. After a GripperError `connect` is called again.
+    A separate thread calls the methods, one at a time. Each method may wait for the device for some tenths of
+    a second, and may raise a GripperError. A command returns when the device has accepted it, not when the
+    motion ends. A new command replaces a running one. After a GripperError, `connect` is called again.
 
-    `connect` and `disconnect` must not move the fingers: a held object stays held, also during a restart of
-    cobot.
+    `connect` and `disconnect` must not move the fingers, so that a held object stays held even while cobot
+    restarts.
 
     Attributes:
         capabilities: capabilities of this gripper with these options.
-        state_period_s: interval between readings of the state while the fingers move or hold an object.
+        state_period_s: interval between readings of the state while the fingers move or hold an object, s.
             Optional; the default is 0.01.
     """
 
@@ -248,7 +254,7 @@ class Gripper(Protocol):
         ...
 
     def disconnect(self) -> None:
-        """Close the connection. May be called after an error, and twice."""
+        """Close the connection. This may be called after an error, and twice."""
         ...
 
     def open(self) -> None:
@@ -260,7 +266,7 @@ class Gripper(Protocol):
         ...
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
-        """Move to a width, within `capabilities`. None means the default."""
+        """Move to a width within `capabilities`. None means the default speed or force."""
         ...
 
     def grasp(self, grasp: Grasp) -> None:
@@ -272,11 +278,11 @@ class Gripper(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop the fingers where they are. The grip on an object stays."""
+        """Stop the fingers at their current position. The grip on an object does not change."""
         ...
 
     def home(self) -> None:
-        """Find the reference or activate the device, as it needs once. The fingers may move."""
+        """Find the reference, or activate the device, if it needs this once. The fingers may move."""
         ...
 
     def state(self) -> GripperState:

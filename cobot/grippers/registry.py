@@ -1,4 +1,4 @@
-"""The grippers by name: those that ship with cobot, and those that installed packages declare."""
+"""The grippers by their names: those that are part of cobot, and those that installed packages declare."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ REGISTRY = Registry(
 
 
 HELD_SHARE, LOST_SHARE, GRASP_TIMES = 0.7, 0.5, 20.0
-"""The cup of a simulated cell holds a part from the first share of its full vacuum on, and has lost it at the
-second. A grasp takes at most the third value, as a multiple of the cup's time constant."""
+"""Three values for the cup of a simulated cell. It holds a part if the vacuum is above the first share of its
+full value, and has lost the part below the second share. A grasp takes at most the third value, a multiple of
+the cup's time constant.
+"""
 
 
 def gripper_names() -> dict[str, str]:
@@ -38,16 +40,17 @@ def gripper_names() -> dict[str, str]:
 
 
 def gripper_class(name: str) -> Callable[..., Gripper]:
-    """The class for a name or for "package.module:Class".
+    """The gripper class for a name or for "package.module:Class".
 
     Raises:
-        ConfigError: it does not exist or cannot be loaded. The error lists the valid names.
+        ConfigError: the class does not exist or cannot be loaded. The error lists the valid names.
     """
     return REGISTRY.load(name)
 
 
 def gripper_section(settings: Settings) -> BackendSection | None:
-    """The robot's gripper: `robot.gripper`, else the hand or the cup of its cell, else None.
+    """The settings of the robot's gripper: `robot.gripper`; otherwise the hand or the cup of its cell;
+    otherwise None.
 
     Raises:
         ConfigError: the cell file is invalid.
@@ -75,7 +78,7 @@ def _of_cup(cup: Cup) -> dict[str, Any]:
 
 
 def gripper_options(settings: Settings) -> GripperOptions:
-    """The options of the robot's gripper, checked.
+    """The checked options of the robot's gripper.
 
     Raises:
         ConfigError: there is no gripper, or its class or an option does not exist.
@@ -97,7 +100,7 @@ def make_gripper(settings: Settings, port: IoPort) -> Gripper:
         ConfigError: there is no gripper, its class or an option does not exist, or it cannot be created.
     """
     options, section = gripper_options(settings), gripper_section(settings)
-    assert section is not None  # see above
+    assert section is not None  # checked above
     name = section.type
     try:
         kind: Any = gripper_class(name)
@@ -109,5 +112,5 @@ def make_gripper(settings: Settings, port: IoPort) -> Gripper:
         raise
     except GripperError as exc:
         raise ConfigError(f"robot.gripper: {name}: {exc}") from exc
-    except BaseException as exc:  # a foreign class may raise anything
+    except BaseException as exc:  # a class from a different package may raise anything
         raise REGISTRY.unloadable(name, exc) from exc

@@ -1,4 +1,4 @@
-"""The hand of the simulation, driven through the cell's inputs and outputs."""
+"""The hand in the simulation. It is driven through the inputs and outputs of the cell."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ WIDTH, SPEED, FORCE = "hand.width", "hand.speed", "hand.force"
 MEASURED_WIDTH, MEASURED_FORCE, MOVING = "hand.measured_width", "hand.measured_force", "hand.moving"
 MIN_FORCE_N, MIN_SPEED_M_S = 0.5, 0.001
 DEFAULT_FORCE_SHARE = 0.5
-"""Share of the largest force with which the fingers close if a command has no force."""
+"""Share of the largest force with which the fingers close if a command gives no force."""
 BEYOND_M = 0.003
-"""Distance by which a grasp closes beyond the narrowest permitted object, so that the fingers press, m."""
+"""Distance by which a grasp closes beyond the narrowest permitted object, m, so that the fingers press on
+it.
+"""
 NEAR_M = 0.001
 PRESSING_N, PRESSING_SHARE = 1.0, 0.5
-"""Force, in N and as a share of the commanded force, above which fingers that have not reached the commanded
-width hold something."""
+"""Minimum force, N, and minimum share of the commanded force. If fingers press with more but have not reached
+the commanded width, they hold something.
+"""
 REPORT_S = 1.0
 """If the cell does not report a command within this time, another client has changed its outputs, s."""
 
@@ -54,7 +57,7 @@ class SimulatedOptions(GripperOptions):
 
 
 class SimulatedGripper:
-    """See the module."""
+    """The driver for the simulated hand, see the module."""
 
     Options = SimulatedOptions
 
@@ -94,7 +97,7 @@ class SimulatedGripper:
 
     @staticmethod
     def contract_rig(options: SimulatedOptions) -> HandRig:
-        """A rig with the hand in the options, or else with the default hand of a cell."""
+        """A rig with the hand that the options describe, or with the default hand of a cell."""
         return HandRig(options.hand or Hand())
 
     def connect(self) -> None:
@@ -121,7 +124,7 @@ class SimulatedGripper:
         self._asked_s = self._clock.now_s()
         for name, value in self._asked.items():
             reported = self._port.read(name)
-            # Each output takes rtloop a few cycles, and a report may be older than the last command.
+            # Each output takes rtloop a few cycles. So a report may be older than the last command.
             if reported != value or self._sent.get(name, reported) != value:
                 self._send(name, value)
 
@@ -151,7 +154,7 @@ class SimulatedGripper:
         held = HeldObject.NONE
         pressing_n = min(PRESSING_N, PRESSING_SHARE * self._port.read(FORCE))
         presses = force > pressing_n and abs(width - target) > NEAR_M
-        # A held part may slip by some micrometres, which moves the fingers and loses nothing.
+        # A held part may slip by some micrometres. The fingers then move, but do not lose the part.
         self._holds = presses and (not moving or (self._holds and not self._asked))
         if self._holds:
             held = HeldObject.HELD_INSIDE if width > target else HeldObject.HELD_OUTSIDE

@@ -1,4 +1,6 @@
-"""A suction cup at an output of the robot: an ejector, with or without blow-off and a vacuum sensor."""
+"""A suction cup that is connected to an output of the robot. It is an ejector, with or without blow-off and a
+vacuum sensor.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from cobot.grippers.protocol import (
 from cobot.motions.fields import Finite
 
 REPORT_S = 0.02
-"""An input that is read within this time after a command may still have its value from before, s."""
+"""Time after a command in which an input may still have its previous value, s."""
 OF_SENSOR = ("threshold", "hysteresis", "inverted_sensor")
 OF_BLOW = ("blow_value", "blow_time_s")
 
@@ -90,11 +92,12 @@ class VacuumOptions(GripperOptions):
 
 
 class VacuumGripper(TwoPositions):
-    """See the module. It has no width: `grasp` switches the vacuum on, `release` switches it off.
+    """The driver for a suction cup, see the module. A cup has no width: `grasp` switches the vacuum on, and
+    `release` switches it off.
 
     With a sensor, a grasp ends as soon as there is vacuum, and a release as soon as there is none. Without a
-    sensor both take the configured times, and it is not known whether a part is held. A stop leaves the
-    vacuum as it is.
+    sensor both take the configured times, and it is not known whether a part is held. A stop does not change
+    the vacuum.
     """
 
     Options = VacuumOptions
@@ -112,7 +115,7 @@ class VacuumGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: VacuumOptions) -> VacuumRig:
-        """A rig with a simulated cup at this output. A part can close the cup."""
+        """A rig with a simulated cup that is connected to this output. A part can close the cup."""
         return VacuumRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
@@ -157,7 +160,7 @@ class VacuumGripper(TwoPositions):
         return self._since_s < self._release_s
 
     def _has_vacuum(self) -> bool | None:
-        """Whether there is enough vacuum for a part, with the hysteresis; None without a sensor."""
+        """Whether the vacuum is enough for a part, with hysteresis; None if there is no sensor."""
         options = self._options
         if options.sensor is None:
             return None

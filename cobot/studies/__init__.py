@@ -1,8 +1,9 @@
-"""Studies: questions about a robot that need thousands of computations, on any `concurrent.futures.Executor`.
+"""Studies: questions about a robot that need thousands of computations. They run on any
+`concurrent.futures.Executor`.
 
 A study is a question, a space of parameters, a seed and a metric. Its tasks are numbered and independent, so
-the results do not depend on the number of workers or on their order. Finished chunks of tasks are files in a
-folder: a run that was killed continues where it ended.
+the results do not depend on the number of workers or their order. Finished chunks of tasks are files in a
+folder. So a run that was killed continues where it ended.
 
     from cobot.studies import load_study, run_study
 

@@ -126,7 +126,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _report(bar: Bar, question: str, advance: Advance) -> None:
-    """Show the finished part of this run, from which the bar estimates the remaining time."""
+    """Print the progress of this run. The bar uses it to estimate the remaining time."""
     missing = advance.tasks - (advance.done - advance.computed)
     bar.update(advance.computed, missing, f"{question[:40]} {advance.rate_hz:.3g}/s")
 
@@ -138,7 +138,7 @@ def _show(chosen: argparse.Namespace) -> int:
     answer = answer_of(study, columns, int(folder.manifest()["tasks"]))
     try:
         maps = write_maps(study, folder, answer, columns)
-    except UnavailableError as exc:  # for example in the folder of another user
+    except UnavailableError as exc:  # for example, the folder belongs to a different user
         print(f"cobot: the maps are not drawn: {plain_lines(exc)}", file=sys.stderr)
         maps = []
     _tell(chosen, study.question, answer, maps)

@@ -1,6 +1,6 @@
 """Results of consecutive tasks as columns, and their conversion to bytes.
 
-The same results always have the same bytes, so a hash of them names the file.
+The same results always give the same bytes, so a hash of the bytes is part of the file's name.
 """
 
 from __future__ import annotations
@@ -16,19 +16,21 @@ from cobot.errors import InputError
 
 Column = npt.NDArray[np.generic]
 Columns = Mapping[str, Column]
-"""One array per result, with one element per task: bool, int64, float64 or text."""
+"""One array per result. Each array has one element per task, of type bool, int64, float64 or text."""
 
 FAILURE = "failure"
-"""Name of the column with the reason why a task has no results; empty if it has."""
+"""Name of the column that gives the reason why a task has no results. The reason is empty if the task has
+results.
+"""
 KINDS = {"b": np.dtype(bool), "i": np.dtype(np.int64), "u": np.dtype(np.int64), "f": np.dtype(np.float64)}
-"""Types of columns by NumPy's kinds; texts have a type for each length."""
+"""Types of columns, by the codes that NumPy uses for kinds. Texts have a separate type for each length."""
 
 
 def as_columns(columns: Mapping[str, npt.ArrayLike], tasks: int) -> dict[str, Column]:
     """Convert columns to the few types that a chunk may have.
 
     Raises:
-        InputError: a column has another type or another number of elements.
+        InputError: the type of a column is not one of these, or its number of elements is wrong.
     """
     found = {name: _typed(name, np.asarray(values), tasks) for name, values in columns.items()}
     return {name: found[name] for name in sorted(found)}
@@ -45,15 +47,17 @@ def _typed(name: str, values: Column, tasks: int) -> Column:
 
 
 def to_bytes(columns: Columns) -> bytes:
-    """The columns as an NPZ file, whose time stamps NumPy fixes."""
+    """The columns as an NPZ file. NumPy writes fixed time stamps into it."""
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **{name: columns[name] for name in sorted(columns)})
     return file.getvalue()
 
 
 def from_bytes(content: bytes) -> dict[str, Column]:
-    """Raises:
-    ValueError, OSError, KeyError: the bytes are not those of a chunk.
+    """Read the columns of a chunk.
+
+    Raises:
+        ValueError, OSError, KeyError: the bytes are not a chunk.
     """
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return {name: file[name] for name in sorted(file.files)}
@@ -65,7 +69,9 @@ def digest(content: bytes) -> str:
 
 
 def joined(parts: Sequence[Columns]) -> dict[str, Column]:
-    """The columns of all parts, one after the other. Values that a part lacks are NaN, 0, false or ""."""
+    """The columns of all parts, one after the other. Values that are missing in a part become NaN, 0, false
+    or "".
+    """
     names = sorted({name for part in parts for name in part})
     for name in names:
         texts = {part[name].dtype.kind == "U" for part in parts if name in part}

@@ -1,4 +1,6 @@
-"""The orders to a worker, and the check that the worker has the same cobot, models and scene."""
+"""The orders to a worker, and the check that the worker has the same version of cobot, the same models and
+the same scene.
+"""
 
 from __future__ import annotations
 
@@ -24,22 +26,22 @@ _KEPT = 2
 
 
 class ForeignWorkerError(UnavailableError):
-    """A worker has another version of cobot or other files, so it must not compute."""
+    """A worker has a different version of cobot or different files, so it must not compute."""
 
 
 def keys_of_answer(document: Mapping[str, Any]) -> set[str]:
-    """Keys of a document that affect its answer, but not the results of tasks."""
+    """Keys of a document that affect its answer but not the results of its tasks."""
     keys = {"question", "confidence"}
     return keys if document.get("search") else keys | {"metric", "goal"}
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A study in a form for workers, which create it again from its document. It can be pickled, also for
-    other computers.
+    """A study in the form in which it is sent to workers, which create it again from its document. It can be
+    pickled, even for workers on different computers.
 
     Attributes:
-        contents: hashes of everything that the results depend on, by names for people.
+        contents: hashes of everything on which the results depend, by names for people.
         key: hash of the document and the contents.
     """
 
@@ -59,7 +61,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The results of consecutive tasks as the bytes of a chunk, and the time that the tasks took, s."""
+    """The results of consecutive tasks as the bytes of a chunk, and the time that these tasks took, s."""
 
     content: bytes
     busy_s: float
@@ -77,7 +79,7 @@ def fill(order: Order, first: int, last: int, points: list[dict[str, Any]] | Non
         points: see `cobot.studies.study.Round`.
 
     Raises:
-        ForeignWorkerError: this worker has another version or other files.
+        ForeignWorkerError: this worker has a different version or different files.
         CobotError: the study cannot be computed here.
     """
     if order.key not in _warm:
@@ -103,8 +105,9 @@ def _build(order: Order) -> tuple[Study, Kernel]:
 
 
 def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
-    """Check that this worker has the wanted versions. Names that are only in `wanted` are those of files,
-    which are compared later."""
+    """Check that this worker has the wanted versions. Names that are only in `wanted` are names of files,
+    which are compared later.
+    """
     for name, value in own.items():
         if wanted.get(name) != value:
             import socket
@@ -125,7 +128,9 @@ def versions() -> dict[str, str]:
 
 
 def _hash_of(pattern: str) -> str:
-    """Hash of cobot's files of one kind, because two checkouts or builds may have one version."""
+    """Hash of cobot's files of one kind. Versions are not enough, because two checkouts or builds may have
+    the same version.
+    """
     root = Path(cobot.__file__).parent
     whole = hashlib.sha256()
     for package in (root, root.parent / "rtloop"):

@@ -1,4 +1,4 @@
-"""The robot of a study: settings, surrounding objects and tool, with hashes of their content."""
+"""The robot of a study: its settings, surrounding objects and tool, and hashes of their content."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ class StudyObject(StrictModel):
     pose: Annotated[list[Finite], Field(min_length=7, max_length=7)]
 
     def solid(self, name: str) -> SceneObject:
-        """Raises:
-        InputError: Size or pose do not fit the shape.
+        """The object for a scene.
+
+        Raises:
+            InputError: the size or the pose does not match the shape.
         """
         if len(self.size) != SIZES[self.shape]:
             raise InputError(
@@ -64,8 +66,10 @@ class StudyTool(StrictModel):
     tcp: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
 
     def tool(self) -> Tool:
-        """Raises:
-        InputError: the pose of the TCP has no unit quaternion.
+        """The tool with these values.
+
+        Raises:
+            InputError: the quaternion of the TCP's pose is not a unit quaternion.
         """
         tcp = None if self.tcp is None else numbers7(self.tcp, "robot.tool.tcp")
         return Tool(version=1, mass=self.mass, centre=numbers3(self.centre), tcp=tcp)
@@ -92,8 +96,10 @@ class RobotChoice(StrictModel):
     positions: Location | None = None
 
     def load_settings(self) -> Settings:
-        """Raises:
-        ConfigError: the settings are invalid or have no robot of this name.
+        """Read the settings.
+
+        Raises:
+            ConfigError: the settings are invalid or contain no robot with this name.
         """
         whole = load_settings(self.settings)
         each = {settings.robot.name: settings for settings in whole.robots or (whole,)}
@@ -104,7 +110,7 @@ class RobotChoice(StrictModel):
         return each[self.name]
 
     def load(self) -> RobotDescription:
-        """The robot with its tool in its scene.
+        """The robot with its tool, in its scene.
 
         Raises:
             CobotError: a file is invalid, or the robot rejects the tool or the objects.
@@ -128,12 +134,12 @@ class RobotChoice(StrictModel):
         """The tool on the flange.
 
         Raises:
-            ConfigError, InputError: it is invalid.
+            ConfigError, InputError: the tool is invalid.
         """
         if self.tool is not None:
             return self.tool.tool()
         tool = BARE if self.tool_file is None else ToolFile(self.tool_file).read()
-        return tool if tool == BARE else replace(tool, version=1)  # how often it has changed does not matter
+        return tool if tool == BARE else replace(tool, version=1)  # the number of its changes does not matter
 
     def _taught(self) -> dict[str, NamedPosition]:
         if self.positions is None:
@@ -207,7 +213,7 @@ def numbers7(values: list[float], place: str) -> Numbers7:
     """Check a pose with a unit quaternion.
 
     Raises:
-        InputError: its quaternion has another length.
+        InputError: the length of the quaternion is not 1.
     """
     turn: Array = np.array(values[3:], dtype=float)
     length = float(np.linalg.norm(turn))
@@ -222,7 +228,7 @@ def joints_at(robot: RobotDescription, where: str | list[float], place: str) -> 
     """Joint angles of a named position or a list, rad.
 
     Raises:
-        InputError: there is no such position, or the list has the wrong number of joints.
+        InputError: the position does not exist, or the list has the wrong number of joints.
     """
     if isinstance(where, str):
         if where not in robot.positions:

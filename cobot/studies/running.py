@@ -1,4 +1,4 @@
-"""Runs a study on an executor, chunk by chunk, into its folder."""
+"""Runs a study on an executor, chunk by chunk, and writes the results into its folder."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from cobot.studies.study import Round, Study
 CHUNK_S = 1.0
 """Target duration of the work in a chunk, s."""
 GROWTH = 8
-"""Maximum ratio of the sizes of consecutive chunks, because the first tasks may be unusual."""
+"""Maximum ratio between the sizes of consecutive chunks, because the first tasks may be unusual."""
 IN_FLIGHT = 2
 """Number of chunks per worker that are submitted, so that no worker waits for the next one."""
 TRIES = 3
-"""Number of times that a worker may die with one task before the task is given up."""
+"""Number of times that a worker may die with one task. After that, the task is given up."""
 POLL_S = 0.2
 DEATHS = ("KilledWorker", "LostWorkerError")
-"""Names of the errors with which executors report that the worker of a call has died."""
+"""Names of the errors with which executors report that the worker which computed a call has died."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +58,10 @@ class StudyResult:
     """The results so far.
 
     Attributes:
-        answer: the results by readable names; partial if not all tasks are done.
+        answer: the results by readable names. They are partial if not all tasks are done.
         computed: number of tasks that this run has computed.
         duration_s: duration of this run.
-        kernel_share: the time that the workers spent in tasks, as a share of their whole time.
+        kernel_share: time that the workers spent in tasks, as a share of their total time.
         lost: number of times that a worker died.
     """
 
@@ -100,7 +100,7 @@ class _Run:
         if not self.gaps:
             return None
         first, last = self.gaps.pop(0)
-        if (first, last) in self.tries:  # not joined with others: this range has killed a worker
+        if (first, last) in self.tries:  # not joined with other ranges, because this one has killed a worker
             return first, last
         left = last - first + sum(end - begin for begin, end in self.gaps)
         size = min(self.size, math.ceil(left / self.workers), last - first)
@@ -117,8 +117,9 @@ class _Run:
         self.size = min(max(wanted, 1), GROWTH * max(self.size, last - first))
 
     def give_back(self, first: int, last: int, reason: BaseException) -> None:
-        """Compute a range again after its worker has died, in two halves, to find the task that kills
-        workers."""
+        """Compute a range again after its worker has died. It is divided into halves, to find the task that
+        kills workers.
+        """
         self.lost += 1
         tries = self.tries.pop((first, last), 0) + 1
         if last - first > 1 and tries > 1:
@@ -151,15 +152,15 @@ def run_study(
     """Compute the missing results in a folder, and answer from all results.
 
     Args:
-        folder: folder of the results: a new one, or that of an earlier run of the same study.
-        executor: where to compute; None: a `LocalPool` for this run.
-        workers: number of the executor's workers; None: all cores of this computer.
+        folder: folder for the results. It is a new folder, or the folder of an earlier run of the same study.
+        executor: executor that computes the tasks; None means a `LocalPool` for this run.
+        workers: number of the executor's workers; None means one for each core of this computer.
         niceness: niceness of the workers of the `LocalPool`.
         report: called after each chunk, and at least five times a second.
-        cancel: when it is set, the run ends with a partial answer.
+        cancel: event. When it is set, the run ends with a partial answer.
 
     Raises:
-        ForeignWorkerError: a worker has another cobot or other files.
+        ForeignWorkerError: a worker has a different version of cobot or different files.
         UnavailableError: the folder cannot be written or the executor is broken; finished chunks are kept.
         CobotError: the study contradicts the robot or a file.
     """
@@ -190,8 +191,9 @@ def run_study(
 
 @contextmanager
 def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
-    """A pool of processes. At the end of the block its running calls are ended, because their results would
-    be lost."""
+    """A context with a pool of processes. When it ends, running calls are ended, because their results would
+    be lost.
+    """
     pool = LocalPool(workers, niceness)
     try:
         yield pool
@@ -200,7 +202,7 @@ def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
 
 
 def answer_of(study: Study, columns: Columns, tasks: int) -> dict[str, Any]:
-    """The answer from the results that exist, which may be none."""
+    """The answer from the results that exist. There may be none."""
     known = has_result(columns)
     answer: dict[str, Any] = {"done": len(known), "tasks": tasks}
     if not known.all():
@@ -279,5 +281,5 @@ def _record_result(run: _Run, future: Future[Filled], piece: tuple[int, int]) ->
     run.tries.pop(piece, None)
     first = not run.computed
     run.keep(*piece, filled)
-    if first:  # a metric that does not exist is reported now and not at the end
+    if first:  # reports a metric that does not exist now and not at the end
         answer_of(run.study, {"task": np.arange(*piece), **from_bytes(filled.content)}, run.tasks)

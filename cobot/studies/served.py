@@ -1,7 +1,7 @@
 """The process that computes one study of the service.
 
 It reads a request from standard input, and writes lines of JSON to standard output: first `id` and `tasks`,
-then its progress, last its `end` or an `error`. SIGTERM ends it with a partial answer. It computes with the
+then the progress, and last `end` or an `error`. SIGTERM ends it with a partial answer. It computes with the
 lowest priority, and ends with the service.
 """
 
@@ -37,18 +37,20 @@ from cobot.studies.study import Study
 from cobot.studies.study_file import study_of
 
 KINDS = ("reach", "placement", "cycle", "robustness", "compare")
-"""Kinds of studies that a request may have. A function is not allowed, because it would be foreign code."""
+"""Kinds of studies that a request may contain. Functions are not allowed, because they would be foreign
+code.
+"""
 OF_THE_ROBOT = ("objects", "tool")
-"""Keys that `robot` may have in a request."""
+"""Keys that `robot` may contain in a request."""
 COPIES = ("scene", "tool_file", "positions")
 """Files of the service whose content becomes part of a study, by their keys in `robot`."""
 MAX_POINTS = 20_000
-"""Maximum number of places in a map of the service."""
+"""Maximum number of places in a map that the service shows."""
 REPORT_S = 0.5
 PARTIAL_S = 5.0
 """Minimum interval between partial answers, in seconds."""
 PARTIAL_REST = 20.0
-"""Minimum interval between partial answers, as a multiple of the time that one takes."""
+"""Minimum interval between partial answers, as a multiple of the time that one answer takes."""
 ID_LENGTH = 12
 
 
@@ -90,8 +92,8 @@ def main() -> int:
     request = ServedRequest.model_validate_json(sys.stdin.buffer.read(), strict=False)
     die_with_parent(signal.SIGKILL)
     if os.getppid() != request.parent:
-        return 1  # it died before the call above
-    # A client waits for the check of its study.
+        return 1  # the parent died before the call above
+    # Runs with a higher priority, because a client waits for the check of its study.
     set_niceness(Niceness(min(request.niceness, Niceness.BACKGROUND)), session=True)
     cancel = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: cancel.set())
@@ -110,7 +112,7 @@ def _tell(**content: Any) -> None:
 
 
 def finite(value: Any) -> Any:
-    """The value, with NaN and infinite numbers replaced by None, because JSON has no such numbers."""
+    """The value with None in place of NaN and infinite numbers, because JSON has no such numbers."""
     if isinstance(value, dict):
         return {name: finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
@@ -143,11 +145,13 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
 
 
 def settle(request: ServedRequest) -> tuple[Study, Path]:
-    """The study and its folder. The folder is named after the study's content, so the same study continues
-    there.
+    """The study and its folder.
+
+    The name of the folder is derived from the study's content, so the same study continues in the same
+    folder.
 
     Raises:
-        CobotError: the request is invalid, or its folder would be a new one and there are too many.
+        CobotError: the request is invalid, or it needs a new folder and there are too many folders.
     """
     base = Path(request.base)
     base.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -159,7 +163,7 @@ def settle(request: ServedRequest) -> tuple[Study, Path]:
         document = _document(request, new)
         try:
             key = Order.of(study_of(document, new)).key[:ID_LENGTH]
-        except ConfigError as exc:  # without the folder, which no client has chosen
+        except ConfigError as exc:  # the message leaves out the folder, which no client has chosen
             raise InputError(str(exc).replace(f"{new}/", "")) from exc
         folder = base / key
         if not folder.exists():
@@ -174,7 +178,7 @@ def settle(request: ServedRequest) -> tuple[Study, Path]:
 
 
 def _document(request: ServedRequest, folder: Path) -> dict[str, Any]:
-    """The document with the robot of the service and its current scene, tool and positions."""
+    """The document with the robot of the service and the robot's current scene, tool and positions."""
     document = dict(request.document)
     require_no_files(document)
     if document["kind"] == "compare":
@@ -195,7 +199,7 @@ def _document(request: ServedRequest, folder: Path) -> dict[str, Any]:
 
 
 def _parts(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The parts of a comparison that are studies, by their places."""
+    """The studies in a comparison, by their places in the document."""
     variants = document.get("variants")
     parts = (
         {f"variants.{name}": each for name, each in variants.items()} if isinstance(variants, dict) else {}
@@ -213,7 +217,7 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
     """Check that a part of a request names no file of this computer and no function.
 
     Raises:
-        InputError: it names one. The message says what to use instead.
+        InputError: it names one; the message gives the alternative.
     """
     kind = part.get("kind", KINDS[0] if place.startswith("variants") else None)
     if kind not in KINDS or (place and kind == "compare"):

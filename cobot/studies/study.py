@@ -12,9 +12,10 @@ from cobot.strict import StrictModel
 from cobot.studies.chunks import Columns
 
 Kernel = Callable[[int, int], Columns]
-"""Computes the results of the tasks from the first number up to the second (excluded).
+"""Function that computes the results of the tasks from the first number up to the second (excluded).
 
-A worker keeps it, so it may hold models. It must be pure: the same tasks always give the same results.
+A worker keeps the function, so it may hold models. It must be pure: the same tasks always give the same
+results.
 """
 MAX_TASKS = 100_000_000
 
@@ -52,12 +53,12 @@ class Study(StrictModel):
 
     @property
     def document(self) -> dict[str, Any]:
-        """The study as written in its file."""
+        """The study as it is written in its file."""
         return self._document
 
     @property
     def folder(self) -> Path:
-        """The folder against which paths in the file are resolved."""
+        """The folder to which relative paths in the file refer."""
         return self._folder
 
     def keep_source(self, document: dict[str, Any], folder: Path) -> None:
@@ -70,7 +71,9 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def rounds(self) -> Generator[Round, Columns, None]:
-        """The rounds in which the tasks are computed. A round with points gets its results sent back."""
+        """The rounds in which the tasks are computed. If a round has points, the caller sends its results
+        back to the generator.
+        """
         yield Round(0, self.tasks, None)
 
     def take_points(self, first: int, points: list[dict[str, Any]]) -> None:
@@ -78,7 +81,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def contents(self) -> dict[str, str]:
-        """Hashes of everything outside the document that the results depend on, by names for people."""
+        """Hashes of everything outside the document on which the results depend, by names for people."""
         raise NotImplementedError
 
     def kernel(self) -> Kernel:
@@ -90,7 +93,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def answer(self, columns: Columns) -> dict[str, Any]:
-        """The answer from the results that exist, by names for people. May be empty."""
+        """The answer from the results that exist, by names for people. It may be empty."""
         raise NotImplementedError
 
     @property

@@ -22,14 +22,14 @@ KINDS: Mapping[str, str] = {
     "robustness": "kinds.robustness:RobustnessStudy",
     "compare": "kinds.compare:CompareStudy",
 }
-"""Module and class of each kind. Only those of the used kind are imported."""
+"""Module and class of each kind. Only the module of the kind that is used is imported."""
 
 
 def load_study(path: Path | str) -> Study:
     """Read a study.
 
     Raises:
-        ConfigError: the file is missing or invalid. It names the file, the key, the value and what is valid.
+        ConfigError: the file is missing or invalid; names the file, the key, the value and the valid values.
     """
     path = Path(path)
     return study_of(read_mapping(path), path.resolve().parent, str(path))

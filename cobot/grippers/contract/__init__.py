@@ -1,4 +1,4 @@
-"""The contract of grippers as checks: run them with `cobot gripper test NAME`.
+"""The contract of grippers as checks. `cobot gripper test NAME` runs them.
 
 suite       all checks of a gripper, and their results
 new         `cobot gripper new`: writes a package with a working gripper

@@ -1,7 +1,7 @@
 """All checks of a gripper, and their results.
 
-They run on a simulated device, which the class creates with `contract_rig(options)`. It has a simulated clock
-instead of waiting, and never moves real fingers.
+They run on a simulated device, which the driver class creates with `contract_rig(options)`. The device uses a
+simulated clock instead of waiting, and never moves real fingers.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ UNKNOWN = "no_such_option"
 
 
 class GripperRig(Protocol):
-    """Interface of a simulated device and its faults.
+    """Interface of a simulated device that can simulate faults.
 
     Attributes:
-        faults: the faults that it can simulate: "disconnect" (it does not answer) and "fault" (it reports a
-            fault).
+        faults: the faults that the device can simulate: "disconnect" (it does not answer) and "fault" (it
+            reports a fault).
     """
 
     faults: frozenset[str]
 
     def gripper(self, port: IoPort) -> Gripper:
-        """Create another driver for the same device."""
+        """Create one more driver for the same device."""
         ...
 
     def step(self, duration_s: float) -> None:
@@ -52,7 +52,7 @@ class GripperRig(Protocol):
         ...
 
     def place(self, width_m: float | None) -> None:
-        """Put an object between the fingers, or take it away."""
+        """Put an object between the fingers, or remove it."""
         ...
 
     def inject(self, fault: str) -> None:
@@ -65,7 +65,7 @@ class GripperRig(Protocol):
 
 
 class NoPoints:
-    """A robot without inputs and outputs. If a driver needs some, its rig passes its own port."""
+    """A robot without inputs and outputs. If a driver needs them, its rig passes a port of its own."""
 
     def read(self, name: str) -> float:
         raise GripperError(f"the robot has no input or output {name!r}")
@@ -92,7 +92,7 @@ class Subject:
         return made
 
     def prepare(self) -> GripperCapabilities:
-        """Connect, activate the gripper if it needs that, and open it without an object."""
+        """Connect, activate the gripper if this is necessary, and open it without an object."""
         self.gripper.home()
         self.until_still("home")
         self.gripper.open()
@@ -100,7 +100,7 @@ class Subject:
         return self.gripper.capabilities
 
     def until_still(self, what: str) -> GripperState:
-        """Wait until the fingers rest, and return the state."""
+        """Wait until the fingers no longer move, and return the state."""
         time_s = 0.0
         while (state := self.gripper.state()).moving:
             self.rig.step(STEP_S)
@@ -142,7 +142,7 @@ def capabilities(subject: Subject) -> str:
 
 
 def connect(subject: Subject) -> str:
-    """Connecting and disconnecting move nothing, even if each is done twice."""
+    """Connecting and disconnecting move nothing, even if each of them is done twice."""
     subject.prepare()
     before = subject.gripper.state().width
     for _ in range(2):
@@ -154,7 +154,7 @@ def connect(subject: Subject) -> str:
 
 
 def move(subject: Subject) -> str:
-    """During a move `moving` is true until the fingers reach the width."""
+    """During a move, `moving` is true until the fingers reach the width."""
     able = subject.prepare()
     least, most = _widths(able)
     width = least if not able.continuous else 0.5 * (least + most)
@@ -181,7 +181,7 @@ def preempt(subject: Subject) -> str:
 
 
 def stop(subject: Subject) -> str:
-    """A stop ends the motion, and the fingers stay where they stop."""
+    """A stop ends the motion, and the fingers stay at the place where they stop."""
     able = subject.prepare()
     least, _ = _widths(able)
     if not able.continuous:
@@ -197,7 +197,9 @@ def stop(subject: Subject) -> str:
 
 
 def grasp(subject: Subject) -> str:
-    """A grasp holds an object, a stop and a new connection keep it, and a release lets it go."""
+    """A grasp holds an object. A stop or a new connection does not release the object, and a release lets it
+    go.
+    """
     width = _detectable(subject)
     state = subject.hold(width)
     require(state.object is HeldObject.HELD_INSIDE, f"object is {state.object}, not held_inside")
@@ -238,7 +240,9 @@ def lose(subject: Subject) -> str:
 
 
 def disconnect(subject: Subject) -> str:
-    """A device that does not answer causes a GripperError with a text, and can be used again later."""
+    """If a device does not answer, this causes a GripperError with a text, and the device can be used again
+    later.
+    """
     _injectable(subject, "disconnect")
     subject.prepare()
     subject.rig.inject("disconnect")

@@ -1,8 +1,8 @@
 """The Franka Hand, through Franka Robotics' library pylibfranka.
 
-A command of the library blocks until the motion ends, and holds Python's global lock. So commands run in a
-separate process. To end a command early, that process and its connection are ended, and a second process,
-which waits for this, connects and stops the fingers.
+A library command blocks until the motion ends, and holds Python's global lock. So commands run in a separate
+process. To end a command early, that process and its connection are ended. A second process, which waits for
+this, then connects and stops the fingers.
 
 driver   the gripper
 link     the processes and their interface for the driver

@@ -23,7 +23,7 @@ SPEEDS_M_S, FORCES_N = (0.005, 0.1), (1.0, 70.0)
 """Ranges of the speed at which the width changes, and of the continuous force. Source: data sheet of the
 Franka Hand."""
 CLOSED_M = 0.001
-"""Up to this width, m, the fingers hold nothing, even if the hand reports that they do."""
+"""If the width is at most this, m, the fingers hold nothing, even if the hand reports that they do."""
 
 
 class FrankaHandOptions(GripperOptions):
@@ -50,7 +50,9 @@ class FrankaHandOptions(GripperOptions):
 
 
 class FrankaHand:
-    """See the package. `move` ignores the force, because the library has a force only for `grasp`."""
+    """The driver for the Franka Hand, see the package. `move` ignores the force, because the library accepts
+    a force only for `grasp`.
+    """
 
     Options = FrankaHandOptions
     sdk = "pylibfranka"
@@ -61,7 +63,7 @@ class FrankaHand:
     ) -> None:
         """
         Args:
-            connect: creates a connection instead of that to `options.address`, for tests.
+            connect: creates a connection that tests use instead of one to `options.address`.
         """
         self._options = options
         self._link = ProcessLink(options.address) if connect is None else connect()
@@ -113,8 +115,9 @@ class FrankaHand:
         self.move(self._options.max_width if width is None else width, None, None)
 
     def stop(self) -> None:
-        """Stop a running command. Otherwise nothing is sent, because the library's stop would release a held
-        object."""
+        """Stop a running command. If none is running, nothing is sent, because the library's stop would
+        release a held object.
+        """
         if self._is_busy():
             self._link.abort()
             self._busy = False
@@ -139,7 +142,9 @@ class FrankaHand:
         )
 
     def _begin(self, call: str, *arguments: float) -> None:
-        """Start a command. A running one is stopped first, because the library accepts only one at a time."""
+        """Start a command. A running command is stopped first, because the library accepts only one at a
+        time.
+        """
         self.stop()
         self._fault = ""
         self._link.begin(call, *arguments)
@@ -148,7 +153,7 @@ class FrankaHand:
     def _is_busy(self) -> bool:
         if self._busy and (result := self._link.result()) is not None:
             self._busy = False
-            if self._call != "grasp" and not result.good:  # a grasp of nothing fails, too
+            if self._call != "grasp" and not result.good:  # a grasp that finds nothing also fails
                 self._fault = (
                     f"the hand has not executed {self._call}: {result.failure or 'it was unsuccessful'}"
                 )

@@ -1,7 +1,7 @@
-"""A process with a connection to the hand: `python helper.py`. It imports nothing of cobot.
+"""A process with a connection to the hand: `python helper.py`. It imports nothing from cobot.
 
-Each line of its input is a call of the library, [NAME, ARGUMENT, ...], the first one ["connect", ADDRESS].
-Each line of its output is an answer: {"ok": RESULT}, {"failed": TEXT} for a command that the hand rejects, or
+Each line of its input is a library call, [NAME, ARGUMENT, ...]. The first call is ["connect", ADDRESS]. Each
+line of its output is an answer: {"ok": RESULT}, {"failed": TEXT} for a command that the hand rejects, or
 {"lost": TEXT}, after which the process ends. The process also ends when its input ends.
 """
 

@@ -1,4 +1,4 @@
-"""The connection of the driver to a Franka Hand, through separate processes."""
+"""The connection between the driver and a Franka Hand, through separate processes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ READ_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class HandReading:
-    """A reading of the hand, m and °C, and its age, s."""
+    """A reading of the hand, m and °C, and the age of the reading, s."""
 
     width: float
     max_width: float
@@ -35,7 +35,7 @@ class CallResult:
     """The result of a command.
 
     Attributes:
-        failure: the reason why the hand has rejected it; "" if it has not.
+        failure: the reason why the hand has rejected the command; "" if it has not rejected it.
     """
 
     good: bool
@@ -67,7 +67,7 @@ class HandLink(Protocol):
 
 
 class ProcessLink:
-    """The hand at an address. One process is connected; a second one waits to replace it.
+    """The hand at an address. One process is connected, and a second process waits to replace it.
 
     The hand accepts one connection at a time, and the state cannot be read while a command runs.
     """
@@ -96,7 +96,7 @@ class ProcessLink:
             self._spare = None
 
     def read(self) -> HandReading:
-        """See `HandLink`. While a command runs, it is the state before that command."""
+        """See `HandLink`. While a command runs, this returns the state before that command."""
         if not self._pending:
             self._seen = HandReading(*self._ask(READ_S, "read_once"))
             self._seen_s = time.monotonic()
@@ -141,7 +141,7 @@ class ProcessLink:
 
 
 class _Helper:
-    """One of the processes. It imports the library before it must connect."""
+    """One of the processes. It imports the library before it needs to connect."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -163,10 +163,10 @@ class _Helper:
             raise self._error("its process has ended") from exc
 
     def answer(self, timeout_s: float, *, waits: bool = True) -> Any:
-        """The next answer of the process.
+        """The next answer from the process.
 
         Args:
-            waits: whether a missing answer is an error. If not, the result is then None.
+            waits: whether a missing answer is an error. If it is not, the result is then None.
 
         Raises:
             GripperError: there is no answer in time, or the connection is lost.
@@ -190,7 +190,7 @@ class _Helper:
         return answer
 
     def close(self) -> None:
-        """Kill the process, because it may hang in a call of the library."""
+        """Kill the process, because it may hang in a library call."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):

@@ -1,4 +1,4 @@
-"""A simulated Franka Hand for the contract. It has a simulated clock instead of waiting."""
+"""A simulated Franka Hand for the contract. It uses a simulated clock instead of waiting."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 
 class FrankaHandRig:
-    """See `cobot.grippers.contract.suite.GripperRig`. It is also the connection to the hand.
+    """A simulated hand, see `cobot.grippers.contract.suite.GripperRig`. It is also the connection to the
+    hand.
 
     Attributes:
         width: width between the fingers, m.
@@ -32,7 +33,7 @@ class FrankaHandRig:
         self._is_grasped = False
 
     def gripper(self, port: IoPort) -> FrankaHand:
-        """Create another driver for the same hand."""
+        """Create one more driver for the same hand."""
         from cobot.grippers.franka.driver import FrankaHand
 
         return FrankaHand(self._options, port, lambda: self)
@@ -54,7 +55,7 @@ class FrankaHandRig:
             self._goal, self._result = None, CallResult(good)
 
     def place(self, width_m: float | None) -> None:
-        """Put an object between the fingers, or take it away."""
+        """Put an object between the fingers, or remove it."""
         self.object_m = width_m
 
     def inject(self, fault: str) -> None:
@@ -66,7 +67,7 @@ class FrankaHandRig:
         self._silent = False
 
     def open(self) -> None:
-        """See `HandLink`, as for the following methods."""
+        """See `HandLink`. The same applies to the methods below."""
         self._require()
 
     def close(self) -> None: ...

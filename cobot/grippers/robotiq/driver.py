@@ -38,15 +38,19 @@ from cobot.grippers.robotiq.urcap import PORT, UrcapLink
 from cobot.strict import shown
 
 BEYOND_M = 0.003
-"""Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
+"""Distance by which a grasp aims beyond the narrowest permitted object, m, because the fingers must press on
+it.
+"""
 NEAR = 2
-"""Fingers that stop within this number of counts of the commanded position have reached it, and hold
-nothing."""
+"""If the fingers stop within this number of counts of the commanded position, they have reached it and hold
+nothing.
+"""
 ACTIVATION_S = 15.0
 """Timeout for an activation, s."""
 RESETS = 20
-"""Maximum number of times that the driver asks whether the activation is reset, before it activates the
-gripper."""
+"""Maximum number of times that the driver asks whether the activation has been reset, before it activates the
+gripper.
+"""
 INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
 
 
@@ -114,7 +118,7 @@ class RobotiqOptions(GripperOptions):
 
 
 def _is_address(text: str, *, with_port: bool) -> bool:
-    """Whether a text is HOST:PORT; without `with_port` also HOST alone."""
+    """Whether a text is HOST:PORT. Without `with_port`, HOST alone is also allowed."""
     host, colon, port = text.removeprefix(SOCKET).rpartition(":")
     if not colon:
         return not with_port and bool(port) and "/" not in port
@@ -122,7 +126,9 @@ def _is_address(text: str, *, with_port: bool) -> bool:
 
 
 class RobotiqGripper:
-    """See the package. Connecting moves nothing. `home` activates a gripper that is not activated."""
+    """The driver for Robotiq's grippers, see the package. Connecting moves nothing. `home` activates a
+    gripper that is not activated.
+    """
 
     Options = RobotiqOptions
     state_period_s = 0.005
@@ -136,7 +142,7 @@ class RobotiqGripper:
     ) -> None:
         """
         Args:
-            connect: creates a connection instead of that to `options.device`, for tests.
+            connect: creates a connection that tests use instead of one to `options.device`.
         """
         self._options = options
         self._clock = clock
@@ -272,5 +278,5 @@ class RobotiqGripper:
 
 
 def _words(fault: int) -> str:
-    """A fault as a text; "" for none."""
+    """A fault as text; "" if there is none."""
     return FAULTS.get(fault, f"fault {fault:#04x}, which the manual does not list" if fault else "")

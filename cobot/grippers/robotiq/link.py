@@ -9,7 +9,9 @@ from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, Ro
 
 
 class GripperLink(Protocol):
-    """Interface of a connection. Each method raises a GripperError if there is no answer or a wrong one."""
+    """Interface of a connection. Each method raises a GripperError if there is no answer or the answer is
+    wrong.
+    """
 
     def open(self) -> None:
         """Connect. An open connection is closed and opened again."""
@@ -29,7 +31,7 @@ class GripperLink(Protocol):
 
 
 class ModbusLink:
-    """Registers over Modbus RTU."""
+    """A connection that reads and writes registers over Modbus RTU."""
 
     def __init__(self, master: Master) -> None:
         self.open, self.close, self._master = master.open, master.close, master

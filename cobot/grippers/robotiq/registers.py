@@ -1,7 +1,7 @@
 """The registers of Robotiq's grippers, and the models.
 
-Source: instruction manuals of 2F-85/2F-140 and Hand-E, chapters "Control" and "Modbus RTU". Each register has
-two bytes. The first register of each block starts with the byte of bits.
+Source: instruction manuals of 2F-85/2F-140 and Hand-E, chapters "Control" and "Modbus RTU". Each register
+consists of two bytes. In the first register of each block, the first byte contains single bits.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 REQUEST, STATUS, COUNT = 0x03E8, 0x07D0, 3
-"""The first registers of the two blocks, and the number of registers in each."""
+"""The first registers of the two blocks, and the number of registers in each block."""
 ACTIVATE, GO, AUTO_RELEASE = 0x01, 0x08, 0x10
 """Bits of a request: rACT, rGTO, rATR."""
 FULL = 255
@@ -28,7 +28,7 @@ FAULTS = {
     0x0E: "overcurrent: check the object on which the fingers press",
     0x0F: "an automatic release is completed: the gripper must be activated again",
 }
-"""Texts of the faults, by the value of gFLT."""
+"""Texts for the faults, by the value of gFLT."""
 NOT_ACTIVE = 0x07
 PASSING = frozenset({0x05, 0x09})
 """Faults that do not affect a running command."""
@@ -44,7 +44,7 @@ class Activation(IntEnum):
 
 
 class Detection(IntEnum):
-    """Values of gOBJ, which tells whether the fingers move or have stopped at an object."""
+    """Values of gOBJ, which shows whether the fingers move or have stopped at an object."""
 
     MOVING = 0
     STOPPED_OPENING = 1
@@ -94,7 +94,7 @@ class RobotiqStatus:
     """The status that the gripper reports.
 
     Attributes:
-        echo: echo of the requested position.
+        echo: the requested position, as the gripper returns it.
         current_a: current of the motor, A.
     """
 
@@ -132,5 +132,5 @@ class RobotiqStatus:
 
 
 def share(value: float, bounds: tuple[float, float]) -> int:
-    """Convert a value within its bounds to 0 to 255."""
+    """Convert a value within its bounds to a number from 0 to 255."""
     return max(0, min(FULL, round(FULL * (value - bounds[0]) / (bounds[1] - bounds[0]))))

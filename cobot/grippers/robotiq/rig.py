@@ -1,4 +1,4 @@
-"""The simulated Robotiq gripper for the contract: frames pass through memory, and the clock is simulated."""
+"""The simulated Robotiq gripper for the contract. Frames are passed in memory, and the clock is simulated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TOO_HOT = 0x08
 
 
 class SlaveLine:
-    """A serial line to a slave, with the methods of pyserial that a master uses."""
+    """A serial line to a slave. It provides the methods of pyserial that a master uses."""
 
     def __init__(self, slave: Slave) -> None:
         self._slave = slave
@@ -35,7 +35,9 @@ class SlaveLine:
 
 
 class TextLine:
-    """A connection to the text protocol of a slave, with the methods of a socket that a client uses."""
+    """A connection to the text protocol of a slave. It provides the methods of a socket that a client
+    uses.
+    """
 
     def __init__(self, slave: Slave) -> None:
         self._slave = TextSlave(slave)
@@ -54,7 +56,7 @@ class TextLine:
 
 
 class RobotiqRig:
-    """See `cobot.grippers.contract.suite.GripperRig`.
+    """A simulated gripper, see `cobot.grippers.contract.suite.GripperRig`.
 
     Attributes:
         fingers: fingers of the device.
@@ -72,7 +74,7 @@ class RobotiqRig:
         return self._time_s
 
     def gripper(self, port: IoPort) -> RobotiqGripper:
-        """Create another driver for the same device."""
+        """Create one more driver for the same device."""
         from cobot.grippers.robotiq.driver import RobotiqGripper
 
         line = SlaveLine if self._options.protocol == "rtu" else TextLine
@@ -84,7 +86,7 @@ class RobotiqRig:
         self.fingers.advance()
 
     def place(self, width_m: float | None) -> None:
-        """Put an object between the fingers, or take it away."""
+        """Put an object between the fingers, or remove it."""
         self.fingers.object_m = width_m
 
     def inject(self, fault: str) -> None:

@@ -24,7 +24,7 @@ from cobot.grippers.robotiq.urcap import PORT as URCAP_PORT
 PORT = 54321
 MAX_CLIENTS = 8
 SEND_S = 1.0
-"""A client that does not read its answers for this time is disconnected, s."""
+"""Time after which a client that does not read its answers is disconnected, s."""
 
 
 class Simulator:
@@ -49,7 +49,7 @@ class Simulator:
     ) -> None:
         self.slave = Slave(Fingers(model, time.monotonic), unit)
         self.late_s = 0.0
-        # Ports first: one that is in use leaves nothing behind.
+        # The ports come first: if one of them is in use, nothing is left behind.
         self._listener = socket.create_server((host, port))
         try:
             self._urcap = socket.create_server((host, urcap_port))
@@ -59,8 +59,8 @@ class Simulator:
         self.port: int = self._listener.getsockname()[1]
         self.urcap_port: int = self._urcap.getsockname()[1]
         self._terminal, self._other = os.openpty()
-        os.set_blocking(self._terminal, False)  # what a client does not read is lost, as on a serial line
-        tty.setraw(self._other)  # it stays open: a client that goes away does not end the terminal
+        os.set_blocking(self._terminal, False)  # unread data are lost, as on a serial line
+        tty.setraw(self._other)  # stays open, so that a client that disconnects does not end the terminal
         self.device = os.ttyname(self._other)
         self._link = link
         if link is not None:
@@ -128,7 +128,7 @@ class Simulator:
 
 @contextlib.contextmanager
 def run_simulator(model: str = "2f85", **how: object) -> Iterator[Simulator]:
-    """A simulated gripper for as long as the context lasts."""
+    """A context that provides a simulated gripper until it ends."""
     made = Simulator(model, **how)  # type: ignore[arg-type]
     try:
         yield made

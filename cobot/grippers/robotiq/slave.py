@@ -53,7 +53,7 @@ class Fingers:
 
     @property
     def width_m(self) -> float:
-        """The width between the fingers, m."""
+        """The current width between the fingers, m."""
         return self.model.stroke_m * (1.0 - self._position / FULL)
 
     def take(self, request: Request) -> None:
@@ -128,8 +128,8 @@ class Slave:
     """Answers frames of Modbus RTU.
 
     Attributes:
-        silent: whether it does not answer, like an unplugged device.
-        garbage: whether its answers are damaged.
+        silent: whether the device does not answer, like an unplugged device.
+        garbage: whether the answers of the device are damaged.
     """
 
     def __init__(self, fingers: Fingers, unit: int = 9) -> None:
@@ -149,7 +149,7 @@ class Slave:
         return answers
 
     def _next(self) -> bytes:
-        """The next complete frame. Bytes before it are not a request, and are dropped."""
+        """The next complete frame. Bytes before it do not belong to a request, and are dropped."""
         for start in range(len(self._buffer)):
             length = _length(self._buffer[start:])
             frame = self._buffer[start : start + length]
@@ -180,7 +180,7 @@ class Slave:
         return bytes((function | REFUSED, ILLEGAL_ADDRESS))
 
     def _write(self, function: int, address: int, count: int, data: bytes) -> bytes:
-        """Write registers. Returns "" if the request was accepted, else the exception."""
+        """Write registers. Returns "" if the request was accepted, otherwise the exception."""
         if len(data) != 2 * count:
             return bytes((function | REFUSED, ILLEGAL_VALUE))
         if not _within(REQUEST, address, count):
@@ -197,8 +197,9 @@ def _within(first: int, address: int, count: int) -> bool:
 
 
 def _length(data: bytes) -> int:
-    """Length of a request that begins with these bytes; 0 if it is not known yet or they are not a
-    request."""
+    """Length of a request that begins with these bytes. It is 0 if the length is not known yet, or if these
+    bytes do not begin a request.
+    """
     if len(data) < 2:
         return 0
     match data[1]:

@@ -48,7 +48,7 @@ class TextSlave:
         }  # fmt: skip
 
     def _set(self, pairs: list[str]) -> bool:
-        """Set values; others stay unchanged. Returns whether they were accepted."""
+        """Set values. All other values stay unchanged. Returns whether the values were accepted."""
         given = dict(zip(pairs[::2], pairs[1::2], strict=True))
         if not given.keys() <= {"ACT", "GTO", "ATR", "POS", "SPE", "FOR"}:
             return False

@@ -1,8 +1,8 @@
 """The text protocol of Robotiq's URCap, on TCP port 63352 of the robot's controller.
 
-A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `ack`, to GET the name and the
-value such as `POS 3`, and to anything else `?`. Some controllers end answers with a newline, others do not.
-Source: the URCap's manual, chapter on the socket of the gripper.
+A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `ack`. The answer to GET is the
+name and the value, such as `POS 3`. The answer to anything else is `?`. Some controllers end answers with a
+newline, others do not. Source: the URCap's manual, chapter on the socket of the gripper.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cobot.grippers.robotiq.registers import Activation, Detection, Request, Rob
 PORT = 63352
 ACK, UNKNOWN = "ack", "?"
 QUIET_S = 0.02
-"""Silence after which a value without a newline counts as complete, s."""
+"""Time without data after which a value without a newline counts as complete, s."""
 MAX_ANSWER = 64
 _VALUE = re.compile(r"([A-Z]{3}) (\d{1,3})")
 
@@ -30,7 +30,7 @@ class UrcapLink:
     Args:
         device: HOST or HOST:PORT.
         timeout_s: timeout for each answer.
-        connect: creates a connection instead of TCP's, for tests.
+        connect: creates a connection that tests use instead of TCP.
     """
 
     def __init__(self, device: str, timeout_s: float, connect: Callable[[], Any] | None = None) -> None:
@@ -41,7 +41,7 @@ class UrcapLink:
         self._socket: Any = None
 
     def open(self) -> None:
-        """See `GripperLink`. A new connection cannot have late answers."""
+        """See `GripperLink`. On a new connection, no late answers can arrive."""
         self.close()
         try:
             self._socket = self._connect()
@@ -61,7 +61,8 @@ class UrcapLink:
 
     def status(self) -> RobotiqStatus:
         """See `GripperLink`. Sends one line for each value, because the protocol has no request for all
-        values."""
+        values together.
+        """
         stage = self._get("STA", 3)
         return RobotiqStatus(
             stage != Activation.RESET,
@@ -105,7 +106,7 @@ class UrcapLink:
                 got = connection.recv(MAX_ANSWER)
                 if not got:
                     raise self._error("has ended the connection")
-                answer = (answer + got).lstrip()  # the newline after an `ack` may come late
+                answer = (answer + got).lstrip()  # the newline after an `ack` may arrive late
         except TimeoutError as exc:
             raise self._error(f"has not answered {line!r} within {self._timeout_s:g} s") from exc
         except OSError as exc:

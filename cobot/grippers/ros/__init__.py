@@ -1,4 +1,4 @@
-"""Grippers behind an existing ROS 2 driver, through its action and its joint states.
+"""Grippers that already have a ROS 2 driver. cobot uses the action and the joint states of that driver.
 
 driver  the gripper
 link    the process that speaks DDS, and the data that it has received

@@ -1,5 +1,6 @@
-"""The driver for a gripper that has a ROS 2 driver. It sends goals to its action, and reads its joint
-states."""
+"""The driver for a gripper that has a ROS 2 driver. It sends goals to the action of the ROS 2 driver, and
+reads its joint states.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +30,13 @@ from cobot.motions.fields import Finite
 PARALLEL = "ParallelGripperCommand"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BEYOND_M = 0.003
-"""Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
+"""Distance by which a grasp aims beyond the narrowest permitted object, m, because the fingers must press on
+it.
+"""
 NEAR_M = 0.003
-"""Fingers within this distance of the commanded width have reached it. A held object does not move them
-further."""
+"""If the fingers are within this distance of the commanded width, m, they have reached it. A held object does
+not move them further.
+"""
 LOOKS, LOOK_S = 50, 0.02
 """Maximum number of checks for the ROS 2 driver while connecting, and the interval between them."""
 RosName = Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$", max_length=200)]
@@ -82,14 +86,16 @@ class RosOptions(GripperOptions):
 
 
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
-    """The settings with which the process of `ActionProcess` is started."""
+    """The settings with which the process for `ActionProcess` is started."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
     action = {"action": options.action, "type": f"control_msgs/action/{options.action_type}"}
     return {**network, **action, "joint_states": options.joint_states, "joint": options.joint}
 
 
 class RosGripper:
-    """See the module. If a goal has ended stalled, the fingers hold an object."""
+    """The driver for a gripper that has a ROS 2 driver, see the module. If a goal has ended stalled, the
+    fingers hold an object.
+    """
 
     Options = RosOptions
 
@@ -122,8 +128,9 @@ class RosGripper:
         return RosRig(options)
 
     def connect(self) -> None:
-        """Listen to the ROS 2 driver, and wait for it for a short time. Knowledge about a held object is
-        kept."""
+        """Listen to the ROS 2 driver, and wait for it for a short time. It remains known whether an object is
+        held.
+        """
         self._link.open()
         self._opened_s = self._clock.now_s()
         for _ in range(LOOKS):
@@ -133,8 +140,9 @@ class RosGripper:
         self._width_m()
 
     def disconnect(self) -> None:
-        """Continue to listen, so that a ROS 2 driver that starts later is found. The process ends with this
-        one."""
+        """Continue to listen, so that a ROS 2 driver that starts later is found. The process that listens
+        ends with this process.
+        """
         if self._link.heard.problem:
             self._link.close()
 
@@ -203,7 +211,7 @@ class RosGripper:
         waited_s = self._clock.now_s() - heard.sent_s
         if heard.status is not None:
             if heard.joint_s < heard.ended_s:
-                return True  # the joint's position is from before the end
+                return True  # the position of the joint is from before the end
             self._noted = True
             self._end(heard.status, heard.values)
             return False

@@ -1,4 +1,4 @@
-"""The link to a ROS 2 driver. A separate process speaks DDS (`cobot.dds.action_client`)."""
+"""The link to a ROS 2 driver. The separate process `cobot.dds.action_client` speaks DDS."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ class DriverState:
 
     Attributes:
         ready: whether the server of the action is available.
-        joint: position and effort of the joint; None before the first one, or if they are not numbers.
+        joint: position and effort of the joint; None before the first joint state, or if they are not
+            numbers.
         joint_s, told_s: times of the last joint state, and of the last data of any kind.
         number: number of the latest goal.
         sent_s: time at which the goal was sent.
-        accepted: whether it was accepted; None before the answer.
-        ended_s: time at which its result arrived.
-        status, values: status and values of the result. The status is None before it.
+        accepted: whether the goal was accepted; None before the answer.
+        ended_s: time at which the result of the goal arrived.
+        status, values: status and values of the result. The status is None before the result arrives.
         earlier: values of the last result from before this link was opened.
-        problem: the reason why no more data arrive; "" for none.
+        problem: the reason why no more data arrive; "" if there is none.
     """
 
     ready: bool = False
@@ -53,7 +54,7 @@ class DriverState:
         return self.number
 
     def take(self, content: dict[str, Any], now_s: float) -> None:
-        """Process a line of the process."""
+        """Read a line that the process has printed."""
         self.told_s = now_s
         what, own = content["what"], content.get("number") == self.number
         if what == "ready":
@@ -71,7 +72,7 @@ class DriverState:
 
 
 class ActionLink(Protocol):
-    """Interface of the link.
+    """Interface of the link to a ROS 2 driver.
 
     Attributes:
         heard: the received data.
@@ -101,7 +102,7 @@ class ActionLink(Protocol):
 
 
 class ActionProcess:
-    """An `ActionLink` through a process. For its settings see `cobot.dds.action_client`."""
+    """An `ActionLink` that uses a separate process. `cobot.dds.action_client` describes its settings."""
 
     def __init__(self, settings: dict[str, Any], clock: Now = SYSTEM) -> None:
         self._settings, self._clock = settings, clock
@@ -119,7 +120,7 @@ class ActionProcess:
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
-            start_new_session=True,  # Ctrl-C is the service's
+            start_new_session=True,  # Ctrl-C is meant for the service
         )
         self.heard = heard = DriverState()
         threading.Thread(target=self._listen, args=(self._process, heard), daemon=True).start()

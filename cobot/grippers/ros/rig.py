@@ -1,5 +1,6 @@
-"""A simulated ROS 2 driver for the contract: its action and its joint, without a network, with a simulated
-clock."""
+"""A simulated ROS 2 driver for the contract: its action and its joint. It uses no network, and a simulated
+clock.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ SUCCEEDED, CANCELED = 4, 5
 
 
 class RosRig:
-    """See `cobot.grippers.contract.suite.GripperRig`. It is also the link for its drivers."""
+    """A simulated ROS 2 driver, see `cobot.grippers.contract.suite.GripperRig`. It is also the link for its
+    drivers.
+    """
 
     faults = frozenset({"disconnect"})
 
@@ -33,13 +36,13 @@ class RosRig:
         return self._seconds
 
     def gripper(self, port: IoPort) -> Gripper:
-        """Create another driver for the same action."""
+        """Create one more driver for the same action."""
         from cobot.grippers.ros.driver import RosGripper
 
         return RosGripper(self._options, port, self, self)
 
     def open(self) -> None:
-        """See `ActionLink`, also for `close`, `send` and `cancel`."""
+        """See `ActionLink`. The same applies to `close`, `send` and `cancel`."""
         self.heard.earlier = None if self._runs else self._last
         self._tell()
 
@@ -74,7 +77,7 @@ class RosRig:
         self._tell()
 
     def place(self, width_m: float | None) -> None:
-        """Put an object between the fingers, or take it away."""
+        """Put an object between the fingers, or remove it."""
         self._object_m = width_m
 
     def inject(self, fault: str) -> None:

@@ -1,1 +1,1 @@
-"""The processes that compute a study: a pool on this computer, or a cluster."""
+"""The processes that compute a study: a process pool on this computer, or a cluster."""

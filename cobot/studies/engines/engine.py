@@ -23,7 +23,7 @@ CONNECT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class StudyEngine:
-    """An executor with its number of workers. If the executor is None, the run creates its own pool."""
+    """An executor and the number of its workers. If the executor is None, the run creates its own pool."""
 
     executor: Executor | None
     workers: int
@@ -31,13 +31,14 @@ class StudyEngine:
 
 @contextmanager
 def engine(name: str, workers: int | None, niceness: int) -> Iterator[StudyEngine]:
-    """The engine with a name: local or dask://HOST:PORT.
+    """A context with the engine of this name: local or dask://HOST:PORT.
 
     Args:
-        workers: number of processes on this computer; None: one per core. Dask has its own number.
+        workers: number of processes on this computer; None means one per core. Dask determines its own
+            number.
 
     Raises:
-        InputError: the name is invalid, or the options do not fit it.
+        InputError: the name is invalid, or the options cannot be used with this engine.
         NotSupportedError: Dask is not installed.
         UnavailableError: the scheduler does not answer or has no workers.
     """

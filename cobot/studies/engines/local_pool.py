@@ -1,4 +1,4 @@
-"""A process pool, a `concurrent.futures.Executor`, that continues if a worker dies.
+"""A process pool that continues if a worker dies. It is a `concurrent.futures.Executor`.
 
 `concurrent.futures.ProcessPoolExecutor` fails as a whole when one of its processes dies, and its processes
 survive their parent. Here, if a worker dies, only the call that it was computing fails, and the worker is
@@ -27,7 +27,9 @@ from typing import Any, ParamSpec, TypeVar
 from cobot.errors import UnavailableError, exhausted
 
 MAX_STARTS_IN_A_ROW = 5
-"""The pool gives up after this many workers in a row have died before they computed anything."""
+"""Number of workers in a row that may die before they have computed anything. After that, the pool gives
+up.
+"""
 SINGLE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the libraries of a worker to one core."""
 READY = b"ready"
@@ -80,13 +82,13 @@ class LocalPool(Executor):
         self._pids: list[int] = []
         self._failed_starts = 0
         self._broken: UnavailableError | None = None
-        # The workers are children of this thread, and die with it: it lives as long as the pool.
+        # The workers are children of this thread and die with it, so it lives as long as the pool.
         self._thread = threading.Thread(target=self._run, name="study workers", daemon=True)
         self._thread.start()
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the current workers."""
+        """Process ids of the current workers."""
         return list(self._pids)
 
     def submit(
@@ -96,7 +98,7 @@ class LocalPool(Executor):
 
         Raises:
             RuntimeError: the pool has been shut down.
-            UnavailableError: its workers cannot be started.
+            UnavailableError: the workers of the pool cannot be started.
         """
         content = pickle.dumps((fn, args, kwargs))
         future: Future[Result] = Future()
@@ -110,7 +112,7 @@ class LocalPool(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """See `concurrent.futures.Executor`. With `cancel_futures` running calls are ended too."""
+        """See `concurrent.futures.Executor`. With `cancel_futures`, running calls are also ended."""
         with self._lock:
             already, self._closing = self._closing, True
             if cancel_futures:
@@ -189,7 +191,7 @@ class LocalPool(Executor):
                     pass_fds=[theirs.fileno()],
                     env=environment,
                     stdin=subprocess.DEVNULL,
-                    stdout=STDERR,  # standard output is for the answer, which may be JSON
+                    stdout=STDERR,  # standard output is only for the answer, which may be JSON
                 )
             except OSError:
                 ours.close()

@@ -16,12 +16,14 @@ from cobot.studies.engines.local_pool import READY
 
 
 def main() -> None:
-    """Serve the connection whose number is the first argument, as a child of the second."""
+    """Serve the connection whose number is the first argument. The second argument is the id of the parent
+    process.
+    """
     descriptor, parent, niceness = map(int, sys.argv[1:4])
     die_with_parent(signal.SIGKILL)
     if os.getppid() != parent:
-        return  # it died before the call above
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
+        return  # the parent died before the call above
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the parent, which ends its workers
     os.nice(niceness)
     connection = Connection(descriptor)
     connection.send_bytes(READY)

@@ -1,4 +1,4 @@
-"""The same study for several arms, tools or settings."""
+"""A study that is computed for several arms, tools or settings."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class CompareStudy(Study):
     """One study with variants, whose answers are shown side by side.
 
     Attributes:
-        study: the common part of all variants: a study without question and seed.
-        variants: the keys in which each variant differs, by name of the variant; mappings are merged.
+        study: the common part of all variants, which is a study without question and seed.
+        variants: the keys in which a variant differs, by the name of the variant. Mappings are merged.
     """
 
     kind: Literal["compare"]
@@ -47,7 +47,7 @@ class CompareStudy(Study):
         """The study of each variant.
 
         Raises:
-            ConfigError: one of them is invalid; the message names it.
+            ConfigError: one of the studies is invalid; the message names it.
         """
         common = {"question": self.question, "seed": self.seed}
         return {
@@ -57,7 +57,7 @@ class CompareStudy(Study):
 
     @cached_property
     def _ends(self) -> dict[str, int]:
-        """The number after the last task of each variant."""
+        """For each variant, the number after that of its last task."""
         ends = np.cumsum([study.tasks for study in self.each.values()])
         return dict(zip(self.each, ends.tolist(), strict=True))
 
@@ -84,7 +84,9 @@ class CompareStudy(Study):
         return compute
 
     def _ranges(self, first: int, last: int) -> list[tuple[str, int, int]]:
-        """The tasks of each variant within a range of all tasks, numbered within the variant."""
+        """The tasks of each variant that are in a range of all tasks. Each variant numbers its tasks
+        separately.
+        """
         found, begin = [], 0
         for name, end in self._ends.items():
             low, high = max(first, begin), min(last, end)

@@ -1,4 +1,6 @@
-"""The shortest cycle of a program whose waypoints, order, speeds and blend radii are free within limits."""
+"""Finds the shortest cycle of a program whose waypoints, order, speeds and blend radii may be changed within
+limits.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,9 @@ from cobot.studies.programs.program_moves import (
 from cobot.studies.study import Kernel
 
 PARAMETERS = ("speed", "blend_radius_m")
-"""Parameters that a file may have; the other parameters follow from the program."""
+"""Parameters that a file may contain. All other parameters follow from the program."""
 MAX_FREE = 6
-"""Maximum number of motions in a group with free order; six give 720 orders."""
+"""Maximum number of motions in a group with free order, because six motions already give 720 orders."""
 
 
 class CycleStudy(RobotStudy):
@@ -135,8 +137,9 @@ class _CycleKernel:
         return {**self.study.parameters(first, last), **results}
 
     def _duration(self, values: dict[str, Value]) -> tuple[float, int, str]:
-        """The duration, s, and the number of planned motions; NaN with the reason if the program cannot be
-        planned."""
+        """The duration, s, and the number of planned motions. If the program cannot be planned, the duration
+        is NaN, and the text gives the reason.
+        """
         speed, radius_m = float(values.get("speed", 1.0)), float(values.get("blend_radius_m", 0.0))
         planned: list[PlannedMove] = []
         try:

@@ -28,13 +28,13 @@ STEP_S = 1e-3
 
 @dataclass(slots=True)
 class UnknownLoad:
-    """Forces and errors that are unknown to the cycle; see `rtloop.rehearsal.Disturbance`.
+    """Forces and errors that the cycle does not know; see `rtloop.rehearsal.Disturbance`.
 
     Attributes:
         payload_kg: mass at the TCP, in addition to the tool.
-        friction_nm: dry friction of each joint; N in slides.
+        friction_nm: dry friction of each joint, N·m; N for linear joints.
         noise_rad: standard deviation of each reading.
-        joints: the true position at the last cycle, shape (dof,).
+        joints: the true position in the last cycle, shape (dof,).
     """
 
     robot: RobotDescription

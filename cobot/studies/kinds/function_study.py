@@ -1,4 +1,4 @@
-"""Any pure function of Python as a study."""
+"""A study that calls any pure Python function."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class FunctionStudy(SampledStudy):
 
     Attributes:
         function: FILE.py:NAME, relative to the study, or MODULE:NAME. It returns a number, true or false, or
-            a mapping from names to numbers, booleans or texts. A parameter `seed` that is not in the space
-            gets a different integer for each task.
-        metric: name of a result. If the function returns only a value, its name is `value`.
+            a mapping from names to numbers, booleans or texts. If the function has a parameter `seed` that is
+            not in the space, it gets a different integer for each task.
+        metric: name of a result. If the function returns a single value, its name is `value`.
     """
 
     kind: Literal["python"]
@@ -96,12 +96,14 @@ class FunctionStudy(SampledStudy):
         return compute
 
     def _takes_seed(self) -> bool:
-        """Raises:
-        InputError: the function does not have the parameters of the space.
+        """Whether the function has a parameter for a seed.
+
+        Raises:
+            InputError: the parameters of the function do not match the space.
         """
         try:
             signature = inspect.signature(self._function)
-        except (TypeError, ValueError):  # a compiled function
+        except (TypeError, ValueError):  # the function is compiled
             return False
         names = set(signature.parameters)
         seeded = SEED in names and SEED not in self.space
@@ -132,7 +134,7 @@ class FunctionStudy(SampledStudy):
         return results
 
     def _objection(self, name: Any, value: Any) -> str:
-        """The reason why a result cannot be stored; empty if it can."""
+        """The reason why a result cannot be stored; "" if it can be stored."""
         if not isinstance(name, str) or not name or name in {*self.space, "task", FAILURE}:
             return "is the name of a parameter or not a valid name; return another one"
         if not isinstance(value, bool | np.bool_ | str | Real):

@@ -1,6 +1,6 @@
-"""Finds the place of the base and of the tool's TCP with the largest reach or the shortest program.
+"""Finds the placement of the base and of the tool's TCP that gives the largest reach or the shortest program.
 
-A task is one placement: objects and targets stay where they are, and the arm moves.
+A task is one placement. Objects and targets stay at their places, and the arm moves.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class PlacementStudy(RobotStudy):
         if "planned" in columns and not (columns["cause"] == "").any():
             answer["no placement can do the program"] = nearest_program(columns, self.axes)
         elif _reaches_nothing(columns):
-            for name in ("at", "trial", f"best {self.metric}"):  # any placement is as bad as the others
+            for name in ("at", "trial", f"best {self.metric}"):  # no placement is better than any other
                 answer.pop(name, None)
             gaps = np.asarray(columns["gap_m"], dtype=float)
             nearest = int(np.argmin(gaps))
@@ -93,9 +93,9 @@ class PlacementStudy(RobotStudy):
         return answer
 
     def best_placement(self, columns: Columns) -> dict[str, list[float]] | None:
-        """The best placement, as poses x, y, z, w, x, y, z: base in the current base frame, and TCP in
-        the flange's frame. None without a finite value, if no placement reaches a target, or with samples,
-        which are not placements.
+        """The best placement, as poses x, y, z, w, x, y, z: base in the current base frame, and TCP in the
+        flange's frame. None if there is no finite value, if no placement reaches a target, or if the study
+        uses samples, which are not placements.
         """
         values = np.asarray(columns.get(self.measure, ()), dtype=float)
         if not np.isfinite(values).any() or _reaches_nothing(columns) or (self.samples or 1) > 1:
@@ -114,7 +114,7 @@ class PlacementStudy(RobotStudy):
 
 @dataclass(frozen=True, slots=True)
 class _Surroundings:
-    """The solids of the world in the model file, such as a floor.
+    """The solids that belong to the world in the model file, such as a floor.
 
     Attributes:
         numbers: numbers of the solids in MuJoCo's model.
@@ -129,8 +129,10 @@ class _Surroundings:
 
     @classmethod
     def of(cls, robot: RobotDescription) -> Self:
-        """Raises:
-        NotSupportedError: a solid cannot be moved.
+        """Find the solids of a robot's model.
+
+        Raises:
+            NotSupportedError: a solid cannot be moved.
         """
         mj, spec = robot.model.mj, robot.model.spec
         numbers = np.flatnonzero(mj.geom_bodyid == 0).tolist()
@@ -147,10 +149,10 @@ class _Surroundings:
         return cls(robot, numbers, poses, robot.model.fixed_frames["world"])
 
     def move(self, back: Pose) -> None:
-        """Move the solids to their poses relative to a new base; `surround` uses them afterwards.
+        """Move the solids to their poses relative to a new base. `surround` then uses these poses.
 
         Args:
-            back: pose of the current base in the frame of the new one.
+            back: pose of the current base in the frame of the new base.
         """
         spec = self.robot.model.spec
         shift = self.world.inverse() @ back @ self.world
@@ -165,7 +167,7 @@ class _Surroundings:
 
 @dataclass(slots=True)
 class _PlacementKernel:
-    """Moves one robot from placement to placement."""
+    """Evaluates placements one after the other, by moving the same robot."""
 
     study: PlacementStudy
     robot: RobotDescription
@@ -177,8 +179,10 @@ class _PlacementKernel:
 
     @classmethod
     def of(cls, study: PlacementStudy, robot: RobotDescription) -> Self:
-        """Raises:
-        CobotError: the study contradicts the robot.
+        """Make the kernel of a study.
+
+        Raises:
+            CobotError: the study contradicts the robot.
         """
         scene, tool, fixed = robot.collision.scene, study.robot.carried(), _Surroundings.of(robot)
         if study.targets is None:
@@ -213,7 +217,7 @@ class _PlacementKernel:
         return found
 
     def _place(self, base: Pose, tip: Pose) -> None:
-        """Move the objects around the base, and the TCP."""
+        """Move the objects around the base, and the TCP of the tool."""
         back = base.inverse()
         objects = {
             name: each if each.attached else replace(each, pose=(back @ Pose.from_numbers(each.pose)).numbers)
@@ -242,8 +246,9 @@ class _PlacementKernel:
         }
 
     def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, int, str]:
-        """The duration of the program, s, and the number of planned motions; NaN with the reason if one
-        cannot be planned."""
+        """The duration of the program, s, and the number of planned motions. If a motion cannot be planned,
+        the duration is NaN, and the text gives the reason.
+        """
         back = base.inverse()
         moved = [
             move
@@ -262,7 +267,7 @@ class _PlacementKernel:
 
 
 def _reaches_nothing(columns: Columns) -> bool:
-    """Whether there are targets, and no placement reaches one."""
+    """Whether there are targets but no placement reaches any of them."""
     return "share" in columns and not np.asarray(columns["share"], dtype=float).any()
 
 

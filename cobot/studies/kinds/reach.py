@@ -1,5 +1,5 @@
-"""Finds the poses that an arm reaches: by inverse kinematics, without collision, or on a straight line from a
-start.
+"""Finds the poses that an arm reaches: by inverse kinematics alone, without collisions, or on a straight line
+from a start.
 
 A task is one place with all its orientations.
 """
@@ -26,11 +26,11 @@ from cobot.studies.study import Kernel, Study
 from cobot.types import Array, Pose, Scaling
 
 ARM_ANGLES = np.linspace(-np.pi, np.pi, 36, endpoint=False)
-"""Arm angles, rad, that are tried for an arm with a redundant elbow."""
+"""Arm angles that are tried for an arm with a redundant elbow, rad."""
 BRANCHES = 24
-"""Maximum number of solutions that are tried for other arms."""
+"""Maximum number of solutions that are tried for all other arms."""
 MANIPULABILITY = 2
-"""Number of this criterion in compiled code."""
+"""Number of the manipulability criterion in compiled code."""
 Indices = npt.NDArray[np.int64]
 
 
@@ -39,12 +39,12 @@ class ReachStudy(Study):
 
     Attributes:
         metric: the result that colours the map.
-        method: ik: a pose counts as reached if some joints within the limits lead to it; free: if they are
-            also free of collision; lin: if a straight, collision-free line of the TCP leads there from
-            `start` at full speed.
+        method: condition for a pose to count as reached. ik: joint angles within the limits lead to it. free:
+            these joint angles are also free of collisions. lin: a straight, collision-free line of the TCP
+            leads to the pose from `start` at full speed.
         approach: directions of the TCP's z axis, see `Approach`.
         spins: number of turns about each direction.
-        start: a named position or joint angles, rad, for lin.
+        start: start for the method lin: a named position or joint angles, rad.
     """
 
     first_chunk: ClassVar[int] = 32
@@ -172,7 +172,7 @@ class ReachKernel:
         """Examine the poses of one place.
 
         Args:
-            task: number of the task, which seeds the random numbers for arms without a closed form.
+            task: number of the task. It is the seed of the random numbers for arms without a closed form.
         """
         arm = self.robot.model.inverse_kinematics
         grid = arm.grid(poses, ARM_ANGLES) if isinstance(arm, SrsArm) else None
@@ -193,15 +193,17 @@ class ReachKernel:
         return Reached(count, solved, reached, reached / count, float(best), float(redundancy), float(gap))
 
     def _turns(self, task: int) -> Array:
-        """The orientations at a place. They are the same everywhere unless they follow a surface."""
+        """The orientations at a place. They are the same at all places unless they follow a surface."""
         normals = self.places.normals if self.approach == "inward" else None
         if self.same is None or normals is not None:
             self.same = orientations(self.approach, self.spins, None if normals is None else normals[task])
         return self.same
 
     def _solutions(self, pose: Array, task: int, grid: Array | None, index: int) -> tuple[Array, Indices]:
-        """Joints at a pose, shape (n, dof): the best of each branch, and those on the grid of arm angles.
-        Also returns the number of each one's arm angle on the grid, or -1.
+        """Joints at a pose, shape (n, dof): the best joints of each branch, and those on the grid of arm
+        angles.
+
+        Also returns, for each of them, the number of its arm angle on the grid, or -1.
         """
         limits = self.robot.limits
         arm, middle = self.robot.model.inverse_kinematics, 0.5 * (limits.min_position + limits.max_position)
@@ -215,13 +217,13 @@ class ReachKernel:
         return np.vstack([found, grid[index, angles, branches]]), marks
 
     def _usable(self, rows: Array) -> npt.NDArray[np.bool_]:
-        """Whether each solution may be used: it must be free of collision unless the method is ik."""
+        """Whether each solution may be used. It must be free of collisions, unless the method is ik."""
         if self.method == "ik" or not len(rows):
             return np.ones(len(rows), bool)
         return self.robot.collision.clearance.are_free(rows)
 
     def _is_on_line(self, pose: Array) -> bool:
-        """Whether the TCP can move on a straight line from the start to a pose."""
+        """Whether the TCP can move on a straight line from the start to this pose."""
         from cobot.planners import plan
 
         assert self.start is not None

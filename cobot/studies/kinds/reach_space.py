@@ -1,4 +1,4 @@
-"""The poses of a reach study: places of a box or a surface, and orientations of the TCP at each."""
+"""The poses of a reach study: places in a box or on a surface, and orientations of the TCP at each place."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ DOWN = ((0.0, 0.0, -1.0),)
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 """Angle between consecutive directions of a spiral that covers a sphere evenly."""
 PARALLEL = 0.9
-"""Cosine of the angle between a direction and the x axis above which the y axis marks the spin."""
+"""If the cosine of the angle between a direction and the x axis is above this value, the y axis is used to
+define the spin.
+"""
 
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
@@ -75,22 +77,26 @@ class PlacesSpace(StrictModel):
         return self
 
     def contents(self) -> dict[str, str]:
-        """Hashes of files, by names for people."""
+        """Hashes of the files that are used, by names for people."""
         return {} if self.mesh is None else {"mesh": hash_of_file(self.mesh.file)}
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Positions, shape (n, 3), m in the base frame, and outer normals there, shape (n, 3); None in a box."""
+    """Positions in the base frame, shape (n, 3), m, and the outer normals at these positions, shape (n, 3);
+    None for a box.
+    """
 
     positions: Array
     normals: Array | None
 
 
 def places_of(space: PlacesSpace) -> Places:
-    """Raises:
-    InputError: there are too many.
-    ConfigError: the mesh cannot be read.
+    """The places of a space.
+
+    Raises:
+        InputError: there are too many places.
+        ConfigError: the mesh cannot be read.
     """
     if space.box is not None:
         return Places(_grid(space.box, space.spacing_m), None)
@@ -103,7 +109,7 @@ def _grid(box: BoxSpace, spacing_m: float) -> Array:
     counts = np.floor(edges / spacing_m + 1e-9).astype(np.int64) + 1
     _require_few(float(np.prod(counts.astype(float))), spacing_m)
     axes = [low + spacing_m * np.arange(count) for low, count in zip(box.low, counts, strict=True)]
-    # The highest axis changes slowest, so that a part of the results is a part of the space from below.
+    # The z axis changes slowest, so that the first part of the results is the lower part of the space.
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
@@ -117,8 +123,9 @@ def _require_few(places: float, spacing_m: float) -> None:
 
 
 def _surface(mesh: MeshSpace, spacing_m: float) -> Places:
-    """Points on the surface: the middles of its triangles, divided until no edge is longer than the
-    spacing."""
+    """Points on the surface. They are the middles of its triangles, which are divided until no edge is longer
+    than the spacing.
+    """
     vertices, triangles = read_mesh(mesh.file)
     corners = vertices[triangles]
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -138,7 +145,7 @@ def _surface(mesh: MeshSpace, spacing_m: float) -> Places:
 
 
 def _middles(parts: int) -> Array:
-    """Barycentric coordinates of the middles of parts² equal triangles, shape (parts², 3)."""
+    """Barycentric coordinates of the middles of `parts`² equal triangles, shape (`parts`², 3)."""
     rows = []
     for i in range(parts):
         for j in range(parts - i):
@@ -150,7 +157,7 @@ def _middles(parts: int) -> Array:
 
 
 def read_mesh(path: Path) -> tuple[Array, np.ndarray]:
-    """Vertices, shape (n, 3), m, and triangles, shape (m, 3).
+    """Read a mesh. Returns its vertices, shape (n, 3), m, and its triangles, shape (m, 3).
 
     Raises:
         ConfigError: the file is missing or is not a mesh.
@@ -170,7 +177,7 @@ def read_mesh(path: Path) -> tuple[Array, np.ndarray]:
 
 
 def _checked_approach(value: Any) -> Any:
-    """Check `approach`. Gives one error message instead of one for each alternative."""
+    """Check `approach`. This gives a single error message instead of one for each alternative."""
     if value in ("down", "inward") or (type(value) is int and 1 <= value <= MAX_DIRECTIONS):
         return value
     if isinstance(value, list) and 0 < len(value) <= MAX_DIRECTIONS and all(map(_is_direction, value)):
@@ -190,16 +197,17 @@ def _is_direction(value: Any) -> bool:
 
 
 Approach = Annotated[Any, BeforeValidator(_checked_approach)]
-"""Directions of the TCP's z axis: down; inward, against the normals of a mesh; a number of directions that
-cover the sphere evenly; or a list of directions."""
+"""Directions of the TCP's z axis. down: downwards. inward: against the normals of a mesh. A number: that many
+directions, which cover the sphere evenly. Or a list of directions.
+"""
 
 
 def orientations(approach: Any, spins: int, normal: Array | None) -> Array:
     """Quaternions w, x, y, z of the TCP at a place, shape (n, 4).
 
     Args:
-        spins: number of turns about each direction, evenly from 0.
-        normal: normal of the surface, for inward.
+        spins: number of turns about each direction, evenly spaced from 0.
+        normal: normal of the surface, for the approach inward.
     """
     found = []
     for direction in _directions(approach, normal):

@@ -1,4 +1,4 @@
-"""Finds how often a program succeeds if the cell differs from its model.
+"""Finds how often a program succeeds if the real cell differs from its model.
 
 A task is one run of the program on a simulated arm, with the real cycle and safety layer.
 """
@@ -27,7 +27,7 @@ from cobot.types import Array
 from rtloop.rehearsal import rehearse
 
 MAX_CAUSES = 5
-"""Maximum number of reasons in an answer; the table has all."""
+"""Maximum number of reasons in an answer. The table contains all of them."""
 
 
 class RobustnessStudy(RobotStudy):
@@ -71,7 +71,9 @@ class RobustnessStudy(RobotStudy):
 
 @dataclass(slots=True)
 class _Outcome:
-    """One run of the program so far. A run that fails has no duration, because it ends early."""
+    """The result of one run of the program so far. A run that fails has no duration, because it ends
+    early.
+    """
 
     success: bool = True
     cause: str = ""
@@ -149,6 +151,6 @@ class _RobustnessKernel:
 
 
 def _kind_of(cause: str) -> str:
-    """A reason without its numbers, so that equal ones can be counted."""
+    """A reason without its numbers, so that equal reasons can be counted."""
     place, _, text = cause.partition("]")
     return f"{place}]" + re.sub(r"\d+(\.\d+)?(e-?\d+)?(?= |$)", "...", text)

@@ -19,7 +19,7 @@ from cobot.studies.parameters.spaces import Axis, Design, ParameterSpace, Value
 from cobot.studies.study import Round, Study
 
 SHOWN_POINTS = 20
-"""Maximum number of points of the grid in an answer; the table has all."""
+"""Maximum number of grid points in an answer. The table contains all of them."""
 
 
 def wilson(successes: int, tries: int, confidence: float) -> tuple[float, float]:
@@ -45,7 +45,7 @@ class SampledStudy(Study):
         design: design of the samples: independent, or a design of `scipy.stats.qmc`.
         goal: whether the smallest or the largest value of the metric is the best.
         confidence: confidence level of intervals.
-        search: how to search for the best parameters; None computes all.
+        search: how to search for the best parameters; None means that all points are computed.
     """
 
     space: Annotated[dict[str, Axis], Field(max_length=50)]
@@ -56,7 +56,7 @@ class SampledStudy(Study):
     search: SearchChoice | None = None
 
     parameter_names: ClassVar[tuple[str, ...] | None] = None
-    """Names that `space` may have; None: any."""
+    """Names that `space` may contain; None means any."""
 
     _given: dict[int, dict[str, Value]] = PrivateAttr(default_factory=dict)
 
@@ -81,7 +81,7 @@ class SampledStudy(Study):
 
     @property
     def axes(self) -> dict[str, Axis]:
-        """All parameters: those of `space`, and those that follow from the rest of the study."""
+        """All parameters: those in `space`, and those that follow from the other keys of the study."""
         return self.space
 
     @cached_property
@@ -111,7 +111,7 @@ class SampledStudy(Study):
         self._given = dict(enumerate(points, start=first))
 
     def parameters(self, first: int, last: int) -> dict[str, Column]:
-        """The parameters of tasks, as columns."""
+        """The parameters of these tasks, as columns."""
         rows = [self.at(task) for task in range(first, last)]
         return {name: np.array([row[name] for row in rows]) for name in self.axes}
 
@@ -144,7 +144,7 @@ class SampledStudy(Study):
         }
 
     def best_of(self, values: Column) -> int:
-        """Index of the best finite value. There must be one."""
+        """Index of the best finite value. At least one value must be finite."""
         finite = np.where(np.isfinite(values), values, np.nan)
         return int((np.nanargmax if self.goal == "max" else np.nanargmin)(finite))
 
@@ -157,7 +157,7 @@ class SampledStudy(Study):
         """The share of successes with its interval, in total and at each point of the grid."""
         if len(found) == 1:
             return {self.measure: self._share(found[0][1])}
-        # The samples at the points are the same, so there is no interval for all of them together.
+        # The points use the same samples, so there is no interval for all points together.
         answer: dict[str, Any] = {
             f"mean {self.measure}": float(np.mean(np.concatenate([each for _, each in found])))
         }
@@ -176,7 +176,7 @@ class SampledStudy(Study):
         )
 
     def _numbers(self, columns: Columns, found: list[tuple[int, Column]]) -> dict[str, Any]:
-        """The distribution, and the point of the grid with the best mean."""
+        """The distribution of the values, and the point of the grid with the best mean."""
         values = np.asarray(columns[self.measure], dtype=float)
         finite = values[np.isfinite(values)]
         if not len(finite):

@@ -1,8 +1,8 @@
-"""Search for the best parameters with Optuna, in rounds: each round asks for trials and learns from their
+"""Search for the best parameters with Optuna, in rounds. Each round asks for trials, and learns from their
 values.
 
 The trials of a round depend only on the seed and on earlier rounds, so they are the same for any number of
-workers. A run that continues another one gets the same trials again.
+workers. A run that continues an earlier one gets the same trials again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class SearchChoice(StrictModel):
 
 
 class OptunaSearch:
-    """One search in the memory of this process.
+    """A search that is held in the memory of this process.
 
     Raises:
         NotSupportedError: Optuna is not installed.
@@ -56,7 +56,7 @@ class OptunaSearch:
         self._failed: Any = optuna.trial.TrialState.FAIL
         self._axes = {name: _distribution(optuna, name, axis) for name, axis in axes.items()}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of options that Optuna calls experimental
+            warnings.simplefilter("ignore")  # about options that Optuna calls experimental
             self._study: Any = optuna.create_study(
                 direction="maximize" if goal == "max" else "minimize",
                 sampler=_sampler(optuna, choice, seed % 2**32),
@@ -71,8 +71,8 @@ class OptunaSearch:
         return [dict(trial.params) for trial in self._asked]
 
     def tell(self, values: Sequence[float]) -> None:
-        """Report the values of the trials that the last `ask` returned, in the same order; NaN for a failed
-        trial.
+        """Report the values of the trials that the last `ask` returned, in the same order. The value of a
+        failed trial is NaN.
         """
         for trial, value in zip(self._asked, values, strict=True):
             if math.isfinite(value):

@@ -21,10 +21,11 @@ Value = float | str | bool
 Real = Annotated[float, Field(allow_inf_nan=False)]
 Design = Literal["random", "sobol", "halton", "latin"]
 QMC = {"sobol": "Sobol", "halton": "Halton", "latin": "LatinHypercube"}
-"""Classes of `scipy.stats.qmc` by name of the design."""
+"""Classes of `scipy.stats.qmc`, by the name of the design."""
 INSIDE = 2.0**-53
-"""Smallest distance of a share from 0 and 1, because there the inverse of a normal distribution is
-infinite."""
+"""Minimum distance of a share from 0 and 1, because at these values the inverse of a normal distribution is
+infinite.
+"""
 
 
 class Axis(StrictModel):
@@ -84,7 +85,7 @@ class Axis(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpace:
-    """All points: each point of the grid combined with each sample of the random parameters.
+    """All points of a space: each point of the grid, combined with each sample of the random parameters.
 
     The same samples are used at each point of the grid, so that the points can be compared.
     """
@@ -95,8 +96,10 @@ class ParameterSpace:
 
     @classmethod
     def of(cls, axes: Mapping[str, Axis], samples: int | None, design: Design, seed: int) -> Self:
-        """Raises:
-        InputError: `samples` is missing or useless, or there are too many points.
+        """Make the space of these axes.
+
+        Raises:
+            InputError: `samples` is missing or has no effect, or there are too many points.
         """
         random = {name: axis for name, axis in axes.items() if axis.is_random}
         if random and samples is None:
@@ -149,5 +152,5 @@ def _shares(design: Design, axes: int, count: int, seed: int) -> Array:
 
 
 def seed_of(seed: int, task: int) -> int:
-    """A seed for the random numbers of one task. It depends only on `seed` and the task."""
+    """A seed for the random numbers of one task. It depends only on `seed` and the number of the task."""
     return int(np.random.SeedSequence([seed, task]).generate_state(1, np.uint64)[0] >> 1)

@@ -1,1 +1,1 @@
-"""Programs of arms as the subject of a study."""
+"""Arm programs that a study examines."""

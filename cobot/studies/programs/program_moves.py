@@ -1,4 +1,6 @@
-"""The program of a study: motions from one position to the next, planned once and simulated in each task."""
+"""The program of a study: motions from one position to the next. They are planned once and simulated in each
+task.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,7 @@ class PlannedMove:
 
     Attributes:
         place: place of the motion in the program, for errors.
-        trajectory: None if the arm is at the goal already.
+        trajectory: the planned motion; None if the arm is already at the goal.
         goal: pose of the TCP at the end.
     """
 
@@ -92,7 +94,7 @@ def plan_moves(
         speed: factor for all speeds.
 
     Raises:
-        CobotError: a motion cannot be planned; the message has its number.
+        CobotError: a motion cannot be planned; the message gives its number.
     """
     from cobot.planners import plan
 
@@ -117,10 +119,12 @@ def plan_moves(
 
 
 def nearest_program(columns: Columns, parameters: Iterable[str]) -> str:
-    """The task in which most motions can be planned, as a sentence for a study without a possible program.
+    """A sentence that names the task in which most motions can be planned. It is for a study in which no
+    program is possible.
 
     Args:
-        columns: with `planned`, the number of planned motions, and `cause`, why the next one is not.
+        columns: contains `planned`, the number of planned motions, and `cause`, the reason why the next
+            motion is not planned.
         parameters: names of the parameters.
     """
     planned = np.asarray(columns["planned"], dtype=np.int64)

@@ -1,7 +1,7 @@
 """A sequence file as the program of a study.
 
-A study plans and simulates motions from one position to the next. Other steps of the sequence, such as
-commands to grippers, are left out: the arm stops there.
+A study plans and simulates motions from one position to the next. All other steps of the sequence, such as
+gripper commands, are left out; the arm only stops at these steps.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from cobot.robot.frames import pose_from_abc
 from cobot.strict import StrictModel, sentences, shown, unknown_key, without_repetition
 
 STANDING = {"gripper", "set", "wait_for", "wait_s"}
-"""Keys of steps during which the arm stands still."""
+"""Keys of steps during which the arm does not move."""
 USED = {"name", "joints", *"xyzabc", "frame_id", "planner", "speed", "speed_m_s", "accel_scale"}
 """Fields of motions that a study uses."""
 LEFT_OUT = set(SignalFields.model_fields)
-"""Fields of motions that are ignored: each motion runs to its goal."""
+"""Fields of motions that are ignored, because each motion runs to its goal."""
 INSTEAD = "list the moves in program instead of the file"
 COPIED = ("planner", "speed", "speed_m_s", "accel_scale")
 OTHER_STEPS = ("repeat", "if", "call", "pallet", "press", "follow", "search", "insert")
@@ -49,14 +49,14 @@ class SequenceProgram(StrictModel):
 def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
     """A study's document in which the motions of sequence files replace the names of these files.
 
-    The results of a study then do not depend on these files, and workers need not have them.
+    The results of a study then do not depend on these files, and workers do not need them.
 
     Args:
         folder: folder for relative paths.
         name: name of the document, for errors.
 
     Raises:
-        ConfigError: a file is missing or invalid, or has motions that a study cannot compute.
+        ConfigError: a file is missing or invalid, or contains motions that a study cannot compute.
     """
     found = dict(document)
     if isinstance(program := document.get("program"), dict):
@@ -73,7 +73,7 @@ def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str
 
 
 def program_of(text: str, name: str, changes: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The motions of one iteration: from `home` to all waypoints and back. Without `home` they begin at the
+    """The motions of one iteration, from `home` to all waypoints and back. Without `home`, they begin at the
     first waypoint.
 
     Args:
@@ -123,7 +123,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _motions(place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
-    """The steps with their places in the file. A step during which the arm stands still is None."""
+    """The steps with their places in the file. A step during which the arm does not move is None."""
     for number, step in enumerate(steps):
         here = f"{place}[{number}]"
         keys = set(step) if isinstance(step, dict) else set()
@@ -136,7 +136,7 @@ def _motions(place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _move(name: str, place: str, step: Any) -> dict[str, Any]:
-    """A waypoint as a move of a study."""
+    """Convert a waypoint to a move of a study."""
     if not isinstance(step, dict):
         raise ConfigError(f"{name}: {place}: must be a waypoint, got {shown(step)}")
     if other := [key for key in OTHER_STEPS if key in step]:

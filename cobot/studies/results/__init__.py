@@ -1,1 +1,1 @@
-"""The results of a study: its folder, its table, its maps."""
+"""The results of a study: its folder, its table and its maps."""

@@ -7,8 +7,9 @@ import numpy as np
 from cobot.types import Array
 
 SCALE = np.array([[59, 40, 110], [45, 105, 142], [33, 158, 137], [120, 205, 84], [250, 228, 45]], dtype=float)
-"""Colours at even distances, RGB; each is brighter than the previous one, so that the order is visible in
-grey."""
+"""Colours at even distances, RGB. Each colour is brighter than the previous one, so that the order is visible
+even without colour.
+"""
 NOTHING = np.array([205, 208, 212])
 """Colour of places that are not reached."""
 
@@ -23,8 +24,9 @@ def colours_of(values: Array, low: float, high: float) -> np.ndarray:
 
 
 def range_of(values: Array) -> tuple[float, float]:
-    """The range of the finite values for a scale. It begins at 0 if none is negative, and is 0 to 1 without
-    values."""
+    """The range of the finite values, for a colour scale. If no value is negative it begins at 0, and if
+    there are no values it is 0 to 1.
+    """
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0

@@ -6,7 +6,8 @@
     answer.json        the answer
     map.png, map.html  the map, if the results are places
 
-All files but the chunks have the same bytes after any run of the same study. One process writes at a time.
+All files except the chunks contain the same bytes after any run of the same study. Only one process may write
+at a time.
 """
 
 from __future__ import annotations
@@ -56,10 +57,11 @@ class ResultsFolder:
 
     @contextmanager
     def writing(self, study: Study, order: Order) -> Iterator[None]:
-        """Reserve the folder for the results of a study.
+        """A context that reserves the folder for the results of a study.
 
         Raises:
-            ConflictError: the folder has the results of another study, or another process is writing to it.
+            ConflictError: the folder contains the results of a different study, or a different process is
+                writing to it.
             UnavailableError: the folder cannot be written.
         """
         try:
@@ -108,10 +110,10 @@ class ResultsFolder:
         keep(self.path / MANIFEST, content.encode(), "the study")
 
     def _require_own(self) -> None:
-        """Check that a folder without a manifest has no files that this study would replace.
+        """Check that a folder without a manifest contains no files that this study would replace.
 
         Raises:
-            ConflictError: it has.
+            ConflictError: it contains such a file.
         """
         for name in FILES:
             if (self.path / name).exists():
@@ -120,8 +122,10 @@ class ResultsFolder:
                 )
 
     def manifest(self) -> dict[str, Any]:
-        """Raises:
-        ConfigError: the folder has no results of a study.
+        """Read the manifest.
+
+        Raises:
+            ConfigError: the folder contains no results of a study.
         """
         path = self.path / MANIFEST
         try:
@@ -139,14 +143,16 @@ class ResultsFolder:
             raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
 
     def study(self) -> Study:
-        """The study whose results are in this folder, to compute its answer. The files that the study was
-        made from need not exist any longer.
+        """The study whose results are in this folder. It is needed to compute the answer. The files from
+        which the study was made need not exist any longer.
         """
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
     def add(self, first: int, last: int, content: bytes) -> None:
-        """Store a finished chunk. It is not flushed to the disk, because that may take longer than a chunk.
-        If a power cut damages the file, its hash shows it.
+        """Store a finished chunk. It is not flushed to the disk, because that may take longer than computing
+        a chunk.
+
+        If a power cut damages the file, its hash shows this.
 
         Raises:
             UnavailableError: the disk is full or cannot be written; earlier chunks are kept.
@@ -176,14 +182,14 @@ class ResultsFolder:
                 if digest(path.read_bytes())[:32] == match[3]:
                     found.append(ChunkFile(first, last, path))
                 else:
-                    with contextlib.suppress(OSError):  # without the permission to write here
+                    with contextlib.suppress(OSError):  # the permission to write here may be missing
                         path.unlink()
         return found
 
     def gaps(self, tasks: int, first: int = 0) -> list[tuple[int, int]]:
         """The ranges of unfinished tasks from `first` up to `tasks`.
 
-        A chunk contains only tasks of one round.
+        No range crosses the end of a round, because a chunk contains only tasks of one round.
         """
         begin, gaps = first, []
         for chunk in self.chunks(first, tasks):
@@ -195,7 +201,7 @@ class ResultsFolder:
         return gaps
 
     def columns(self, first: int = 0, last: int = MAX_TASKS) -> dict[str, Column]:
-        """The results so far, with the numbers of their tasks; empty if there are none."""
+        """The results so far, and the numbers of their tasks; empty if there are none."""
         chunks = self.chunks(first, last)
         if not chunks:
             return {}
@@ -203,7 +209,7 @@ class ResultsFolder:
         return {"task": tasks} | joined([from_bytes(chunk.path.read_bytes()) for chunk in chunks])
 
     def write_results(self, answer: Mapping[str, Any], columns: Mapping[str, Column]) -> Path:
-        """Write the table and the answer; return the path of the table."""
+        """Write the table and the answer. Returns the path of the table."""
         content = json.dumps(answer, indent=1) + "\n"
         keep(self.path / ANSWER, content.encode(), "the answer")
         return write_table(self.path, columns)

@@ -1,4 +1,4 @@
-"""A map as one HTML file that needs no network: points in 3D that turn with the mouse."""
+"""A map as one HTML file that needs no network. It shows points in 3D, which can be turned with the mouse."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def map_page(
 
     Args:
         columns: x, y, z (m) and the metrics.
-        metrics: columns that may colour the map, the chosen one first.
+        metrics: columns that may colour the map. The chosen one is the first.
     """
     content = map_content(columns, metrics, spacing_m)
     parts = {

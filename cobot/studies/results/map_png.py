@@ -1,4 +1,4 @@
-"""A map as PNG: slices of a volume, or three views of a surface, drawn without a graphics library."""
+"""A map as PNG: slices of a volume, or three views of a surface. It is drawn without a graphics library."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _GLYPHS = (
     "q:25563 r:65655 s:34216 t:72222 u:55557 v:55552 w:55775 x:55255 y:55222 z:71247 .:00002 -:00700 =:07070 "
     "%:51245 /:11244"
 )
-"""Characters of three columns and five rows: each row is a number of three bits."""
+"""Characters of three columns and five rows. Each row is a number with three bits."""
 GLYPHS = {item[0]: item[2:] for item in _GLYPHS.split()}
 
 
@@ -34,9 +34,9 @@ def draw_map(places: Array, values: Array, title: str) -> bytes:
     """Draw a PNG file.
 
     Args:
-        places: shape (n, 3), m.
-        values: shape (n,); NaN where a place is not reached.
-        title: in lower case, printed above the scale.
+        places: positions of the places, shape (n, 3), m.
+        values: value at each place, shape (n,); NaN if a place is not reached.
+        title: title in lower case, printed above the scale.
     """
     low, high = range_of(values)
     colours = colours_of(values, low, high)
@@ -62,7 +62,7 @@ def _tiles(places: Array, colours: np.ndarray) -> Iterator[tuple[np.ndarray, str
     """The tiles: pictures with captions."""
     heights = np.unique(places[:, 2].round(9))
     pitch = _pitch(places[:, 0]), _pitch(places[:, 1])
-    if len(heights) * 3 > len(places) or len(places) < 4:  # a surface, whose places have no common heights
+    if len(heights) * 3 > len(places) or len(places) < 4:  # a surface, whose places do not share heights
         for first, second, third, name in (
             (0, 1, 2, "from above"),
             (0, 2, 1, "from -y"),
@@ -89,7 +89,7 @@ def _pitch(values: Array) -> float:
 def _dots(
     points: Array, colours: np.ndarray, grid: tuple[Array, Array, tuple[float, float]] | None
 ) -> np.ndarray:
-    """Points of a plane as squares; those of a grid touch each other."""
+    """Draw points of a plane as squares. The squares of neighbouring grid points touch each other."""
     low, high = (points.min(axis=0), points.max(axis=0)) if grid is None else grid[:2]
     size = np.maximum(high - low, 1e-9)
     steps = np.array([1e9, 1e9]) if grid is None else np.array([each or 1e9 for each in grid[2]])

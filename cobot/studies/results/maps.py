@@ -17,7 +17,7 @@ from cobot.studies.study import MAX_TASKS, Study
 
 PNG, HTML = "map.png", "map.html"
 MAX_POINTS = 100_000
-"""Maximum number of places in a page, which a browser can turn."""
+"""Maximum number of places in a page, so that a browser can turn it."""
 SAMPLES = 200
 METRICS = ("share", "manipulability", "redundancy")
 
@@ -26,8 +26,8 @@ class MapColumns(NamedTuple):
     """The places of a map with their metrics. A metric is NaN at places that are not reached.
 
     Attributes:
-        metrics: names of the columns that may colour the map, the chosen one first.
-        every: the map shows one of this many places.
+        metrics: names of the columns that may colour the map. The chosen one is the first.
+        every: the map shows one in this many places.
     """
 
     columns: Columns
@@ -56,7 +56,8 @@ def map_columns(study: Study, columns: Columns, max_points: int) -> MapColumns |
 def write_maps(
     study: Study, folder: ResultsFolder, answer: dict[str, object], columns: Columns
 ) -> list[Path]:
-    """Write `map.png` and `map.html`, and return their paths; nothing if the results have no places.
+    """Write `map.png` and `map.html`, and return their paths. If the results have no places, nothing is
+    written.
 
     Raises:
         UnavailableError: the folder cannot be written.

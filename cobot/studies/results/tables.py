@@ -22,7 +22,7 @@ def write_table(folder: Path, columns: Mapping[str, Column]) -> Path:
     """Write the table `results` with one row per task, and return its path.
 
     Raises:
-        UnavailableError: the folder cannot be written; an older table is unchanged.
+        UnavailableError: the folder cannot be written; an older table is not changed.
     """
     with_duckdb = find_spec("duckdb") is not None
     path = folder / (PARQUET if with_duckdb else SQLITE)
@@ -33,7 +33,7 @@ def write_table(folder: Path, columns: Mapping[str, Column]) -> Path:
         os.replace(new, path)
         (folder / (SQLITE if with_duckdb else PARQUET)).unlink(
             missing_ok=True
-        )  # of a run with other packages
+        )  # written by a run with other packages
     except (OSError, sqlite3.Error) as exc:
         raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc}") from exc
     finally:
