@@ -1,6 +1,6 @@
-"""Addresses of robots at the service. Without a name, a path means the default robot.
+"""Addresses of robots in the service. A path without a robot's name means the default robot.
 
-Plain paths are for the default robot; the same paths below /robots/NAME are for any robot:
+Plain paths are for the default robot. The same paths below /robots/NAME are for any robot:
 
     /robot/pose         /robots/NAME/pose
     /trajectory/send    /robots/NAME/trajectory/send
@@ -15,21 +15,24 @@ from cobot.errors import InputError
 
 DEFAULT_URL = "http://localhost:8007"
 CONTROL_TOKEN = "X-Control-Token"
-"""Header with the token of a lease. The holder sends it with its motions."""
+"""Header with the token of a lease. The client that holds the lease sends it with its motions."""
 VERSION = "/v1"
 """Prefix with the version of the API. The paths without it are aliases."""
 CLIENT_NAME = "X-Client-Name"
-"""Header in which a client without a token names its user, as percent-encoded UTF-8. It proves nothing."""
+"""Header in which a client without a token names its user, as percent-encoded UTF-8. The header proves
+nothing.
+"""
 PREFER, STRICT_STATUS = "Prefer", "status=strict"
-"""Header and value with which a client requests that a motion that does not arrive is answered with the
-status of its error."""
+"""Header and value with which a client requests a strict status: if a motion does not reach its goal, the
+answer has the status of the error.
+"""
 IDEMPOTENCY_KEY = "Idempotency-Key"
 """Header that identifies a request. If the same request is sent again, it is not executed a second time."""
 ROBOTS = "/robots"
 NAME = "[A-Za-z0-9_-]{1,48}"
 """Pattern of the names of robots, cells, zones and fleets, which are parts of addresses."""
 NAME_RULE = "1 to 48 letters, digits, - and _"
-"""`NAME` in words, for messages."""
+"""The rule of `NAME` as text, for messages."""
 MCP = "/mcp/mcp"
 """Path of the MCP server for agents."""
 MANUAL = "/manual"
@@ -38,9 +41,10 @@ _PLAIN = "/robot"
 
 
 def check_url(url: str) -> None:
-    """
+    """Check that a URL is the address of a service.
+
     Raises:
-        InputError: the URL is not the address of a service; the message has an example.
+        InputError: it is not; the message contains an example.
     """
     try:
         parts = urlsplit(url)
@@ -53,20 +57,24 @@ def check_url(url: str) -> None:
 
 
 def address(url: str, robot: str) -> str:
-    """The address of one robot at the service at `url`."""
+    """The address of one robot in the service at `url`."""
     return f"{url.rstrip('/')}{ROBOTS}/{quote(robot, safe='')}"
 
 
 def path_below(plain: str) -> str:
-    """The part of a path after the name of a robot, for a plain path as in api_endpoints.yaml."""
+    """The part of a path after the name of a robot. `plain` is a plain path as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
 
 
 def service_of(url: str) -> str:
-    """The prefix of the service's paths, from an address of the service or of one of its robots."""
+    """The common prefix of the service's paths, taken from an address of the service or of one of its
+    robots.
+    """
     return urlsplit(url).path.rstrip("/").partition(f"{ROBOTS}/")[0]
 
 
 def path_at(url: str, plain: str) -> str:
-    """The path to append to an address for a plain path. Below the address of a robot it is shorter."""
+    """The path that must be appended to an address for a plain path. If the address is that of a robot, this
+    path is shorter.
+    """
     return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

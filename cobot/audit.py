@@ -1,4 +1,5 @@
-"""The audit: an append-only file of JSON lines with each action, its client, address, time and result.
+"""The audit: an append-only file with one JSON line for each action, which gives the action, its client,
+address, time and result.
 
 A thread writes the entries, so that no request waits for a disk. While the disk refuses to write, up to
 `CAPACITY` entries wait. Further entries are counted, and the file reports their number once there is room. A
@@ -96,7 +97,7 @@ class Audit:
             who: name of an identity.
             from_: address of the identity, or "cli".
             request: id of the request.
-            kind: key that repetitions by the same client share; None: `what`.
+            kind: key that is equal for repetitions by the same client; None means `what`.
             details: further facts: texts, numbers or lists of these.
         """
         before = self.dropped
@@ -106,18 +107,18 @@ class Audit:
             log.error("entries of the audit are lost: %s", self.problem or "the disk is too slow")
 
     def newest(self, limit: int, since: datetime | None = None, after: str | None = None) -> list[Entry]:
-        """The newest entries, the newest first. Call it in a thread, because it reads files.
+        """The newest entries, sorted from the newest on. Call this in a thread, because it reads files.
 
         Args:
             limit: maximum number of entries.
-            since: earliest time of an entry; UTC if it has no time zone.
-            after: `id` of an entry, to get only older ones.
+            since: earliest time of an entry; in UTC if it contains no time zone.
+            after: `id` of an entry. Only older entries are returned.
 
         Returns:
             The entries, each with its `id`.
 
         Raises:
-            InputError: the time cannot be expressed in UTC, or there is no entry `after`.
+            InputError: the time cannot be expressed in UTC, or the entry `after` does not exist.
         """
         self._outlet.wait(READ_WAIT_S)
         earliest = _earliest(since)
@@ -165,13 +166,14 @@ class Audit:
 
 @dataclass(slots=True)
 class Trail:
-    """The request or connection that the current task belongs to.
+    """The request or connection to which the current task belongs.
 
     Attributes:
         who: returns the name of the identity, which is unknown until the request is authenticated.
-        tell_refused: reports a rejected request to other clients, with the action, a code and a sentence.
+        tell_refused: function that reports a rejected request to other clients, with the action, a code and a
+            sentence.
         changes: whether the request would move or change something.
-        left_out: whether the request needs no entry, because its effect has one.
+        left_out: whether the request needs no entry because there is an entry for its effect.
     """
 
     audit: Audit
@@ -190,7 +192,7 @@ trail: ContextVar[Trail | None] = ContextVar("trail", default=None)
 def note(what: str, outcome: str = "ok", **details: object) -> None:
     """Add an entry for the client whose request the current task serves.
 
-    Without a request it does nothing.
+    If there is no request, this does nothing.
     """
     on = trail.get()
     if on is not None:
@@ -198,7 +200,9 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
 
 
 def report_refusal(what: str, code: str, sentence: str) -> None:
-    """Report to other clients that the current request, which would move or change something, is refused."""
+    """Report to other clients that the current request was rejected. The request would move or change
+    something.
+    """
     on = trail.get()
     if on is not None:
         on.tell_refused(what, code, sentence)
@@ -207,7 +211,7 @@ def report_refusal(what: str, code: str, sentence: str) -> None:
 def require(identity: Identity, role: Role, *what: str) -> None:
     """Check a role like `cobot.access.roles.require`, and add an entry if the check fails.
 
-    It is meant for messages on a connection. A single request has an entry in any case.
+    This is meant for messages on a connection. A single request always has an entry.
     """
     try:
         roles.require(identity, role)
@@ -233,15 +237,17 @@ def would_change() -> None:
 
 
 def leave_out() -> None:
-    """Suppress the entry of the current request, because it changed nothing or its effect has an entry."""
+    """Suppress the entry of the current request, because the request changed nothing or there is an entry for
+    its effect.
+    """
     on = trail.get()
     if on is not None:
         on.left_out = True
 
 
 def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **details: object) -> None:
-    """Add an entry for a command, in the name of the operating system's user. A write error is printed on
-    stderr.
+    """Add an entry for a command, in the name of the operating system's user. If it cannot be written, the
+    error is printed on stderr.
     """
     user = str(os.getuid())
     with contextlib.suppress(KeyError):
@@ -252,7 +258,9 @@ def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **detail
 def record_beside(
     settings: Settings, who: str, from_: str, what: str, outcome: str = "ok", **details: object
 ) -> None:
-    """Add an entry from a process other than the service. A write error is printed on stderr."""
+    """Add an entry from a process other than the service. If it cannot be written, the error is printed on
+    stderr.
+    """
     entry = _entry(time.time(), who, from_, what, outcome, details, "")
     file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # only the service rotates files
     try:
@@ -308,12 +316,14 @@ def _line(entry: Entry) -> bytes:
 
 
 def _id_of(entry: Entry) -> str:
-    """The id of an entry: its time and a checksum, because several entries may have the same time."""
+    """The id of an entry. It consists of the time and a checksum, because several entries may have the same
+    time.
+    """
     return f"{entry['time']}-{zlib.crc32(json.dumps(entry, sort_keys=True).encode()):08x}"
 
 
 def _backwards(path: Path) -> Iterator[Entry]:
-    """The entries of a file, the last one first. Invalid lines are skipped."""
+    """The entries of a file, sorted from the last on. Invalid lines are skipped."""
     try:
         file = path.open("rb")
     except OSError:

@@ -1,14 +1,14 @@
-"""The clock of the service and its clients, which receive it as an argument.
+"""The clock of the service and its clients. They receive it as an argument.
 
 Code that needs the time reads a `Clock`: for stamps in shared memory, deadlines, ages and time stamps.
 Coroutines wait with asyncio's own functions (`sleep`, `wait_for`, `timeout`, `call_later`). These use the
-time of the running event loop, and tests replace that loop by a virtual one, which jumps from timer to
-timer and sets the time of the tests' clock (tests/support/virtual_service.py). A `Clock` therefore needs no
-waiting functions for coroutines. The loop's time cannot replace the clock: uvloop's has a resolution of 1
-ms and does not advance within an iteration, and stamps in shared memory are on CLOCK_MONOTONIC. Threads
-have no event loop and wait with `Clock.sleep`.
+time of the running event loop, and tests replace that loop by a virtual one, which jumps from timer to timer
+and sets the time of the tests' clock (tests/support/virtual_service.py). A `Clock` therefore needs no waiting
+functions for coroutines. The loop's time cannot replace the clock: the time of uvloop has a resolution of 1
+ms and does not advance within an iteration, and stamps in shared memory use CLOCK_MONOTONIC. Threads have no
+event loop and wait with `Clock.sleep`.
 
-The real-time loop has a clock of its own (`rtloop.clock`), which also paces its cycle.
+The real-time loop uses a separate clock (`rtloop.clock`), which also triggers its cycles.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Clock(Protocol):
         ...
 
     def wall_ns(self) -> int:
-        """Time of day in ns since 1970. It may jump."""
+        """Time of day, ns since 1970. It may jump."""
         ...
 
     def sleep(self, seconds: float) -> None:
@@ -65,7 +65,7 @@ class SystemClock:
         time.sleep(seconds)
 
     def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> Ticks:
-        from cobot.ticker import Ticker  # uses a Linux timer, which clients do not need
+        from cobot.ticker import Ticker  # uses a Linux timer, which is not needed by clients
 
         return Ticker(rate_hz, on_tick)
 
@@ -74,7 +74,7 @@ SYSTEM = SystemClock()
 
 
 def utc_now(clock: Clock) -> datetime:
-    """Time of day of a clock."""
+    """Time of day of this clock, in UTC."""
     return datetime.fromtimestamp(clock.wall_ns() * 1e-9, UTC)
 
 
@@ -82,13 +82,13 @@ class WallTime:
     """Converts times on CLOCK_MONOTONIC to times of day.
 
     The two clocks cannot be read at the same moment, and a thread may be interrupted between the readings.
-    Stamps that were calculated from a new pair of readings each time would therefore jitter by that delay
-    and could go back. The offset is kept instead, until readings prove that it is wrong: Linux slews both
-    clocks alike, so the offset changes only when the time of day is set.
+    Stamps that were calculated from a new pair of readings each time would therefore jitter by that delay and
+    could go back. So the offset is kept until readings prove that it is wrong. Linux adjusts the rate of both
+    clocks in the same way, so the offset changes only when the time of day is set.
     """
 
     READINGS = 5
-    """A new offset comes from the fastest of this many readings."""
+    """Number of readings from which a new offset is computed. The fastest of them is used."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock
@@ -106,7 +106,7 @@ class WallTime:
         return self._ahead_ns
 
     def _read(self) -> tuple[int, int]:
-        """The smallest and the largest offset that are consistent with one reading of both clocks, in ns."""
+        """The smallest and the largest offset that are possible after one reading of both clocks, in ns."""
         before_ns = self._clock.now_ns()
         wall_ns = self._clock.wall_ns()
         return wall_ns - self._clock.now_ns(), wall_ns - before_ns

@@ -1,9 +1,11 @@
-"""The table of result codes. Vendor services answer with them, and rejections have them on every transport.
+"""The table of result codes. Vendor services answer with these codes, and rejections contain them on every
+transport.
 
-0 is success; all other codes are positive. Transports that use words instead of numbers have the names in
-lower case, which are the codes of `cobot.errors`.
+0 is success; all other codes are positive. Transports with words instead of numbers use the names in lower
+case, which are the codes in `cobot.errors`.
 
-`docs/services.md` shows the table. A test checks that both agree and that every error has a code.
+`docs/services.md` shows the table. A test checks that this table agrees with the document, and that every
+error has a code.
 """
 
 from __future__ import annotations
@@ -123,5 +125,5 @@ ERROR_OF: dict[int, type[CobotError]] = {int(code): kind for kind, code in OF_ER
 
 
 def code_of(error: CobotError) -> Code:
-    """The code of an error, by the most specific class in its ancestry."""
+    """The code of an error. The most specific of the error's classes that has a code determines it."""
     return next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)

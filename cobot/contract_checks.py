@@ -1,4 +1,6 @@
-"""Checks of a contract and their results, for backends (`rtloop.contract`) and grippers."""
+"""Checks of a contract, and their results. They are used for backends (`rtloop.contract`) and for
+grippers.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,11 @@ from cobot.foreign import plain_error, plain_text
 
 
 class ContractError(Exception):
-    """A class violates its contract. The text says how."""
+    """A class violates its contract. The text describes the violation."""
 
 
 class NotTested(Exception):
-    """The device or its rig lacks something that a check needs. The text says what is missing."""
+    """A check needs something that the device or its rig does not provide. The text names what is missing."""
 
 
 class CheckVerdict(StrEnum):
@@ -26,7 +28,7 @@ class CheckVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """The result of a check, with a text: the finding, the error, or the missing feature."""
+    """The result of a check. Its text is the finding, the error, or the missing feature."""
 
     check: str
     verdict: CheckVerdict
@@ -34,11 +36,11 @@ class CheckResult:
 
 
 def result_of(check: str, run: Callable[[], str], problem: type[Exception]) -> CheckResult:
-    """Run one check. It has failed if the class raises an unexpected exception.
+    """Run one check. The check fails if the class raises an unexpected exception.
 
     Args:
         run: executes the check and returns the finding.
-        problem: an exception, in addition to those of cobot, whose text is for people.
+        problem: class of exceptions, in addition to cobot's, whose text is for people.
     """
     try:
         return CheckResult(check, CheckVerdict.PASSED, run())

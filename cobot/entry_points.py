@@ -1,4 +1,4 @@
-"""Finds classes that settings name. They ship with cobot, or installed packages declare them."""
+"""Finds classes that settings name. They are part of cobot, or installed packages declare them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cobot.foreign import plain_error
 
 @dataclass(frozen=True, slots=True)
 class Registry:
-    """Classes by name.
+    """Classes that settings can name.
 
     Attributes:
         group: group of the entry points.
         setting: the setting that names a class, for errors.
-        shipped: package.module:Class by name. These are also entry points of cobot; they are listed here so
-            that they are found in a source tree that is not installed.
+        shipped: location of cobot's own classes, package.module:Class, by name. These are also entry points
+            of cobot. They are listed here so that they are found in a source tree that is not installed.
     """
 
     group: str
@@ -62,7 +62,7 @@ class Registry:
                 kind = getattr(kind, part)
         except KeyboardInterrupt:
             raise
-        except BaseException as exc:  # a foreign module may raise anything
+        except BaseException as exc:  # a module from a different package may raise anything
             raise self.unloadable(name, exc) from exc
         if not callable(kind):
             raise ConfigError(f"{self.setting}: cannot load {name!r}: {attribute} is not a class")

@@ -45,13 +45,13 @@ from cobot.findings import Explanation, Finding
 
 
 class CobotError(Exception):
-    """Base of all errors. `code` is stable and safe to compare; the message is for people.
+    """Base of all errors. Programs may compare `code`, which is stable; the message is for people.
 
     Attributes:
-        findings: the facts behind an error about a motion, the decisive one first.
+        findings: the facts behind an error about a motion. The decisive one is the first.
         explanation: changes that would make the motion work, if any were tried.
-        explain: both in the form of the REST API (docs/motions.md), if a client raises an error that it
-            received.
+        explain: findings and explanation in the form of the REST API (docs/motions.md), if a client raises an
+            error that it has received.
         details: further facts as texts and numbers, whose names depend on `code` (docs/conventions.md).
     """
 
@@ -73,7 +73,7 @@ class CobotError(Exception):
             self.details = dict(details)
 
     def with_message(self, message: str) -> Self:
-        """A copy of the error with another message."""
+        """A copy of the error with a different message."""
         error = type(self)(message, findings=self.findings, details=self.details)
         error.explanation, error.explain = self.explanation, self.explain
         return error
@@ -207,7 +207,7 @@ def _family(kind: type[CobotError]) -> Iterator[type[CobotError]]:
 
 
 BY_CODE: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(CobotError)}
-"""The error class of each code. Classes that other modules derive have no code of their own."""
+"""The error class of each code. Classes that other modules derive do not define codes of their own."""
 
 
 EXHAUSTED = {
@@ -219,7 +219,7 @@ EXHAUSTED = {
     errno.ENOMEM: "the service has no memory left: raise the limit of memory (ulimit -v), or free some",
     errno.EAGAIN: "no further process or thread can be started: raise the limits (ulimit -u, ulimit -v)",
 }
-"""Messages for resources that the operating system may refuse at any time, with the remedy."""
+"""Messages for resources that may be exhausted at any time, each with a remedy."""
 
 
 _IN_WORDS = {
@@ -233,7 +233,7 @@ _IN_WORDS = {
 
 
 def exhausted(error: BaseException | None) -> UnavailableError | None:
-    """The error for people if a resource of the computer is exhausted; None for any other error."""
+    """The error for people if a resource of the computer is exhausted. None for any other error."""
     number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
     if isinstance(error, ImportError | RuntimeError | ValueError):
         number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)

@@ -1,5 +1,6 @@
-"""The facts behind a planning error: the reasons why planning failed, as numbers, and requests that would
-work."""
+"""The facts behind a planning error: the reasons why planning failed, as numbers, and changed requests that
+would work.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ class Finding:
         value, limit: value and limit of the quantity, in `unit`, which is SI; "" for a share.
         share: location on the path, from 0 at the start to 1 at the goal. It is a share of the duration if
             the path has a time parameterization. None if the finding has no location.
-        of: the joint, or the two bodies that come too close to each other.
+        of: name of the joint, or names of the two bodies that come too close to each other.
     """
 
     check: Check
@@ -57,7 +58,7 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Changes of one kind with which planning failed as well.
+    """Changes of one kind with which planning also failed.
 
     Attributes:
         count: number of changes that were tried.
@@ -72,12 +73,13 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """The changes that were tried after planning a motion failed.
+    """The changes that were tried because planning of a motion had failed.
 
     Attributes:
         works: changes that work, at most one of each kind.
         tried: changes that do not work, one entry for each kind.
-        spent_s, budget_s: time taken by the trials, and time allowed. No trial starts after that.
+        spent_s, budget_s: time that the trials took, and time that is allowed for them, s. No trial starts
+            after the allowed time.
         start: joint positions at the start, rad.
         motion: number of the motion in a sequence, from 1; None for a single motion.
     """

@@ -1,5 +1,5 @@
-"""Safe access to files that clients name, which must be below one folder, and to new files in folders that
-other users may write to.
+"""Safe access to files that clients name and that must be below one folder, and safe creation of files in
+folders to which other users may write.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
     """The resolved path of a file that a client has named. The file need not exist.
 
     Args:
-        folder: the folder, resolved.
-        field: field of the request with the name, for the error.
+        folder: the folder, whose path has been resolved.
+        field: field of the request that contains the name, for the error.
         folder_name: name of the folder for people.
 
     Raises:
@@ -25,7 +25,7 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
     try:
         path = (folder / name).resolve()
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-            path.stat()  # raises what `resolve` passes over: since Python 3.13 also a circular link
+            path.stat()  # raises errors that `resolve` ignores; since Python 3.13 also for a cycle of links
     except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
         raise InputError(f"{field}: {exc}") from exc
     if path == folder or not path.is_relative_to(folder):
@@ -35,10 +35,10 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
 
 def open_new(path: Path) -> BinaryIO:
     """Create a file and open it for writing. An existing file or link is removed first, so that nothing is
-    written through a link or into another user's file.
+    written through a link or into a file of a different user.
 
     Raises:
-        OSError: the file cannot be created, or its name has been taken meanwhile.
+        OSError: the file cannot be created, or a file with this name was created meanwhile.
     """
     path.unlink(missing_ok=True)
-    return path.open("xb")  # O_EXCL follows no link
+    return path.open("xb")  # mode x does not follow links

@@ -1,7 +1,7 @@
 """Makes texts, iterators and numbers from devices, files and programs safe to store, print and send.
 
-An object's `str()` may raise or return another type. A text may be a megabyte of escape sequences, an
-iterator may never end, and a number may have 300 digits.
+An object's `str()` may raise an error or return an object of a different type. A text may be a megabyte of
+escape sequences, an iterator may never end, and a number may have 300 digits.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cobot.logs.lines import MAX_MESSAGE, printable
 
 MAX_NAME = 80
 WIDE = 1e7
-"""Numbers from here on are written with an exponent, because their digits would be hard to count."""
+"""Numbers from this size on are written with an exponent, because their digits would be hard to count."""
 
 
 MAX_LINE = 10_000
@@ -23,7 +23,9 @@ MAX_LINES = 200
 
 
 def plain_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
-    """The text of any object in one printable line; a longer text is cut, with a note of its length."""
+    """The text of any object in one printable line. A longer text is cut off, with a note about its
+    length.
+    """
     return printable(_text(value), max_characters)
 
 
@@ -47,7 +49,7 @@ def plain_lines(value: object, indent: str = "") -> str:
 
 
 def plain_error(exc: BaseException, max_characters: int = MAX_MESSAGE) -> str:
-    """Type and text of an exception."""
+    """Type and text of an exception, as one line."""
     return f"{_type_name(exc)}: {plain_text(exc, max_characters)}".removesuffix(": ")
 
 
@@ -55,7 +57,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
     """The items as a tuple.
 
     Raises:
-        InputError: there are more than `most` items. The rest is not read.
+        InputError: there are more than `most` items. Further items are not read.
     """
     found = tuple(itertools.islice(items, most + 1))
     if len(found) > most:
@@ -72,12 +74,12 @@ def _text(value: object) -> str:
     """The result of `str()`, or a note that it failed."""
     try:
         text = value if isinstance(value, str) else str(value)
-        # A subclass of str may have methods of its own.
+        # A subclass of str may override methods.
         return str.__getitem__(text, slice(None))
     except BaseException as exc:  # noqa: BLE001 - whatever a foreign __str__ raises
         return f"(a {_type_name(value)} without text: its str() raises {_type_name(exc)})"
 
 
 def _type_name(value: object) -> str:
-    """The name of a value's class, even if its metaclass reports another one."""
+    """The name of a value's class, even if the metaclass of the class reports a different name."""
     return printable(type.__dict__["__name__"].__get__(type(value)), MAX_NAME)

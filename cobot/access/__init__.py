@@ -1,1 +1,1 @@
-"""Roles, identities and the tokens that prove them. This package knows no web framework."""
+"""Roles, identities and the tokens that prove them. This package does not depend on a web framework."""

@@ -19,11 +19,15 @@ from cobot.config import FleetSection, RosSection, WebSection
 from cobot.errors import ConfigError
 
 LOOK_AGAIN_S = 0.5
-"""Longest delay until a revoked token takes effect, in seconds. A created one is valid at once."""
+"""Longest delay until a revoked token is rejected, in seconds. A new token is valid at once."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
-"""Environment variable with the token of the DDS process. The service and the DDS process both have it."""
+"""Environment variable with the token of the DDS process. It is set for the service and for the DDS
+process.
+"""
 FLEET_TOKEN_VARIABLE = "COBOT_FLEET_TOKEN"
-"""Environment variable with the token of the fleet's process. The service and that process both have it."""
+"""Environment variable with the token of the fleet process. It is set for the service and for the fleet
+process.
+"""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
 
 log = logging.getLogger("cobot.service")
@@ -58,15 +62,16 @@ def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
 
 
 def rights_of_fleet(fleet: FleetSection) -> Role:
-    """The role of the process that connects this cell to a fleet. It needs admin to reload settings."""
+    """The role of the process that connects this cell to a fleet. Reloading settings needs the role admin."""
     if fleet.certificates is None:
         return Role.OBSERVER
     return Role.PROGRAMMER if fleet.accept.settings == "none" else Role.ADMIN
 
 
 def fleet_tokens(fleet: FleetSection, token: str) -> dict[str, Role]:
-    """The tokens of the process that connects this cell to a fleet: its own one, and one for each role with
-    which people use the panel through the hub."""
+    """The tokens of the process that connects this cell to a fleet: its own token, and one token for each
+    role with which people use the panel through the hub.
+    """
     found = {token: rights_of_fleet(fleet)}
     if fleet.certificates is not None and fleet.accept.panel != "none":
         most = Role.OBSERVER if fleet.accept.panel_commands == "none" else Role.PROGRAMMER
@@ -75,12 +80,12 @@ def fleet_tokens(fleet: FleetSection, token: str) -> dict[str, Role]:
 
 
 def panel_token(fleet_token: str, role: Role) -> str:
-    """The token with which the fleet's process sends requests of people with this role."""
+    """The token with which the fleet process sends requests from people with this role."""
     return hmac.digest(fleet_token.encode(), f"panel {role.name}".encode(), "sha256").hex()
 
 
 def ros_access(ros: RosSection, web: WebSection) -> str:
-    """A sentence for people about what DDS participants may do."""
+    """A sentence for people that describes what DDS participants may do."""
     if not ros.enabled:
         return "no ROS 2"
     access = _access_of_ros(ros, web)
@@ -93,8 +98,9 @@ def ros_access(ros: RosSection, web: WebSection) -> str:
 
 
 def _access_of_ros(ros: RosSection, web: WebSection) -> str:
-    """`ros.access` with `auto` resolved: if every client needs a token, DDS participants may not move the
-    robot."""
+    """The value of `ros.access`. `auto` is resolved: if every client needs a token, DDS participants may not
+    move the robot.
+    """
     if ros.access != "auto":
         return ros.access
     return "move" if ros.localhost_only and web.authentication != "required" else "observe"
@@ -105,7 +111,7 @@ class Holder:
     """The holder of a token and the role that the token grants.
 
     Attributes:
-        stored: whether the token is in the file, and not one that the service has granted to a program.
+        stored: whether the token is in the file. If not, the service has granted it to a program.
     """
 
     name: str
@@ -116,8 +122,8 @@ class Holder:
 class Authenticator:
     """Checks tokens against the token file and against the tokens that the service itself has granted.
 
-    While the file is invalid, none of its tokens is accepted, and the log says why. The service starts and
-    keeps running nevertheless, because clients must be able to stop the robot.
+    While the file is invalid, none of its tokens is accepted, and the log gives the reason. The service
+    starts and runs nevertheless, because clients must be able to stop the robot.
     """
 
     def __init__(self, file: TokenFile, clock: Clock = SYSTEM) -> None:
@@ -137,7 +143,9 @@ class Authenticator:
         return self._file
 
     def last_used_ns(self, sha256_hex: str) -> int | None:
-        """Unix time of the last use of the token with this hash; None: not since the service started."""
+        """Unix time of the last use of the token with this hash, ns; None if it has not been used since the
+        service started.
+        """
         return self._used_ns.get(bytes.fromhex(sha256_hex))
 
     def has_token(self, name: str) -> bool:
@@ -154,15 +162,16 @@ class Authenticator:
         changed.set()
 
     async def await_change(self) -> None:
-        """Wait until the file may have changed, for `LOOK_AGAIN_S` at most."""
+        """Wait until the file may have changed, but at most for `LOOK_AGAIN_S`."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), LOOK_AGAIN_S)
 
     def find(self, token: str) -> Holder | None:
-        """The holder of a token; None for an invalid or expired one.
+        """The holder of a token; None if the token is invalid or has expired.
 
-        The duration does not depend on stored tokens, because each hash is compared, in constant time. The
-        file is checked for changes only for an unknown token, because that may be a new one.
+        The duration of this call does not depend on the stored tokens, because each hash is compared, in
+        constant time. The file is checked for changes only if the token is unknown, because the token may be
+        new.
         """
         self._refresh()
         digest = sha256(token.encode("utf-8", "surrogatepass")).digest()
@@ -224,7 +233,7 @@ class Authenticator:
         self._used_ns = {digest: used for digest, used in self._used_ns.items() if digest in known}
 
     def _signature(self) -> object:
-        """Properties that change whenever the file is replaced. It is never written in place."""
+        """Properties of the file that change whenever it is replaced. The file is never changed in place."""
         try:
             status = os.stat(self._file.path)
         except OSError as exc:

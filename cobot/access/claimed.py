@@ -10,7 +10,8 @@ MAX_NAME = 40
 
 
 def claimed(name: str) -> str:
-    """The name that a client without a token gives itself, in quotes, which no token's name contains.
+    """The name that a client without a token gives itself. It is put in quotes, which no token's name
+    contains.
 
     The text is untrusted, so the result is one line of bounded length, without invisible characters.
     """

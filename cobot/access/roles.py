@@ -13,7 +13,7 @@ from cobot.errors import AuthenticationError, PermissionDenied
 class Role(IntEnum):
     """The permissions of a client. Each role includes those of all lower roles."""
 
-    PUBLIC = 0  # needs no token: of a client without a valid one, and of what is open to all clients
+    PUBLIC = 0  # needs no token: for clients without a valid token, and for what is open to all
     OBSERVER = 1  # reads states, logs and health
     AGENT = 2  # plans, and runs motions that an operator or the configured fence approved: docs/mcp.md
     OPERATOR = 3  # moves the arm, resets it, streams to it, runs stored programs
@@ -30,11 +30,12 @@ class Identity:
     """The client that sends a request.
 
     Attributes:
-        name: name of its token; without one the name that it gives itself, in quotes, or "anonymous".
-        role: role that its token grants.
-        address: peer address of its connection; "" for the service itself.
+        name: name of the client's token. Without a token, the name that the client gives itself, in quotes,
+            or "anonymous".
+        role: role that the client's token grants.
+        address: peer address of the client's connection; "" for the service itself.
         forwarded: whether a proxy forwarded the request. If so, the address is the proxy's.
-        stored: whether it shows a token of the file, and not one that the service has granted to a program.
+        stored: whether the client's token is in the file. If not, the service has granted it to a program.
     """
 
     name: str
@@ -52,7 +53,9 @@ FLEET = "fleet"
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
-"""Identity on whose behalf the current task works, for code too deep to receive it as an argument."""
+"""Identity for which the current task works. It is for code that is too deep to receive the identity as an
+argument.
+"""
 
 
 def require(identity: Identity, role: Role) -> None:

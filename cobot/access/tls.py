@@ -1,4 +1,4 @@
-"""Checks of the service's certificate and its key, before anything starts."""
+"""Checks the certificate of the service and its key before anything starts."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _require_pem(name: str, path: Path) -> None:
 
 
 def _no_password() -> str:
-    """Reject an encrypted key, because OpenSSL would ask the terminal for a password and wait."""
+    """Reject an encrypted key. Otherwise OpenSSL would ask for a password on the terminal and wait."""
     raise ConfigError(
         "web.tls_key: the key is encrypted; give the service a key without a passphrase, with mode 600"
     )

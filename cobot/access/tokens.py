@@ -1,7 +1,8 @@
 """The file of access tokens, with their names, roles and hashes.
 
-A token is 256 random bits, too many for a search by brute force. Its SHA-256 hash therefore needs neither a
-salt nor a slow algorithm, and the file reveals no token. A token is shown once, when it is created.
+A token consists of 256 random bits, which are too many for a brute-force search. Its SHA-256 hash therefore
+needs neither a salt nor a slow algorithm, and the file reveals no token. A token is shown once, when it is
+created.
 """
 
 from __future__ import annotations
@@ -36,17 +37,21 @@ PREFIX = "cobot_"
 """Prefix of each token, by which people and scanners for leaked secrets recognise it."""
 RESERVED = (ANONYMOUS, ROS, FLEET, SERVICE.name)
 NOT_IN_PATHS = (".", "..")
-"""Names that no client can send as a part of a URL, so that such a token could not be deleted."""
+"""Names that no client can send as a part of a URL. A token with such a name could not be deleted."""
 MAX_TOKENS = 256
-"""Maximum number of tokens: each request is compared with all of them, at 0.2 µs each."""
+"""Maximum number of tokens, because each request is compared with all of them, which takes 0.2 µs per
+token.
+"""
 MAX_DAYS = 36_500
-"""Maximum lifetime in days: a hundred years, so that the date stays below the calendar's end in 9999."""
+"""Maximum lifetime in days: a hundred years, so that the date is before the end of the calendar in 9999."""
 MIN_LIFETIME = timedelta(minutes=1)
-"""Minimum lifetime: the token must be handed over before it expires."""
+"""Minimum lifetime, because a user must receive the token before it expires."""
 MAX_LISTED = 20
 """Maximum number of names in an error."""
 LOCKED_S, LOOK_S = 5.0, 0.01
-"""Time to wait for another program that changes the file, and the time between two tries, in seconds."""
+"""Time to wait for a different program that is changing the file, and time between two attempts, in
+seconds.
+"""
 NAME = r"^[A-Za-z0-9._@-]{1,48}$"
 """Form of a token's name."""
 _LEFT = ".tokens-"
@@ -60,7 +65,7 @@ class Token(StrictModel):
 
     Attributes:
         sha256: hash of the token, hexadecimal.
-        expires: time from which the token is invalid; None for never.
+        expires: time from which the token is invalid; None if it never expires.
     """
 
     name: Annotated[str, Field(pattern=NAME)]
@@ -79,15 +84,15 @@ _TOKENS = TypeAdapter(list[Token])
 
 
 def hashed(token: str) -> str:
-    """The hash of a token, which is all that the file contains of it."""
+    """The hash of a token. The file contains the hash and never the token."""
     return sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class TokenFile:
     """The file of all tokens. A missing file counts as an empty one.
 
-    Every method raises:
-        ConfigError: the file cannot be read or written, is invalid, or other users may change it.
+    Every method raises: ConfigError: the file cannot be read or written, is invalid, or may be changed by
+        other users.
     """
 
     def __init__(self, path: Path) -> None:
@@ -96,7 +101,7 @@ class TokenFile:
     def read(self) -> Tokens:
         """Read all tokens."""
         try:
-            # A pipe or a device at this path could block its reader forever.
+            # If a pipe or a device is at this path, reading it could block forever.
             descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             with os.fdopen(descriptor, "rb") as file:
                 status, content = os.fstat(descriptor), b""
@@ -108,7 +113,7 @@ class TokenFile:
                 0,
                 os.geteuid(),
                 self.path.parent.stat().st_uid,
-            )  # users who can replace the file in any case
+            )  # users who can replace the file anyway
             if status.st_mode & 0o022 or status.st_uid not in trusted:
                 raise ConfigError(
                     f"{self.path}: other users may change this file, and so control the robot: "
@@ -123,7 +128,7 @@ class TokenFile:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def create(self, name: str, role: Role, lifetime: timedelta | None = None) -> str:
-        """Create a token and return it, as `create_entry` does."""
+        """Create a token with `create_entry`, and return the token."""
         return self.create_entry(name, role, lifetime)[1]
 
     def create_entry(
@@ -132,11 +137,11 @@ class TokenFile:
         """Create a token and return its record and the token itself, which is not stored.
 
         Args:
-            by: name of the token of the administrator that requests it; None for the command, which needs
-                no token.
+            by: name of the token of the administrator who requests the new token; None for the command `cobot
+                token`, which needs no token.
 
         Raises:
-            ConflictError: a token of this name exists, or there are `MAX_TOKENS` already.
+            ConflictError: a token with this name exists, or there are already `MAX_TOKENS` tokens.
             InputError: the name, the role or the lifetime is invalid.
             PermissionDenied: `by` is no longer the name of an administrator's token.
         """
@@ -183,12 +188,12 @@ class TokenFile:
         """Revoke a token, and return its record.
 
         Args:
-            by: as in `create_entry`. With a name, the last token of an administrator stays.
-            own: whether `by` may revoke the token that it uses itself.
+            by: see `create_entry`. If a name is given, the last token of an administrator is not revoked.
+            own: whether the client may revoke the token `by`, which it uses itself.
 
         Raises:
-            NotFoundError: no token has this name. The error lists existing names.
-            ConflictError: it is the last token of an administrator, or the client's own.
+            NotFoundError: no token has this name. The error lists the names that exist.
+            ConflictError: the token is the last one of an administrator, or the client's own.
             PermissionDenied: `by` is no longer the name of an administrator's token.
         """
         revoked: list[Token] = []
@@ -215,21 +220,23 @@ class TokenFile:
         return revoked[0]
 
     def _change(self, change: Callable[[Tokens], Tokens]) -> None:
-        """Replace the file by a changed one, atomically: a reader gets either the old or the new content."""
+        """Replace the file with a changed one, atomically. A reader gets either the old or the new
+        content.
+        """
         try:
-            path = Path(os.path.realpath(self.path))  # the file that a link leads to, and not the link
+            path = Path(os.path.realpath(self.path))  # the file to which a link leads, instead of the link
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             with _hold_lock(path) as folder:
-                for left in path.parent.glob(f"{_LEFT}*"):  # of a program that was killed here
+                for left in path.parent.glob(f"{_LEFT}*"):  # files that a killed program has left
                     left.unlink()
                 content = _TOKENS.dump_json(list(change(self.read())), indent=1)
-                descriptor, made = tempfile.mkstemp(dir=path.parent, prefix=_LEFT)  # 0600
+                descriptor, made = tempfile.mkstemp(dir=path.parent, prefix=_LEFT)  # with mode 0600
                 try:
                     with os.fdopen(descriptor, "wb") as file:
                         file.write(content)
                         file.flush()
                         os.fsync(descriptor)
-                        if os.geteuid() == 0:  # a file made by root belongs to the folder's user
+                        if os.geteuid() == 0:  # a file that root has made must belong to the folder's user
                             owner = path.parent.stat()
                             os.fchown(descriptor, owner.st_uid, owner.st_gid)
                     os.replace(made, path)
@@ -256,7 +263,7 @@ def _lock(folder: int, path: Path) -> None:
     """Lock a folder.
 
     Raises:
-        UnavailableError: another program has kept it locked for `LOCKED_S`.
+        UnavailableError: a different program has kept the folder locked for `LOCKED_S`.
     """
     ends_s = time.monotonic() + LOCKED_S
     while True:
@@ -281,8 +288,9 @@ def _admins(tokens: Tokens) -> list[Token]:
 
 
 def _require_admin(tokens: Tokens, name: str | None) -> None:
-    """Check the administrator again while the file is locked, because two of them may revoke each other's
-    tokens."""
+    """Check the administrator again while the file is locked, because two administrators may revoke each
+    other's tokens.
+    """
     if name is not None and all(each.name != name for each in _admins(tokens)):
         raise PermissionDenied(f"{name} is not the name of a valid token of an administrator")
 

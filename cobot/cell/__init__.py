@@ -1,4 +1,4 @@
-"""The physical cell of a simulated robot: hand, parts, fixtures, belts, switches."""
+"""The physical cell of a simulated robot: hand, parts, fixtures, belts and switches."""
 
 from cobot.cell.cell import (
     Belt,

@@ -1,6 +1,6 @@
-"""The cell file: the hand, parts, fixtures, belts and switches of the simulation.
+"""The cell file, which describes the hand, parts, fixtures, belts and switches of the simulation.
 
-All lengths are in metres, all positions in the robot's base frame.
+All lengths are in metres, and all positions are in the robot's base frame.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ HAND = "hand"
 CUP = "cup"
 """Name of the suction cup, and first part of the names of its inputs and outputs."""
 COUNT = "count"
-"""Last part of the name of the input with a light barrier's count."""
+"""Last part of the name of the input that gives the count of a light barrier."""
 SPEED = "speed"
 """Last part of the name of the output that sets a belt's speed."""
 SUCTION, VACUUM = "suction", "vacuum"
-"""Last parts of the names of the cup's output and of its sensor, which reports kPa."""
+"""Last parts of two names: the cup's output, and the cup's sensor, which reports kPa."""
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of parts and fixtures, with the number of lengths of each."""
+"""Shapes of parts and fixtures, with the number of lengths that describe each."""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
 Coordinate = Annotated[float, Field(ge=-20.0, le=20.0)]
@@ -392,8 +392,8 @@ def load_cell(path: Path) -> Cell:
     """Read a cell file. For a folder, read its `cell.yaml`.
 
     Raises:
-        ConfigError: the file is missing or invalid. The error names the file, the key, the value and what is
-            valid.
+        ConfigError: the file is missing or invalid. The error names the file, the key, the value and the
+            valid values.
     """
     file = cell_file(path)
     cell = parse(Cell, file, read_mapping(file))
@@ -411,10 +411,10 @@ def load_cell(path: Path) -> Cell:
 
 
 def cell_file(path: Path) -> Path:
-    """The cell file for a path.
+    """The cell file for a path, which may be a folder.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no cell file.
     """
     file = path / CELL_FILE if path.is_dir() else path
     if not file.exists():

@@ -21,10 +21,10 @@ MIN_EDGE_M = 0.002
 
 @dataclass(frozen=True, slots=True)
 class MeshShape:
-    """A mesh with the middle of its bounding box as origin, m.
+    """A mesh. The middle of its bounding box is the origin. All lengths are in m.
 
     Attributes:
-        size: edges of the bounding box.
+        size: lengths of the edges of the bounding box.
         boxes: middle and edges of each box.
         hulls: corners of each convex solid that is not a box.
         vertices, triangles: the mesh of the file as flat sequences of numbers.
@@ -47,10 +47,11 @@ def mesh_shape(
         scale: metres per unit of the file.
         tolerance_m: how far boxes may reach beyond non-convex parts of the mesh.
         hull: whether the body is the convex hull of the mesh.
-        max_m: longest edge of the bounding box.
+        max_m: maximum length of an edge of the bounding box.
 
     Raises:
-        ConfigError: the file does not exist, or cannot be a body of a cell; the message has the reason.
+        ConfigError: the file does not exist, or cannot be used as a body of a cell; the message gives the
+            reason.
     """
     try:
         file = file_beside(folder, name)
@@ -69,7 +70,7 @@ def file_beside(folder: Path, name: str) -> Path:
     """The file that a cell file names by a path relative to its folder.
 
     Raises:
-        ConfigError: it is missing, or outside the folder.
+        ConfigError: the file is missing, or outside the folder.
     """
     file = (folder / name).resolve()
     beyond = Path(name).is_absolute() or ".." in Path(name).parts
@@ -94,7 +95,7 @@ def _read(
             raise InputError("triangles: there are none, or one names a vertex that does not exist")
         if not np.isfinite(vertices).all():
             raise InputError("vertices: one is not finite")
-        # Each vertex once, and none that is not part of the shape.
+        # Each vertex once, and only vertices that are part of the shape.
         vertices, numbers = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -123,7 +124,7 @@ def _read(
 def _solids(
     vertices: Array, triangles: mesh.Indices, tolerance_m: float, hull: bool
 ) -> tuple[Array, list[Array]]:
-    """Boxes, and the corners of other convex solids; see `mesh.parts`."""
+    """Boxes, and the corners of all other convex solids; see `mesh.parts`."""
     if not hull:
         return mesh.parts(vertices, triangles, tolerance_m, MAX_SOLIDS)
     corners = np.unique(vertices, axis=0)

@@ -1,4 +1,5 @@
-"""The hand that is part of the arm's model: links that slide or turn, as `cobot new-robot` writes it.
+"""The hand that is part of the arm's model. It consists of links that slide or turn, as `cobot new-robot`
+writes it.
 
 `robot.gripper: {type: simulated, hand: {...}}` describes it. It replaces the hand of the cell file.
 """
@@ -18,7 +19,7 @@ from cobot.errors import ConfigError
 from cobot.strict import sentence
 
 SIMULATED = "simulated"
-"""The type of `robot.gripper` whose options have a hand."""
+"""The type of `robot.gripper` whose options contain a hand."""
 MAX_WIDTHS, MIN_STEP_M = 64, 1e-6
 Component = Annotated[float, Field(ge=-1.0, le=1.0)]
 
@@ -159,7 +160,7 @@ NO_CELL = Cell.model_validate({"floor_m": None})
 
 
 def own_hand(settings: Settings) -> AnyOwnHand | None:
-    """The hand that is part of the robot's model; None without one.
+    """The hand that is part of the robot's model; None if there is none.
 
     Raises:
         ConfigError: its description is invalid.
@@ -175,7 +176,8 @@ def own_hand(settings: Settings) -> AnyOwnHand | None:
 
 
 def hand_of(settings: Settings) -> AnyHand | None:
-    """The hand of the simulation: that of the arm's model, or without one that of the cell file.
+    """The hand of the simulation. It is the hand in the arm's model, or if there is none, the hand in the
+    cell file.
 
     Raises:
         ConfigError: the cell file, or the description of the hand, is invalid.
@@ -187,9 +189,9 @@ def hand_of(settings: Settings) -> AnyHand | None:
 
 
 def cell_of(settings: Settings) -> Cell | None:
-    """The simulated cell; an empty one for a hand without a cell file, None for the bare arm.
+    """The simulated cell. It is empty for a hand without a cell file, and None for the bare arm.
 
-    Its `hand` and `cup` are those of the cell file; both are None if the arm's model has a hand.
+    Its `hand` and `cup` are defined in the cell file. Both are None if the arm's model contains a hand.
 
     Raises:
         ConfigError: see `hand_of`.

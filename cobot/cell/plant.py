@@ -1,12 +1,12 @@
 """The MuJoCo model that a simulation with a cell steps: the arm, its hand, parts, fixtures and belts.
 
-The arm's joints come first, so its joint vectors are the first part of the plant's.
+The arm's joints come first, so the joint vectors of the arm are the first part of the plant's vectors.
 
-Contacts are those of stiff bodies. Elliptic friction cones, friction stiffer than the contact's normal
-direction, and MuJoCo's no-slip iterations keep a held part from creeping between the fingers. In 5 s a can of
-0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, and by less than 1 µm with
-all three. While the arm turns a part, `rtloop.backends.cell_devices` adds the forces that MuJoCo's contacts
-lack.
+The contacts are stiff. Three measures keep a held part from creeping between the fingers: elliptic friction
+cones, friction that is stiffer than the contact's normal direction, and MuJoCo's no-slip iterations. In 5 s,
+a can of 0.25 kg creeps by 1.5 mm without the last two measures, by 0.15 mm without the iterations, and by
+less than 1 µm with all three. While the arm turns a part, `rtloop.backends.cell_devices` adds the forces that
+are missing in MuJoCo's contacts.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ OVERLAP_M = 0.001
 IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
 GRASP = {**CONTACT, "solref": [0.002, 1.0]}
-"""Contact between fingers and parts: the stiffest one that a period of 1 ms permits."""
+"""Contact between fingers and parts. It is the stiffest contact that a period of 1 ms permits."""
 ROUND = ("cylinder", "sphere")
-"""Shapes that roll, so rolling is damped."""
+"""Shapes that can roll. Their rolling is damped."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -61,10 +61,10 @@ class Plant:
     """A compiled plant.
 
     Attributes:
-        hand: the hand; None without one.
-        start: joint positions of the plant at the start; those of the arm are zeros.
+        hand: the hand; None if there is none.
+        start: joint positions of the plant at the start. The positions of the arm's joints in it are zeros.
         flange: the site that carries the tool.
-        tcp_body: the body with the TCP.
+        tcp_body: the body that carries the TCP.
         gripping: the bodies between which parts are held.
         parts: the bodies of the parts, in the cell's order.
         base: pose of the base frame in the world.
@@ -82,13 +82,16 @@ class Plant:
 
     @property
     def tool(self) -> Tool:
-        """The tool that is a body of the plant: the hand or the cup of the cell file; BARE without one."""
+        """The tool that is a body of the plant: the hand or the cup of the cell file; BARE if there is
+        none.
+        """
         return first_tool(self.hand, self.cell)
 
 
 def plant_of(robot: RobotModel, settings: Settings) -> Plant:
-    """The plant for settings with a cell or with a hand in the arm's model. Raises the same errors as
-    `build_plant`."""
+    """The plant for settings that have a cell, or a hand in the arm's model. Raises the same errors as
+    `build_plant`.
+    """
     cell, hand, names = cell_of(settings), hand_of(settings), settings.robot
     assert cell is not None
     own = None if isinstance(hand, Hand) else hand
@@ -102,7 +105,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
         own: the hand that is part of the arm's model.
 
     Raises:
-        ConfigError: a name is one of the arm's, or MuJoCo rejects the model, with the reason.
+        ConfigError: a name is already used in the arm's model, or MuJoCo rejects the model; gives the reason.
     """
     hand = cell.hand if own is None else own
     if robot.spec is None:
@@ -159,7 +162,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
 
 
 def _added_by(hand: AnyHand | None, cell: Cell) -> tuple[str, ...]:
-    """The names that a hand or a cup adds to the model. A hand of the arm's model adds none."""
+    """The names that a hand or a cup adds to the model. A hand in the arm's model adds none."""
     if cell.cup is not None:
         return (CUP, *LIPS)
     return (HAND, *FINGERS) if isinstance(hand, Hand) else ()
@@ -172,7 +175,7 @@ def check_start(plant: Plant, joints: Array) -> None:
         joints: joint positions of the arm.
 
     Raises:
-        CollisionError: two bodies overlap; the message has the distance.
+        CollisionError: two bodies overlap; the message gives the depth.
     """
     mj = plant.mj
     data = mujoco.MjData(mj)
@@ -196,10 +199,10 @@ def check_start(plant: Plant, joints: Array) -> None:
 
 
 def check_cell(robot: RobotDescription, settings: Settings) -> str:
-    """Check that the cell of the settings can be simulated. Returns its contents as a text.
+    """Check that the cell in the settings can be simulated. Returns a text that describes the cell.
 
     Raises:
-        ConfigError, CollisionError: it cannot be simulated; the message has the file and the reason.
+        ConfigError, CollisionError: the cell cannot be simulated; the message gives the file and the reason.
     """
     cell = cell_of(settings)
     if cell is None:
@@ -224,7 +227,9 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
 
 
 def _name_of_geom(mj: mujoco.MjModel, geom: int, bodies: Container[str]) -> str:
-    """The name of a shape for messages; for a shape of one of these bodies, the body's name."""
+    """The name of a shape for messages. If the shape belongs to one of these bodies, it is the name of the
+    body.
+    """
     body = str(mj.body(mj.geom_bodyid[geom]).name)
     return body if body in bodies else str(mj.geom(geom).name or body)
 
@@ -244,7 +249,7 @@ def _make_contacts_stiff(spec: mujoco.MjSpec) -> None:
 
 
 def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
-    """Add the floor of the cell, and switch off contacts with the floor of the arm's file."""
+    """Add the floor of the cell, and switch off contacts with the floor in the arm's file."""
     for geom in spec.worldbody.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
             geom.contype = geom.conaffinity = 0
@@ -270,7 +275,8 @@ def _add_solid(
         "friction": [solid.friction, TORSION_M, ROLLING_M],
         "condim": 6 if is_part and shape in ROUND else 4,
         "priority": int(is_part),
-        # Any speed but zero has MuJoCo compile belts in; the simulation sets the speed in each cycle.
+        # With any speed but zero, MuJoCo compiles support for belts. The simulation sets the speed in each
+        # cycle.
         "surfacevel": [1.0 if isinstance(solid, Belt) else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         **CONTACT,
     }
@@ -309,7 +315,7 @@ def _add_mesh(
 
 
 def _add_grasp(spec: mujoco.MjSpec, finger: mujoco.MjsGeom, shape: mujoco.MjsGeom, part: CellPart) -> None:
-    """Add the contact between a shape of a finger or a cup and one of a part."""
+    """Add the contact between a shape of a finger or a cup and a shape of a part."""
     pair = spec.add_pair(
         geomname1=finger.name,
         geomname2=shape.name,

@@ -1,4 +1,4 @@
-"""The hands and cups of a plant: a hand or a cup of the cell file, and fingers of the arm's model.
+"""The hands and cups of a plant: a hand or a cup from the cell file, or fingers in the arm's model.
 
 `cobot.cell.plant` adds them to the arm.
 """
@@ -20,20 +20,22 @@ turning hand has one drive."""
 FOLLOWER = "hand follower"
 """Prefix of the names of joints that follow the drive of a turning hand."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
-"""Names of the balls that form a cup's lip. The cup is closed if all of them touch one body."""
+"""Names of the balls that form the lip of a cup. The cup is closed if all these balls touch the same body."""
 SOFT_M = 0.0005
 """Distance by which the soft lip reaches beyond its balls, m."""
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 DRIVE_KG = 0.5
-"""Effective mass of a finger's drive at the finger: its rotor behind a gear."""
+"""Effective mass of a finger's drive at the finger, kg: it results from the rotor behind a gear."""
 FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
-"""Inertia of a following joint, as a share of the drive's; and damping of turning joints per inertia."""
+"""Inertia of a following joint, as a share of the drive's inertia, and damping of turning joints per
+inertia.
+"""
 TORSION_M = 0.005
 ROLLING_M = 0.0002
 
 
 def flange_of(mj: mujoco.MjModel, tcp: str) -> str:
-    """The site that carries the tool: the arm's flange, or without one its TCP."""
+    """The site that carries the tool: the arm's flange, or without a flange the arm's TCP."""
     flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
     if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
         return tcp
@@ -47,7 +49,7 @@ def _body_at_flange(spec: mujoco.MjSpec, robot: RobotModel, tcp: str, name: str)
 
 
 def add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the hand at the flange. Returns the shapes of its fingers."""
+    """Add the hand to the flange. Returns the shapes of its fingers."""
     palm = _body_at_flange(spec, robot, tcp, HAND)
     height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
     palm.add_geom(
@@ -72,7 +74,7 @@ def add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> li
 
 
 def add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the suction cup at the flange, and return its lip."""
+    """Add the suction cup to the flange. Returns the shapes of its lip."""
     holder, radius_m = _body_at_flange(spec, robot, tcp, CUP), 0.5 * LIP_M
     length_m = cup.length_m - LIP_M
     holder.add_geom(
@@ -101,21 +103,22 @@ def add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list[
 
 
 def add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
-    """Make the fingers of the arm's model movable, and return the shapes that hold parts."""
+    """Make the fingers in the arm's model movable. Returns the shapes that hold parts."""
     if isinstance(hand, TurningHand):
         return _add_turning_hand(spec, hand)
     bodies = []
     for name, finger in zip(FINGERS, hand.fingers, strict=True):
         body = _finger_of_model(spec, finger.body)
         joint = _add_slide(body, name, finger.axis, finger.travel_m)
-        joint.ref = finger.travel_m  # the model has it open
+        joint.ref = finger.travel_m  # in the model, the finger is open
         bodies.append(body)
     return _couple(spec, (bodies[0], bodies[1]), hand.fingers[0].travel_m / hand.fingers[1].travel_m)
 
 
 def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.MjsGeom]:
-    """Add the joints for turning fingers of the arm's model. Returns the shapes of the fingers, and for a
-    single jaw those of the link next to it."""
+    """Add the joints for turning fingers in the arm's model. Returns the shapes of the fingers. For a single
+    jaw, it also returns the shapes of the link next to the jaw.
+    """
     inertia = drive_inertia(hand)
     bodies = [_finger_of_model(spec, joint.body) for joint in hand.joints]
     carriers = [body.parent for body in bodies if body.parent not in bodies]
@@ -129,7 +132,7 @@ def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.Mjs
             armature=inertia if index == 0 else FOLLOWER_SHARE * inertia,
             damping=DAMPING_PER_S * inertia,
         )
-        made.ref = joint.ratio * hand.travel_rad  # the model has it open
+        made.ref = joint.ratio * hand.travel_rad  # in the model, the finger is open
         made.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         if index == 0:
             made.limited, made.range = mujoco.mjtLimited.mjLIMITED_TRUE, [0.0, hand.travel_rad]
@@ -176,8 +179,8 @@ def _add_slide(
 def _couple(
     spec: mujoco.MjSpec, fingers: tuple[mujoco.MjsBody, mujoco.MjsBody], ratio: float
 ) -> list[mujoco.MjsGeom]:
-    """Couple the fingers, and let them pass through each other. Returns their shapes, with the contacts of
-    fingers.
+    """Couple the fingers, and let them pass through each other. Returns their shapes, which get the contacts
+    of fingers.
 
     Args:
         ratio: travel of the first finger per metre of the second one.
@@ -189,7 +192,7 @@ def _couple(
 
 
 def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[0]) -> None:
-    """Couple a joint to a leader: it moves by `ratio` per unit of the leader."""
+    """Couple a joint to a leader. The joint moves by `ratio` for each unit of the leader."""
     together = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -201,14 +204,14 @@ def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[
 
 
 def _let_pass(spec: mujoco.MjSpec, links: list[mujoco.MjsBody], others: list[mujoco.MjsBody]) -> None:
-    """Let links pass through other links."""
+    """Let links pass through other links, without contacts."""
     pairs = {frozenset((one.name, other.name)) for one in links for other in others if one.name != other.name}
     for first, second in (sorted(pair) for pair in sorted(pairs, key=sorted)):
         spec.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
-    """The shapes of links, after giving them the contacts of fingers."""
+    """Give the shapes of links the contacts of fingers, and return these shapes."""
     shapes = [geom for link in links for geom in link.geoms if geom.contype]
     for number, geom in enumerate(shapes, start=1):
         geom.name = geom.name or f"{HAND} shape {number} of {geom.parent.name}"

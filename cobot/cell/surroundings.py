@@ -1,4 +1,6 @@
-"""A cell for the planners: fixtures and held parts become objects of the scene, the hand becomes a tool."""
+"""A cell as planners see it: fixtures and held parts become objects of the scene, and the hand becomes a
+tool.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,12 @@ from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Numbers7, Pose
 
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
-"""For the planners the fingers end at this distance before the TCP, m, because streams keep 20 mm away from
-everything, and the TCP must reach parts on a table. Shapes shorter than the second length are left out."""
+"""For the planners, the fingers end at the first distance before the TCP, m. Reason: streams keep 20 mm away
+from everything, and the TCP must reach parts on a table. Shapes shorter than the second length, m, are left
+out.
+"""
 LIP_M = 0.004
-"""Height of a cup's lip, which has no mass."""
+"""Height of the lip of a cup, m. The lip has no mass."""
 FINGER_SHARE = 0.1
 """Share of the hand's mass in each finger."""
 
@@ -32,7 +36,8 @@ def scene_file(settings: Settings) -> SceneFile:
 
 
 def tool_file(settings: Settings) -> ToolFile:
-    """The file with the robot's tool. Until a tool is set it is the hand or the cup of the robot's cell.
+    """The file with the robot's tool. Until a tool is set, the tool is the hand or the cup of the robot's
+    cell.
 
     Raises:
         ConfigError: the cell file is invalid.
@@ -41,15 +46,16 @@ def tool_file(settings: Settings) -> ToolFile:
 
 
 def first_tool(hand: AnyHand | None, cell: Cell | None) -> Tool:
-    """The hand or the cup of the cell file as a tool; BARE without one, or if the hand is part of the arm's
-    model."""
+    """The hand or the cup of the cell file as a tool. BARE if there is none, or if the hand is part of the
+    arm's model.
+    """
     if cell is not None and cell.cup is not None:
         return cup_as_tool(cell.cup)
     return hand_as_tool(hand) if isinstance(hand, Hand) else BARE
 
 
 def part_in_scene(part: CellPart, pose: Numbers7) -> SceneObject:
-    """A part as an object of the scene; `pose` is in the base frame."""
+    """A part as an object of the scene. `pose` is its pose in the base frame."""
     return _in_scene(part, pose, part.mass_kg)
 
 
@@ -75,7 +81,7 @@ def _in_scene(solid: CellSolid | Belt, pose: Numbers7, mass_kg: float = 0.0) -> 
 
 
 def hand_as_tool(hand: Hand) -> Tool:
-    """The first tool of the robot, which it carries while its hand is empty: mass, TCP, and its shapes.
+    """The first tool of the robot, with mass, TCP and shapes. The robot carries it while its hand is empty.
 
     The fingers are open, and end `CLEAR_M` before the TCP.
     """
@@ -103,8 +109,8 @@ def hand_as_tool(hand: Hand) -> Tool:
 
 
 def cup_as_tool(cup: Cup) -> Tool:
-    """The first tool of a robot whose cell has a suction cup: mass, TCP, and its shape, which ends `CLEAR_M`
-    before the TCP.
+    """The first tool of a robot whose cell contains a suction cup, with mass, TCP and shape. The shape ends
+    `CLEAR_M` before the TCP.
     """
     length = cup.length_m - CLEAR_M
     pose = (0.0, 0.0, 0.5 * length, 1.0, 0.0, 0.0, 0.0)

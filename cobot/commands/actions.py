@@ -1,4 +1,4 @@
-"""The actions of the commands. Errors are reported in the service's words."""
+"""The actions of the commands. Errors are reported with the service's texts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cobot.strict import shown
 EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE = 0, 1, 3
 POLL_S = 0.1
 LINES = 300
-"""Number of lines that the service returns at once from the log of sequences."""
+"""Maximum number of lines that the service returns at once from the log of sequences."""
 JOBS = {
     "id": "job",
     "robot": "robot",
@@ -111,7 +111,7 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
 
 
 def _fields(given: str) -> Json:
-    """The fields of `--fields`."""
+    """Parse the fields in the option `--fields`."""
     try:
         found = json.loads(given)
     except ValueError as exc:
@@ -145,14 +145,14 @@ def _arrival(client: Client, motion: int) -> Json:
     """Wait until a motion has ended.
 
     Raises:
-        ExecutionError: the motion has not arrived.
+        ExecutionError: the motion has not reached its goal.
     """
     while True:
         robot = client.health()["robot"]
         result = str(robot["motion_result"])
         if (
             robot["motion_id"] != motion or result == "ARRIVED"
-        ):  # the next motion began after this one had arrived
+        ):  # the next motion began after this one had reached its goal
             return {"result": "ARRIVED"}
         if result != "RUNNING":
             raise ExecutionError(f"motion {motion} has not arrived: {result.lower()}, {robot['reason']}")

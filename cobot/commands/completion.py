@@ -1,4 +1,4 @@
-"""Shell completion, written from the parser itself: `eval "$(cobot completion bash)"`."""
+"""Shell completion, derived from the parser itself: `eval "$(cobot completion bash)"`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ complete -o filenames -F _cobot cobot"""
 
 
 def completion(shell: str, parser: argparse.ArgumentParser) -> str:
-    """The script for a shell.
+    """The completion script for a shell.
 
     Args:
         shell: "bash", "zsh" or "fish".
@@ -50,7 +50,7 @@ def _commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.A
 
 
 def _words(parser: argparse.ArgumentParser) -> list[str]:
-    """Long options, values of a choice, and commands below this one."""
+    """Long options, the values of a choice, and the commands below this parser."""
     words: list[str] = []
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction) or (action.choices and not action.option_strings):

@@ -22,7 +22,9 @@ Commands = Any
 
 
 def service_options() -> argparse.ArgumentParser:
-    """Options of all commands: the service, the robot and the output format. For the parsers of commands."""
+    """Options that all commands share: the service, the robot and the output format. The parsers of the
+    commands use this parser as a parent.
+    """
     options = argparse.ArgumentParser(add_help=False)
     add_service_options(options.add_argument_group("service"))
     return options
@@ -62,7 +64,9 @@ def default_url() -> str:
 
 
 def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> bool:
-    """Whether a command needs a running service. Ends the program if the options contradict each other."""
+    """Whether a command needs a running service. If the options contradict each other, this ends the
+    program.
+    """
     if chosen.command == "stop":
         if chosen.url is None and (chosen.token or chosen.certificate or chosen.json):
             parser.error("stop: --token, --certificate and --json need --url")
@@ -157,7 +161,7 @@ def add_parsers(commands: Commands) -> None:
 
 
 def add_sequence_options(run: argparse.ArgumentParser) -> None:
-    """Options of `cobot run FILE`, which runs a sequence at a service."""
+    """Add the options of `cobot run FILE`, which runs a sequence in a service."""
     run.add_argument(
         "sequence",
         nargs="?",

@@ -1,4 +1,4 @@
-"""Output of the commands that people read: state, jobs, events, and the progress of the arm."""
+"""Output that people read: state, jobs, events, and the progress of the arm."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def show_table(rows: list[Json], columns: dict[str, str]) -> None:
     """Print a table.
 
     Args:
-        columns: heading by the name of the value.
+        columns: the heading of each column, by the name of its value.
     """
     cells = [[_shown(row.get(name)) for name in columns] for row in rows]
     show_columns(list(columns.values()), cells, right=len(columns))
@@ -66,7 +66,7 @@ def show_event(event: Json) -> None:
 
 
 def show_words(before: list[str], now: list[str]) -> None:
-    """Print the new output of a program, by comparing two readings of `/sequences/logs`."""
+    """Print the new output of a program. It is found by comparing two readings of `/sequences/logs`."""
     gone = next(gone for gone in range(len(before) + 1) if before[gone:] == now[: len(before) - gone])
     if before and gone == len(before):
         print(MISSING, flush=True)
@@ -75,7 +75,7 @@ def show_words(before: list[str], now: list[str]) -> None:
         if line.startswith(CONTINUED):
             text = line.removeprefix(CONTINUED)
         else:
-            _, _, text = line.partition(" ")  # the newest lines are not read yet
+            _, _, text = line.partition(" ")  # the newest lines have not been read yet
             from_program = text.startswith(PROGRAM)
         if from_program and place >= len(before) - gone:
             print(text.removeprefix(PROGRAM), flush=True)
@@ -109,7 +109,7 @@ def with_progress(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
 
 
 def _follow(client: Client, bar: Bar, ended: threading.Event) -> None:
-    """Show the bar. Without events or a terminal there is no bar."""
+    """Show the bar. If there are no events or no terminal, no bar is shown."""
     try:
         for event in client.events(["motion"], state_hz=STATE_HZ):
             if ended.is_set():

@@ -18,7 +18,7 @@ BAR_CELLS = 40
 
 
 def show(line: str, style: str = "") -> None:
-    """Print a line, in a style of `STYLES` if stdout is a terminal that has colours."""
+    """Print a line. The style, one of `STYLES`, is used if stdout is a terminal with colours."""
     plain = not style or not _is_terminal(sys.stdout) or bool(os.environ.get("NO_COLOR"))
     print(line if plain else f"\x1b[{STYLES[style]}m{line}\x1b[0m", flush=True)
 
@@ -27,7 +27,7 @@ def show_columns(headings: Sequence[str], rows: Sequence[Sequence[str]], right: 
     """Print a table.
 
     Args:
-        right: the column from which on the cells are aligned to the right.
+        right: index of the first column whose cells are aligned to the right.
     """
     widths = [max(map(_cells, column)) for column in zip(headings, *rows, strict=True)]
 
@@ -53,7 +53,7 @@ class Bar:
 
     @contextmanager
     def showing(self, what: str) -> Iterator[Bar]:
-        """Show the bar during the block, and remove it at the end."""
+        """A context that shows the bar, and removes it at the end."""
         self._start_s = time.monotonic()
         self.update(0.0, 0.0, what)
         try:
@@ -62,7 +62,7 @@ class Bar:
             self.erase()
 
     def update(self, done: float, total: float, what: str | None = None) -> None:
-        """Draw the bar. With a total of 0 the finished part is unknown, and only the text is drawn."""
+        """Draw the bar. If the total is 0, the finished part is unknown, and only the text is drawn."""
         self._what = what or self._what
         line = self._what
         if total > 0.0:
@@ -72,7 +72,7 @@ class Bar:
         self._write(ERASE_LINE + line[: shutil.get_terminal_size().columns - 1])
 
     def erase(self) -> None:
-        """Remove the bar until the next update, so that something else can be printed."""
+        """Remove the bar until the next update, so that other output can be printed."""
         self._write(ERASE_LINE)
 
     def _remaining(self, part: float) -> str:

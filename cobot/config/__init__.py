@@ -1,4 +1,4 @@
-"""The settings files, read strictly: an unknown key is an error that lists the valid ones."""
+"""The settings files. They are read strictly: an unknown key is an error that lists the valid keys."""
 
 from __future__ import annotations
 

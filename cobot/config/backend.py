@@ -46,7 +46,7 @@ def options_of(section: BackendSection, kind: type[Model], setting: str = "robot
 
 
 def _section(value: object, info: ValidationInfo, what: str) -> object:
-    """The content of a file, as the fields of a `BackendSection`."""
+    """Convert the content of a file to the fields of a `BackendSection`."""
     content = {"type": value} if isinstance(value, str) else value
     if not (isinstance(content, dict) and content.get("type")):
         raise ValueError(
@@ -71,7 +71,7 @@ def _gripper_section(value: object, info: ValidationInfo) -> object:
 
 
 def _as_in_a_file(section: BackendSection | None) -> object:
-    """The complete section including its folder, so that a file in another folder can contain it."""
+    """The complete section including its folder, so that a file in a different folder can contain it."""
     if section is None or not section.options:
         return section and section.type
     return {"type": section.type, "folder": str(section.folder), **section.options}

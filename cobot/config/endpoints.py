@@ -1,4 +1,4 @@
-"""`api_endpoints.yaml`: a user's changes of the endpoints that the service declares."""
+"""`api_endpoints.yaml`: a user's changes to the endpoints that the service declares."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def load_endpoints(path: Path, known: Iterable[str] | None = None) -> dict[str, 
     """Read `api_endpoints.yaml`.
 
     Args:
-        known: the names of all endpoints; None if they are unknown here, see `app.endpoints`.
+        known: the names of all endpoints; None if they are not known here, see `app.endpoints`.
 
     Raises:
-        ConfigError: see `load_settings`; or a name is unknown, or the stop would be disabled.
+        ConfigError: see `load_settings`. Also if a name is unknown, or if the stop would be disabled.
     """
     changes = parse(_EndpointsFile, path, read_mapping(path)).endpoints
     _check_stop(path, changes)

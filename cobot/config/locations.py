@@ -15,15 +15,15 @@ from cobot.errors import ConfigError
 def resolve(location: str, folder: Path) -> Path:
     """The file that a setting names: pkg://PACKAGE/PATH, ~/PATH, or relative to `folder`.
 
-    pkg://config and pkg://sequences contain the files that ship with cobot.
+    pkg://config and pkg://sequences contain files that are part of cobot.
 
     Raises:
-        ConfigError: the package is not installed, or the path leaves it.
+        ConfigError: the package is not installed, or the path leads out of it.
     """
     if not location.startswith("pkg://"):
         try:
             return (folder / Path(location).expanduser()).resolve()
-        except (RuntimeError, OSError, ValueError) as exc:  # no such user, a circle of links, a NUL byte
+        except (RuntimeError, OSError, ValueError) as exc:  # unknown user, a cycle of links, or a NUL byte
             raise ConfigError(f"{location}: {exc}") from exc
     package, _, inner = location.removeprefix("pkg://").partition("/")
     root = _folder_of(package)
@@ -36,10 +36,10 @@ def resolve(location: str, folder: Path) -> Path:
 
 
 def _folder_of(package: str) -> Path | None:
-    """The folder of this name that ships with cobot, else the folder of an installed package; None if there
-    is neither.
+    """The folder of this name that is part of cobot, otherwise the folder of an installed package; None if
+    neither exists.
 
-    The files of cobot come first, because another package may also be named `config`.
+    The files of cobot come first, because a different package may also be named `config`.
     """
     if package in shipped.NAMES:
         return (shipped.FOLDER / package).resolve()
@@ -59,4 +59,4 @@ def _in_folder(value: object, info: ValidationInfo) -> Path:
 
 
 Location = Annotated[Path, BeforeValidator(_in_folder)]
-"""A path in a settings file, resolved against that file's folder."""
+"""A path in a settings file. It is resolved against the folder of that file."""

@@ -1,4 +1,4 @@
-"""Reads settings from files: the file shipped with cobot, with the changes of the user's file."""
+"""Reads settings from files: the file that is part of cobot, with the changes from the user's file."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from cobot.yaml_file import read_mapping
 SETTINGS_FILE = "cobot-setting.yaml"
 DEFAULT_SETTINGS = f"pkg://config/{SETTINGS_FILE}"
 SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
-"""Sections that an entry in `robots` may change, in addition to those of the robot itself."""
+"""Sections that an entry in `robots` may change, in addition to the sections about the robot itself."""
 
 
 def load_settings(path: Path | None = None, over: dict[str, Any] | None = None) -> Settings:
-    """Read the settings; None reads the file shipped with cobot.
+    """Read the settings. With None, only the file that is part of cobot is read.
 
-    The user's file needs only the keys that differ from the shipped ones. It may have a list `robots`, whose
-    entries hold the differences of each robot from the rest of the file.
+    The user's file needs only the keys whose values differ from cobot's own file. It may contain a list
+    `robots`. An entry in it contains the values in which this robot differs from the other settings in the
+    file.
 
     Args:
-        over: content that applies over the file, with absolute paths.
+        over: content that replaces values in the file, with absolute paths.
 
     Raises:
         ConfigError: a file is invalid. The error names the file, the key, the value and the valid values.
@@ -46,7 +47,7 @@ def load_settings(path: Path | None = None, over: dict[str, Any] | None = None) 
 
 
 def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
-    """The settings of a file with a list `robots`; `content` is the rest of the file."""
+    """The settings in a file with a list `robots`. `content` is everything else in the file."""
     each = [
         parse(Settings, path, _merged(content, changes), place=f"robots[{index}]: ")
         for index, changes in enumerate(_changes_of_each(path, entries))
@@ -82,10 +83,10 @@ def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
 
 
 def _with_backend_at_robot(place: object, content: dict[str, Any]) -> dict[str, Any]:
-    """Move a backend from the section `rt`, where older files have it, to the section `robot`.
+    """Move a backend from the section `rt`, where older files define it, to the section `robot`.
 
     Raises:
-        ConfigError: both sections have a backend.
+        ConfigError: both sections define a backend.
     """
     rt, robot = content.get("rt"), content.get("robot", {})
     if not isinstance(rt, dict) or "backend" not in rt or not isinstance(robot, dict):

@@ -1,4 +1,4 @@
-"""Settings that a fleet has rolled out. They apply over the user's file, which stays as it is."""
+"""Settings that a fleet has rolled out. They replace values in the user's file, which does not change."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ ROLLED_OUT_FILE = "settings.yaml"
 FILES = {"robot": ("srdf", "cell"), "web": ("joint_limits",)}
 """Settings that name files; a fleet rolls them out with these files."""
 OTHERS = {"robot": ("gripper",), "planning": None, "streaming": None, "recording": None}
-"""Other settings that a fleet can roll out; None is the whole section. Access is not among them."""
+"""Other settings that a fleet can roll out; None means the whole section. Settings about access are not among
+them.
+"""
 
 
 def load_with_rolled_out(path: Path | None) -> Settings:
     """Read the settings as the next start or reload of a cell would apply them.
 
     Raises:
-        ConfigError: see `load_settings`; or what was rolled out does not fit the user's file any more.
+        ConfigError: see `load_settings`. Also if the rolled-out settings no longer match the user's file.
     """
     settings = load_settings(path)
     file = settings.rolled_out / ROLLED_OUT_FILE
@@ -38,7 +40,7 @@ def load_with_rolled_out(path: Path | None) -> Settings:
 
 
 def advice(settings: Settings) -> str:
-    """A hint for a start that fails while rolled-out settings are in force; "" without them."""
+    """A hint for a start that fails while rolled-out settings are in force; "" if there are none."""
     link = settings.rolled_out
     if not settings.fleet.connect or not link.is_symlink():
         return ""
@@ -49,7 +51,7 @@ def read_rolled_out(file: Path) -> dict[str, Any]:
     """The content of a file of rolled-out settings, with absolute paths.
 
     Raises:
-        ConfigError: it is not valid, or has a setting that cannot be rolled out.
+        ConfigError: the file is not valid, or contains a setting that cannot be rolled out.
     """
     content = read_mapping(file)
     valid = sorted({*FILES, *OTHERS})
@@ -71,7 +73,7 @@ def read_rolled_out(file: Path) -> dict[str, Any]:
 
 
 def _inside(file: Path, key: str, value: object) -> Path:
-    """The file that a setting names, which must be part of what is rolled out."""
+    """The file that a setting names. It must be one of the rolled-out files."""
     if isinstance(value, str):
         found = resolve(value, file.parent)
         if found.is_relative_to(file.parent) or value.startswith("pkg://"):

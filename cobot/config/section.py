@@ -16,8 +16,9 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Section(StrictModel):
-    """Base of all sections. Pydantic compiles them once with the whole settings, and not each one
-    separately."""
+    """Base of all sections. Pydantic compiles them once together with the whole settings, and not each one
+    separately.
+    """
 
     model_config = ConfigDict(frozen=True, defer_build=True)
 
@@ -41,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """A context in which errors begin with the name of a setting, which people can change."""
+    """A context in which errors begin with the name of a setting, because people can change this setting."""
     try:
         yield
     except ConfigError as exc:

@@ -75,11 +75,11 @@ IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
 Host = Annotated[str, AfterValidator(_a_host)]
 Origin = Annotated[str, AfterValidator(_an_origin)]
 
-# Validators of a field that know the fields before it in its section.
+# Validators of a field that also use earlier fields in the same section.
 
 
 def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
-    """Check `fleet.certificates`: it is required for addresses with TLS, and only allowed for those."""
+    """Check `fleet.certificates`. It is required for addresses with TLS, and not allowed for others."""
     for hub in info.data.get("connect", ()):
         if hub.startswith("tls/") and certificates is None:
             raise ValueError(f"{hub} needs the folder of this cell's certificate: `cobot fleet certificate`")
@@ -89,21 +89,21 @@ def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
 
 
 def for_other_computers(peers: list[str], info: ValidationInfo) -> list[str]:
-    """Check `ros.peers`: they must be reachable."""
+    """Check that the addresses in `ros.peers` can be reached."""
     if peers and info.data.get("localhost_only"):
         raise ValueError(f"{shown(peers)} cannot be reached: set ros.localhost_only to false")
     return peers
 
 
 def with_its_certificate(key: Path | None, info: ValidationInfo) -> Path | None:
-    """Check `web.tls_key`: a key and a certificate must be given together."""
+    """Check `web.tls_key`. A key and a certificate must be given together."""
     if (key is None) != (info.data.get("tls_certificate") is None):
         raise ValueError("web.tls_certificate and web.tls_key go together: give both, or neither")
     return key
 
 
 def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
-    """Check `web.limits`: the largest body of a request must fit."""
+    """Check `web.limits`. The largest body of a request must fit into them."""
     largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
     if limits.bodies_bytes < largest:
         raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
@@ -111,7 +111,7 @@ def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> Conn
 
 
 def above_low(high: tuple[float, float, float], info: ValidationInfo) -> tuple[float, float, float]:
-    """Check `mcp.fence.high`: the box must have a volume."""
+    """Check `mcp.fence.high`. The volume of the box must not be 0."""
     low = info.data.get("low")
     if low is not None and not all(a < b for a, b in zip(low, high, strict=True)):
         raise ValueError(f"{high} must be above low, {low}, in x, y and z")

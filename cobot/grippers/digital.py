@@ -147,7 +147,7 @@ class DigitalGripper(TwoPositions):
     def _drive(self, goal: FingerGoal) -> None:
         options, closes = self._options, goal is FingerGoal.CLOSED
         pairs = [(options.close_output, closes), (options.open_output, not closes)]
-        for name, value in sorted(pairs, key=lambda each: each[1]):  # the one that goes off comes first
+        for name, value in sorted(pairs, key=lambda each: each[1]):  # the one switched off comes first
             if name is not None:
                 self._port.set(name, float(value))
 

@@ -2,7 +2,7 @@
 
     gymnasium.make("cobot.learning:cobot/Reach-v0")
 
-Each module imports only the packages that it needs. docs/learning.md says which extra installs them.
+Each module imports only the packages that it needs. docs/learning.md names the extras that install them.
 """
 
 from __future__ import annotations

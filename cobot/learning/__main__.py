@@ -1,5 +1,6 @@
-"""`python -m cobot.learning record FILE.mcap`: records an episode of a service's arm, with cameras in its
-scene."""
+"""`python -m cobot.learning record FILE.mcap`: records an episode of an arm that a service runs, with cameras
+in the arm's scene.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ EXIT_OK, EXIT_FAILED = 0, 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command. Returns the exit status: 0 if recorded, 1 if not, 2 for wrong usage."""
+    """Run the command. Returns the exit status: 0 if an episode was recorded, 1 if not, 2 for wrong usage."""
     parser = argparse.ArgumentParser("python -m cobot.learning", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     recording = commands.add_parser("record", help="record an episode, until Ctrl-C or the end of the time")

@@ -1,4 +1,4 @@
-"""The arms of environments: a simulated one on a virtual clock, or the arm of a running service."""
+"""The arms of environments: a simulated arm on a virtual clock, or the arm of a running service."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class EpisodeArm(Protocol):
     Attributes:
         robot: client of the arm.
         clock: clock of the arm.
-        control: the current streaming session, from `restart` on.
-        width_m: the smallest and the largest width between the fingers, m; None without a gripper.
+        control: the current streaming session, which `restart` begins.
+        width_m: the smallest and the largest width between the fingers, m; None if there is no gripper.
         max_force_n: largest force at the fingers, N.
     """
 
@@ -36,10 +36,10 @@ class EpisodeArm(Protocol):
     max_force_n: float
 
     def restart(self, start: Array) -> None:
-        """Bring the arm to rest at `start` and begin a session.
+        """Move the arm to `start`, where it stops, and begin a session.
 
         Raises:
-            CobotError: the arm does not reach it.
+            CobotError: the arm does not reach `start`.
         """
         ...
 
@@ -52,12 +52,12 @@ class EpisodeArm(Protocol):
         ...
 
     def close(self) -> None:
-        """Release the arm; may be called again."""
+        """Release the arm. This may be called again."""
         ...
 
 
 class SimulatedArm:
-    """A new simulation for each episode, so that nothing of the previous one remains."""
+    """A simulated arm. Each episode uses a new simulation, so that nothing remains from the previous one."""
 
     robot: Robot
     clock: Clock
@@ -90,7 +90,7 @@ class SimulatedArm:
 
 
 class ServedArm:
-    """The arm of a service, which moves to the start of an episode with an ordinary motion.
+    """The arm of a running service. It moves to the start of an episode with an ordinary motion.
 
     Args:
         url: URL of the service, or of one of its robots.

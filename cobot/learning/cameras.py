@@ -1,4 +1,4 @@
-"""Cameras in the scene. Their pictures of the arm and its surroundings are computed by ray casting."""
+"""Cameras in the scene. Ray casting computes their pictures of the arm and its surroundings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Camera:
     """The pose and the properties of a camera.
 
     Attributes:
-        name: letters, digits and underscores.
+        name: name of the camera; letters, digits and underscores.
         eye, target: position of the camera, and the point at which it looks, m, in the frame on which it is
             mounted.
         mounted: base, or tcp if it moves with the TCP.
@@ -67,7 +67,7 @@ class Camera:
 FRONT = Camera("front", (1.4, -1.2, 1.0), (0.3, 0.0, 0.4))
 WRIST = Camera("wrist", (0.0, -0.1, -0.1), (0.0, 0.0, 0.15), "tcp", (0.0, -1.0, 0.0))
 CAMERAS = {camera.name: camera for camera in (FRONT, WRIST)}
-"""Two cameras that are useful for any arm, by name."""
+"""Two cameras that are useful for any arm, by their names."""
 
 
 class Renderer:
@@ -84,8 +84,9 @@ class Renderer:
         self._turn, self._place = base_frame(self._mj, self._data, robot.base_frame)
 
     def render(self, joints: Array) -> dict[str, np.ndarray]:
-        """The picture of each camera with the arm at these joint positions, rad: uint8, shape (height, width,
-        3)."""
+        """The picture of each camera, uint8, shape (height, width, 3), with the arm at these joint positions,
+        rad.
+        """
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._mj, self._data)
         tcp = np.empty(7)

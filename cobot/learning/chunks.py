@@ -1,4 +1,4 @@
-"""Conversion of a policy's actions to timed waypoints, and measurement of its latency."""
+"""Converts the actions of a policy to timed waypoints, and measures the policy's latency."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cobot.types import Array
 
 ACTIONS = "actions"
 MAX_SHOWN = 20
-"""Maximum number of an answer's keys in an error message."""
+"""Maximum number of keys of an answer that an error message lists."""
 Meaning = Literal["positions", "offsets"]
 
 
 def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) -> Array:
-    """The actions in a policy's answer, shape (k, dof), or (k, dof + 1) with fingers. Further columns are
-    ignored.
+    """The actions in a policy's answer, shape (k, dof), or with fingers shape (k, dof + 1). Further columns
+    are ignored.
 
     Raises:
-        ExecutionError: the actions are missing or invalid; the message has the content of the answer.
+        ExecutionError: the actions are missing or invalid; the message describes the content of the answer.
     """
     columns = dof + fingers
     if ACTIONS not in answer:
@@ -51,19 +51,20 @@ def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) ->
 def timed(
     actions: Array, observed_s: float, period_s: float, now_s: float, meaning: Meaning, position: Array
 ) -> tuple[Array, Array]:
-    """The waypoints that can still be reached, with their times.
+    """The waypoints that can still be reached in time, with their times.
 
     Action i is the target i + 1 periods after its observation. The times of the first actions have passed
     while the policy was computing, so these are left out. The others keep their times.
 
     Args:
-        actions: shape (k, n): n joints, or the joints and the width between the fingers, m.
+        actions: actions, shape (k, n). A row contains the joints, or the joints and the width between the
+            fingers, m.
         observed_s: time of the observation, on the robot's clock.
         position: the observed joint positions, rad, to which `offsets` are relative. Widths are never
             offsets.
 
     Returns:
-        Times, shape (m,), on the robot's clock, and positions, shape (m, n), m from 0 to CHUNK_POINTS.
+        Times on the robot's clock, shape (m,), and positions, shape (m, n). m is between 0 and CHUNK_POINTS.
     """
     times_s: Array = observed_s + period_s * np.arange(1.0, len(actions) + 1.0)
     ahead = times_s > now_s
@@ -74,7 +75,7 @@ def timed(
 
 
 class Latency:
-    """Recent latencies of a policy, s: from the observation until its chunk is handed over."""
+    """Recent latencies of a policy, s. A latency is the time from the observation until its chunk is sent."""
 
     def __init__(self, kept: int = 20) -> None:
         self._kept: deque[float] = deque(maxlen=kept)
@@ -88,5 +89,5 @@ class Latency:
 
     @property
     def expected_s(self) -> float:
-        """The upper estimate of the next latency: the maximum of the recent ones."""
+        """The upper estimate of the next latency, s. It is the maximum of the recent latencies."""
         return max(self._kept, default=0.0)

@@ -29,7 +29,7 @@ from cobot.types import Array, vector
 
 Observation = dict[str, Any]
 MARGIN_RAD = 0.02
-"""Distance of targets from the joints' limits, rad."""
+"""Distance that targets keep from the joints' limits, rad."""
 TRIES = 100
 GRIPPER_NUMBERS = ("gripper_width", "gripper_commanded_width", "gripper_force")
 REACH_M = 3.0
@@ -41,14 +41,14 @@ Connect = Callable[[str], tuple[Client, Robot, Clock]]
 class ArmEnv(gymnasium.Env[Observation, Array]):
     """One arm that follows streamed joint targets.
 
-    Without `url` it is a separate simulation, which gives the same results for the same seed and the same
-    actions, and runs as fast as it can compute. With `url` it is the arm of that service, simulated or real,
+    Without `url`, the arm is in a separate simulation, which gives the same results for the same seed and the
+    same actions, and runs as fast as possible. With `url`, it is the arm of that service, simulated or real,
     in the service's time.
 
-    An action has one number for each joint. With `relative` control it is the change from the last target,
-    from −1 to 1, in units of `max_velocity_rad_s` times the period. With `absolute` control it is an angle,
-    rad. For a robot with a gripper one more number is the width between the fingers: −1 (closed) to 1 (open),
-    or with `absolute` control m.
+    An action contains one number for each joint. With `relative` control, this is the change from the last
+    target, from −1 to 1, in units of `max_velocity_rad_s` times the period. With `absolute` control, it is an
+    angle, rad. For a robot with a gripper, one more number is the width between the fingers: from −1 (closed)
+    to 1 (open), or with `absolute` control in m.
 
     Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
         tcp_pose (m, and a quaternion w, x, y, z), the observations of the task, and `camera_NAME` for each
@@ -146,11 +146,12 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         """Begin an episode.
 
         Args:
-            options: `start`: joint angles at which to begin, rad, instead of those that the seed gives.
+            options: may contain `start`: joint angles at which the episode begins, rad, instead of those that
+                the seed gives.
 
         Raises:
-            InputError: there is another option, or `start` is invalid. LimitError if it is outside the range
-                of targets.
+            InputError: there is any other option, or `start` is invalid; LimitError if it is outside the
+                range of targets.
             CollisionError: the arm is in collision at `start`.
         """
         wanted = self._read_start(options)
@@ -167,7 +168,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         """Send the target, wait for one period, and observe.
 
         Raises:
-            InputError: the action has another number of joints, or a value is not a number.
+            InputError: the action has the wrong number of joints, or a value is not a number.
             DeviceError: the gripper rejects its command.
             ExecutionError: there is no episode; call `reset` first.
         """
@@ -187,7 +188,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             if self._due_s > now_s:
                 self._arm.clock.sleep(self._due_s - now_s)
             else:
-                self._due_s = now_s  # what is late stays late, and is not hurried after
+                self._due_s = now_s  # a delay is not caught up
         except (MotionStopped, NotReadyError) as exc:
             reason = str(exc)
         observation = self._observe()
@@ -196,7 +197,9 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return observation, reward, reached, bool(reason), self._info(reason, refused)
 
     def render(self) -> np.ndarray | None:
-        """The current picture of a camera, uint8, shape (height, width, 3); None without a render mode."""
+        """The current picture of a camera, uint8, shape (height, width, 3); None if there is no render
+        mode.
+        """
         if self.render_mode is None:
             return None
         if self._viewer is None:
@@ -210,7 +213,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self._arm.close()
 
     def _read_start(self, options: dict[str, Any] | None) -> Array | None:
-        """The joint positions in the options at which an episode begins; None without them."""
+        """The joint positions in the options at which an episode begins; None if there are none."""
         if not isinstance(options, Mapping | None):
             raise InputError(f"options must be a dictionary, got {options!r}")
         given = dict(options or {})
@@ -282,7 +285,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
 
     def _space(self) -> spaces.Dict:
         limits = self.robot.limits
-        beyond = 0.5  # rad: an arm that gives way may be beyond its limits
+        beyond = 0.5  # rad; if it is pushed, an arm that yields may be beyond its limits
         boxes = {
             "position": (limits.min_position - beyond, limits.max_position + beyond),
             "velocity": (-2.0 * limits.max_velocity, 2.0 * limits.max_velocity),

@@ -39,7 +39,7 @@ SECOND_NS = 1_000_000_000
 
 
 class EpisodeWriter:
-    """Writes one episode. As a context manager it keeps the file only if no exception occurs.
+    """Writes one episode. Used as a context manager, it keeps the file only if no exception occurs.
 
     Raises (constructor, `add` and `finish`):
         OSError: the file cannot be created, or the disk is full.
@@ -101,8 +101,8 @@ class EpisodeWriter:
         """Add one frame.
 
         Args:
-            time_s: time since 1970, or since another origin that all frames of the file share.
-            position, velocity: state of the joints, rad, rad/s.
+            time_s: time since 1970, or since any origin that all frames of the file share.
+            position, velocity: measured state of the joints, rad and rad/s.
             action: commanded joint positions, rad.
             pictures: pictures by camera name, uint8, shape (height, width, 3).
             gripper: reading of the gripper. It must be given in each frame or in none.
@@ -129,7 +129,7 @@ class EpisodeWriter:
         """Complete the file and rename it.
 
         Args:
-            success: whether the task succeeded; None if that is unknown.
+            success: whether the task succeeded; None if this is unknown.
             about: further metadata of the episode.
         """
         said = "" if success is None else str(success).lower()
@@ -172,8 +172,9 @@ class Episode:
         about: metadata: robot, task, success ("true", "false" or ""), and more.
         joint_names: names of the joints, `dof` of them.
         rate_hz: nominal rate of the frames.
-        times_s: shape (n,).
-        position, velocity, action: rad, rad/s, rad, shape (n, dof).
+        times_s: times of the frames, shape (n,).
+        position, velocity, action: measured positions, rad; measured velocities, rad/s; and commanded
+            positions, rad; shape (n, dof) each.
         pictures: the pictures of each camera, by its name: uint8, shape (n, height, width, 3).
         gripper: one reading for each frame; empty for a robot without a gripper.
     """
@@ -206,7 +207,7 @@ def read_episode(path: Path) -> Episode:
 
 
 def _types() -> Any:
-    """The message types of ROS 2, and that of the gripper."""
+    """The message types of ROS 2, and the type for the gripper."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(DEFINITIONS[GRIPPER], GRIPPER))
     return store
@@ -243,7 +244,7 @@ def _read(file: io.BytesIO) -> Episode:
             picture = pixels_of_png(image.data.tobytes())
             pictures.setdefault(name, []).append(picture)
             pixels += picture.nbytes
-            require_room("the pictures of the file", 2 * pixels)  # they are copied into one array
+            require_room("the pictures of the file", 2 * pixels)  # the pictures are copied into one array
     if not times_ns:
         raise ValueError("it has no frame")
     lengths = {len(each) for each in (*rows.values(), *pictures.values())}

@@ -1,9 +1,9 @@
 """Client of a policy server, over openpi's WebSocket protocol.
 
-After the connection is open the server sends one message that describes it. Then it answers each observation
-with a message of actions. Messages are MessagePack maps. An array is a map with the keys `__ndarray__`,
-`data`, `dtype` and `shape`; a single numpy number is one with `__npgeneric__`, `data` and `dtype`. A server
-that fails sends text and closes the connection.
+When the connection is open, the server sends one message that describes the server. Then it answers each
+observation with a message that contains actions. Messages are MessagePack maps. An array is a map with the
+keys `__ndarray__`, `data`, `dtype` and `shape`. A single numpy number is a map with the keys `__npgeneric__`,
+`data` and `dtype`. A server that fails sends text and closes the connection.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from cobot.strict import shown
 
 CONNECT_S = 10.0
 MAX_ANSWER_BYTES = 64 << 20
-"""Maximum size of a server's message. A chunk of 100 actions with 32 numbers has 26 kB."""
+"""Maximum size of a server's message, in bytes. A chunk of 100 actions with 32 numbers each takes 26 kB."""
 PLAIN = "biufSU"
 """Kinds of numpy types whose values can be restored from their bytes alone."""
 DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
-"""Valid names of these types. numpy accepts far more names, some of which it parses as Python code."""
+"""Valid names of these types. numpy accepts many more names, and parses some of them as Python code."""
 
 
 def pack(message: Mapping[str, Any]) -> bytes:
@@ -84,7 +84,7 @@ def _from_map(value: dict[Any, Any]) -> Any:
         return np.frombuffer(data, dtype).reshape(value[b"shape"])
     if not isinstance(data, (str, bytes) if dtype.kind in "SU" else (bool, int, float)):
         raise TypeError(f"a number of {dtype} has the type {type(data).__name__}")
-    with np.errstate(over="ignore"):  # the result is infinite, which its user detects
+    with np.errstate(over="ignore"):  # the result is infinite, which is detected by its user
         return dtype.type(data)
 
 
@@ -93,7 +93,7 @@ class PolicyConnection:
 
     Attributes:
         address: address of the server.
-        metadata: the server's description of itself.
+        metadata: the message in which the server describes itself.
 
     Args:
         address: ws://HOST:PORT, or HOST:PORT.
@@ -124,13 +124,13 @@ class PolicyConnection:
     def infer(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """The policy's answer to an observation, including `actions`.
 
-        After an error or `close`, the next call connects again, so that a late answer never counts for
-        another observation.
+        After an error or `close`, the next call connects again, so that a late answer is never used for a
+        later observation.
 
         Raises:
             InputError: the observation contains a value that cannot be sent.
-            ExecutionError: the policy has failed, with the last line of its reason.
-            UnavailableError: the server has gone or does not answer in time.
+            ExecutionError: the policy has failed; gives the last line of its reason.
+            UnavailableError: the server is gone or does not answer in time.
         """
         content = pack(observation)
         with self._close_on_error():
@@ -145,7 +145,7 @@ class PolicyConnection:
             return answer
 
     def close(self) -> None:
-        """Close the connection; may be called again."""
+        """Close the connection. This may be called again."""
         connection, self._connection = self._connection, None
         if connection is not None:
             with contextlib.suppress(WebSocketException, OSError):
@@ -153,8 +153,9 @@ class PolicyConnection:
 
     @contextlib.contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """Close the connection if an exchange is incomplete, even after Ctrl-C, so that its rest is not taken
-        for a later answer."""
+        """A context that closes the connection if an exchange is incomplete, even after Ctrl-C. Otherwise the
+        remaining part could be mistaken for a later answer.
+        """
         try:
             yield
         except BaseException:
@@ -200,7 +201,7 @@ class PolicyConnection:
                 open_timeout=CONNECT_S,
                 close_timeout=1.0,
                 ping_interval=None,  # a busy server may not answer pings
-            ).__enter__()  # otherwise websockets 17 treats it as an iterator; `close` replaces the exit
+            ).__enter__()  # otherwise websockets 17 treats it as an iterator; `close` replaces its exit
         except (WebSocketException, OSError) as exc:
             raise UnavailableError(f"{self.address}: {plain_text(exc) or type(exc).__name__}") from exc
         except ValueError as exc:

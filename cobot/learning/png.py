@@ -1,4 +1,4 @@
-"""Reads the PNG files of `cobot.robot.geometry.rays.png`: eight bits, RGB, no filter, not interlaced."""
+"""Reads PNG files that `cobot.robot.geometry.rays.png` writes: eight bits, RGB, no filter, not interlaced."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 
 MAX_BYTES = 100_000_000
-"""Maximum size of the pixels of a picture."""
+"""Maximum size of the pixels of a picture, in bytes."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -16,7 +16,7 @@ def pixels_of_png(content: bytes) -> np.ndarray:
     """The pixels of a PNG file, uint8, shape (height, width, 3).
 
     Raises:
-        ValueError: the file is damaged, or another kind of PNG.
+        ValueError: the file is damaged, or is a different kind of PNG.
     """
     if not content.startswith(SIGNATURE):
         raise ValueError("a picture in it is not a PNG")

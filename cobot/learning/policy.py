@@ -25,13 +25,15 @@ from cobot.learning.chunks import Latency, Meaning, actions_of, timed
 from cobot.types import Array
 
 SPARE_S = 0.02
-"""Margin between the arrival of a chunk and the end of the last one, in seconds. It covers the transfer to
-rtloop and a short blend."""
+"""Time between the arrival of a chunk and the end of the previous one, in seconds. It covers the transfer to
+rtloop and a short blend.
+"""
 FINGERS_S = 0.005
-"""Interval at which the fingers get the width of the current action, in seconds."""
+"""Interval at which the width of the current action is sent to the fingers, in seconds."""
 PATIENCE = 5
-"""Maximum number of consecutive late answers. After that the run ends, because such a policy is too slow for
-this arm."""
+"""Maximum number of consecutive late answers. After that the run ends, because the policy is too slow for
+this arm.
+"""
 
 
 class Policy(Protocol):
@@ -41,7 +43,7 @@ class Policy(Protocol):
 
 
 class ObservationMaker(Protocol):
-    """Makes the observation that a policy was trained on."""
+    """Makes observations of the kind on which a policy was trained."""
 
     def __call__(self, state: JointState) -> dict[str, Any]: ...
 
@@ -53,9 +55,9 @@ class Sent:
     Attributes:
         observed_s: time of the observation, on the robot's clock.
         latency_s: time from the observation until the chunk was sent.
-        dropped: number of first actions that were too late.
-        times_s, positions: times and positions that were sent, shape (m,) and (m, dof).
-        widths: widths between the fingers at these times, m, shape (m,); empty without fingers.
+        dropped: number of actions at the beginning that were too late.
+        times_s, positions: times, shape (m,), and positions, shape (m, dof), that were sent.
+        widths: widths between the fingers at these times, m, shape (m,); empty if there are no fingers.
     """
 
     observed_s: float
@@ -71,7 +73,7 @@ def state_observer(
 ) -> ObservationMaker:
     """The usual observation: `observation/state`, `observation/NAME` for each picture, `prompt`.
 
-    The state has the joints, rad, and then the width between the fingers, m, if the robot has a gripper.
+    The state contains the joints, rad. If the robot has a gripper, the width between the fingers, m, follows.
 
     Args:
         pictures: renders the scene for given joint angles: `cobot.learning.cameras.Renderer.render`.
@@ -93,18 +95,20 @@ class PolicyRunner:
 
     Attributes:
         latency: response times of the policy.
-        sent: chunks that were sent to the arm, the newest last.
+        sent: chunks that were sent to the arm. The newest is the last.
 
     Args:
-        robot: robot of the session; gives the robot's clock.
+        robot: the robot that moves. Its clock is used.
         control: session in which the chunks are streamed.
         policy: source of the actions.
         period_s: time between two actions of a chunk, as in the policy's training data.
         observe: makes the observation; by default `state_observer()`.
         meaning: meaning of an action: joint positions in rad, or offsets from the observed positions.
-        every_s: interval of requests, even if a chunk is longer; None: request shortly before a chunk ends.
+        every_s: interval between requests, even if a chunk is longer; None means that a request is sent
+            shortly before a chunk ends.
         fingers: fingers that follow the column after the joints, a width in m, at the times of the actions;
-        None: that column is ignored. `ServedFingers.of(robot.gripper)` gives those of the robot.
+        None means that this column is ignored. `ServedFingers.of(robot.gripper)` returns the fingers of the
+        robot.
         clock: clock for waiting.
     """
 
@@ -175,7 +179,9 @@ class PolicyRunner:
         return self._next_s(observed_s, float(times_s[-1]))
 
     def _infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The policy's answer. While it is computed, the fingers follow the last chunk, as the arm does."""
+        """The policy's answer. While the policy computes it, the fingers follow the last chunk, as the arm
+        does.
+        """
         if self._fingers is None:
             return self._policy.infer(observation)
         answer: Future[Mapping[str, Any]] = Future()

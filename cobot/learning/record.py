@@ -17,7 +17,7 @@ from cobot.learning.episodes import EpisodeWriter
 MAX_EPISODE_S = 3600.0
 
 
-# It has many parameters because it is a public function; callers give most by name or leave the default.
+# There are many parameters because this is a public function. Callers name most of them or use the default.
 def record(
     robot: Robot,
     joint_names: list[str],
@@ -33,7 +33,7 @@ def record(
     """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
 
     The action of a frame is the joint position that the real-time loop commanded at that moment. With a
-    gripper it is also the commanded width, which is in the topic of the gripper.
+    gripper, the commanded width is also recorded, in the topic of the gripper.
 
     Returns:
         The number of frames.

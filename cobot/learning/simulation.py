@@ -32,13 +32,13 @@ from rtloop.loop import ControlLoop
 from rtloop.main import describe
 
 CAPACITY = 1000
-"""Capacity for segments of a planned motion. Episodes have no planned motions."""
+"""Number of segments of a planned motion for which there is room. Episodes do not use planned motions."""
 FOREVER_NS = 10**16
 _numbers = itertools.count()
 
 
 class StepClock:
-    """The `cobot.clock.Clock` of a simulation. Sleeping runs its cycles."""
+    """The `cobot.clock.Clock` of a simulation. A call that sleeps runs the cycles of the simulation."""
 
     def __init__(self, step: Callable[[int], None], period_ns: int) -> None:
         self._step, self._period_ns = step, period_ns
@@ -66,7 +66,7 @@ class StepClock:
 
 
 class SimulatedFingers:
-    """The hand of a simulated cell, without a service.
+    """The hand of a simulated cell, used without a service.
 
     Attributes:
         width_m: see `cobot.client.fingers.WidthFollower`.
@@ -80,7 +80,7 @@ class SimulatedFingers:
 
     @classmethod
     def of(cls, settings: Settings, backend: MujocoBackend) -> SimulatedFingers | None:
-        """The fingers of the settings' cell; None if it has no hand."""
+        """The fingers in the cell of the settings; None if the cell has no hand."""
         hand = hand_of(settings)
         return cls(hand, backend) if hand is not None and isinstance(backend, CellBackend) else None
 
@@ -93,7 +93,7 @@ class SimulatedFingers:
 
 
 class CellPort:
-    """The inputs and outputs of a simulated cell, as `cobot.grippers.protocol.IoPort`."""
+    """The inputs and outputs of a simulated cell, in the form of `cobot.grippers.protocol.IoPort`."""
 
     def __init__(self, backend: CellBackend) -> None:
         self._backend = backend
@@ -106,7 +106,7 @@ class CellPort:
 
 
 def hand_of(settings: Settings) -> Hand | None:
-    """The hand of the settings' cell; None without one."""
+    """The hand in the cell of the settings; None if there is none."""
     return None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
 
 
@@ -115,14 +115,14 @@ class Simulation:
 
     Attributes:
         robot: client of the arm, which streams like a client of a running service.
-        clock: clock whose time advances by sleeping.
-        fingers: the hand of the settings' cell; None without one.
+        clock: clock whose time advances only while a caller sleeps.
+        fingers: the hand in the cell of the settings; None if there is none.
     """
 
     def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:
         """
         Args:
-            description: the robot; it carries the hand of the settings' cell, if there is one.
+            description: the robot. It carries the hand in the cell of the settings, if there is one.
             start: joint positions of the arm at rest, shape (dof,), rad.
         """
         period_s = settings.rt.period_s
@@ -140,7 +140,7 @@ class Simulation:
             heartbeat = self._memory.heartbeat
             heartbeat.data["monotonic_ns"] = (
                 time.monotonic_ns() + FOREVER_NS
-            )  # no service has to send a heartbeat
+            )  # there is no service that sends a heartbeat
             heartbeat.publish()
             self.clock = StepClock(self._step, round(period_s * 1e9))
             self.clock.sleep(period_s)
@@ -150,7 +150,7 @@ class Simulation:
             raise
 
     def close(self) -> None:
-        """Remove the arm and its memory. May be called again."""
+        """Remove the arm and its memory. This may be called again."""
         if self._memory is not None:
             self.robot.close()
             self._loop.close()
@@ -162,11 +162,11 @@ class Simulation:
         self._memory = None  # type: ignore[assignment]
 
     def _step(self, count: int) -> None:
-        with np.errstate(all="ignore"):  # comparisons find and report non-finite values
+        with np.errstate(all="ignore"):  # comparisons find non-finite values and report them
             for _ in range(count):
                 self._loop.step()
         state = self._memory.state
         if self.fingers is not None:
             fill_gripper(state.data, self.fingers.state(), self.clock.now_ns())
-        state.data["monotonic_ns"] = self.clock.now_ns()  # so that the state is never stale
+        state.data["monotonic_ns"] = self.clock.now_ns()  # so that the state is never too old
         state.publish()

@@ -19,7 +19,7 @@ class Task(Protocol):
     defines an episode."""
 
     def spaces(self) -> dict[str, spaces.Space[Any]]:
-        """The spaces of its additional observations."""
+        """The spaces of the task's additional observations."""
         ...
 
     def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:
@@ -36,13 +36,13 @@ class Task(Protocol):
 
 
 class Reach:
-    """Move the TCP to a position that it has in another posture of the arm.
+    """The task to move the TCP to a target, which is its position in a random posture of the arm.
 
-    The reward is minus the distance in metres, and 1 on arrival.
+    The reward is minus the distance in metres, and 1 when the target is reached.
 
     Args:
-        spread_rad: maximum distance of each joint in that posture from the start.
-        near_m: distance that counts as arrival.
+        spread_rad: maximum distance of each joint in this posture from the start, rad.
+        near_m: distance at which the target counts as reached, m.
     """
 
     def __init__(self, spread_rad: float = 0.5, near_m: float = 0.02) -> None:

@@ -1,4 +1,4 @@
-"""A file that is rotated at a maximum size, with a bounded number of older files next to it."""
+"""A file that is rotated at a maximum size. A limited number of older files is kept next to it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from pathlib import Path
 
 
 class RotatingFile:
-    """Appends whole pieces to a file. Each failure is reported to the caller, and the next call tries again.
+    """Appends whole pieces to a file. If a call fails, the caller gets an error, and the next call tries
+    again.
 
     Only the owner may read the files, including existing ones. A folder created here is private as well.
 
     Args:
         count: maximum number of older files; NAME.1 is the newest of them.
-        strict: whether a symbolic link or a device at the path is rejected.
+        strict: whether to reject a path that is a symbolic link or a device.
     """
 
     def __init__(self, path: Path, max_bytes: int, count: int, *, strict: bool = False) -> None:
@@ -82,11 +83,11 @@ class RotatingFile:
 
     def _make_private(self) -> None:
         make_private(self._descriptor)
-        if self._strict and os.geteuid() == 0:  # a command run by root may create a file of the service
+        if self._strict and os.geteuid() == 0:  # a command that root runs may create a file of the service
             folder = os.stat(self._path.parent)
             os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
         for older in aside(self._path, self._count)[1:]:
-            with contextlib.suppress(OSError):  # the file does not exist or belongs to another user
+            with contextlib.suppress(OSError):  # the file does not exist or belongs to a different user
                 descriptor = os.open(older, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
                 try:
                     make_private(descriptor)
@@ -105,7 +106,7 @@ class RotatingFile:
 
 
 def make_private(descriptor: int) -> None:
-    """Restrict an open regular file to its owner. A file of another user stays unchanged."""
+    """Restrict an open regular file to its owner. A file that belongs to a different user is not changed."""
     status = os.fstat(descriptor)
     mine = status.st_uid == os.geteuid() or os.geteuid() == 0
     if mine and stat.S_ISREG(status.st_mode) and stat.S_IMODE(status.st_mode) & 0o077:
@@ -113,5 +114,5 @@ def make_private(descriptor: int) -> None:
 
 
 def aside(path: Path, count: int) -> list[Path]:
-    """Paths of the file and of its older files, the newest first. They need not exist."""
+    """Paths of the file and of its older files, sorted from the newest on. They need not exist."""
     return [path, *(path.with_name(f"{path.name}.{number}") for number in range(1, count + 1))]

@@ -1,4 +1,4 @@
-"""One line of a log: its content and its formats. No content can imitate another line."""
+"""One line of a log: its content and its formats. No content can look like a different line."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ log_context: ContextVar[dict[str, str]] = ContextVar("log_context", default={}) 
 
 
 def printable(text: str, max_characters: int = MAX_MESSAGE) -> str:
-    """The text in one line. Characters that move the cursor, end the line, change its direction or are
-    invisible become escapes, and a longer text is cut.
+    """The text in one line. Escapes replace characters that move the cursor, end the line, change its
+    direction or are invisible. A longer text is cut off.
     """
     cut = text[: max_characters + 1]
     if not cut.isprintable():
@@ -51,7 +51,7 @@ def bind(**ids: object) -> None:
 
 @contextmanager
 def add_ids(**ids: object) -> Iterator[None]:
-    """Add ids to the log lines of this task until the context ends."""
+    """A context in which ids are added to the log lines of this task."""
     before = log_context.get()
     bind(**ids)
     try:
@@ -65,8 +65,8 @@ class Line:
     """A line of the log.
 
     Attributes:
-        process: process that logged it; "" for the supervisor.
-        ids: ids of its context, by their names in `IDS`.
+        process: process that has logged the line; "" for the supervisor.
+        ids: ids of the line's context, by their names in `IDS`.
         traceback: lines of the traceback, each in `printable` form.
     """
 
@@ -98,7 +98,7 @@ class Line:
 
     @classmethod
     def parsed(cls, text: bytes, process: str) -> Line:
-        """The line for a piece of a process's output, which is a line of its log or any other text."""
+        """The line for a piece of a process's output, which may be a line of its log or any other text."""
         try:
             if text[:1] != RECORD_SEPARATOR:
                 raise ValueError("not a line of a log")
@@ -136,10 +136,11 @@ class Line:
         return RECORD_SEPARATOR + self.json()
 
     def text(self, *, timed: bool = True) -> bytes:
-        """The line as text for people. Only lines begin in the first column; tracebacks are indented.
+        """The line as text for people. Lines begin in the first column; tracebacks are indented.
 
         Args:
-            timed: whether the text has a time and a level. On a terminal the supervisor's lines have neither.
+            timed: whether the text contains a time and a level. On a terminal, the supervisor's lines contain
+                neither.
         """
         about = " ".join(f"{name}={self.ids[name]}" for name in SHOWN_IDS if name in self.ids)
         said = f"{self.message} [{about}]" if about else self.message
@@ -152,7 +153,9 @@ class Line:
 
 
 def separated(text: bytes) -> list[bytes]:
-    """The separate lines in a piece of output. A process may write one line into the middle of another."""
+    """The separate lines in a piece of output, because a process may write one line into the middle of a
+    different one.
+    """
     first, *others = text.split(RECORD_SEPARATOR)
     return [*([first] if first.strip() else []), *(RECORD_SEPARATOR + other for other in others)]
 

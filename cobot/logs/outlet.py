@@ -1,7 +1,8 @@
-"""A queue with a writing thread. Putting an item in never blocks, and items that find no room are counted.
+"""A queue with a thread that writes its items. Adding an item never blocks, and items for which there is no
+room are counted.
 
-The standard library's QueueHandler is not used, because it takes a lock. If a garbage collection in the
-thread that holds the lock logs a line, that thread waits for itself. A SimpleQueue is reentrant.
+The standard library's QueueHandler is not used, because it acquires a lock. If a garbage collection in the
+thread that holds this lock logs a line, the thread waits for itself. A SimpleQueue is reentrant.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ class Outlet(Generic[Item]):
 
     Args:
         write: writes one item. If it raises, the item is lost.
-        lost: makes the item that reports a number of lost items, once there is room.
-        settle: called when all items have been written.
+        lost: makes the item that reports the number of lost items as soon as there is room.
+        settle: called after all items have been written.
         repeats: suppresses repeated items.
         repeated: makes the item that reports how many items like this one were suppressed.
 
     Attributes:
         dropped: number of items lost so far.
-        error: errno of the newest attempt to write, 0 after a success. A failed attempt is repeated
+        error: errno of the latest attempt to write; 0 after a success. A failed attempt is repeated
             periodically, even if no further item arrives.
     """
 
@@ -127,7 +128,7 @@ class Outlet(Generic[Item]):
             return
         for last, count in self._repeats.summary(all_of_them=ending):
             self._try(self._repeated(last, count))
-        self._looks = False  # before the check: a later `put` that suppresses an item must find False
+        self._looks = False  # comes first: a later `put` that suppresses an item must find False
         if self._repeats.held_back:
             self._looks = True
 
@@ -163,8 +164,8 @@ class Outlet(Generic[Item]):
 
 
 def write_all(descriptor: int, piece: bytes) -> None:
-    """Write a whole piece to a descriptor, and wait as long as needed. The descriptor may be a pipe, a
-    terminal or a file, blocking or not.
+    """Write a whole piece to a descriptor, and wait as long as necessary. The descriptor may be a pipe, a
+    terminal or a file, in blocking or non-blocking mode.
 
     Raises:
         OSError: the descriptor cannot be written.

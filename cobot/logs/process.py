@@ -1,4 +1,6 @@
-"""The log of a process. Log lines, warnings and printed text, also those of libraries, never block it."""
+"""The log of a process. Log lines, warnings and printed text, including those of libraries, never block the
+process.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,9 @@ SUPERVISED = "COBOT_SUPERVISED"
 """Environment variable that tells a process to write `Line.wire`, because the supervisor reads its output."""
 BURST = 50
 INTERVAL_S = 10.0
-"""Interval in which one client may cause up to `BURST` lines from one place in the source, in seconds."""
+"""Interval in which one client may cause at most `BURST` lines from one place in the source, in seconds."""
 END_S = 1.0
-"""Timeout for writing the last lines of a process that ends, in seconds."""
+"""Timeout for writing the last lines when a process ends, in seconds."""
 MAX_PRINTED = 4000
 
 log = logging.getLogger("cobot")
@@ -38,9 +40,8 @@ class ProcessLog(logging.Handler):
     """Passes log lines to a thread that writes them to a descriptor."""
 
     def __init__(self, process: str, form: str, descriptor: int) -> None:
-        """
-        Args:
-            form: "text", "json" or "wire", of `Line`.
+        """Args:
+        form: a form of `Line`: "text", "json" or "wire".
         """
         super().__init__()
         self._process = process
@@ -111,7 +112,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
 
     Args:
         process: name of the process, for people.
-        settings: None while the settings are unknown. A later call with them sets the level.
+        settings: the settings, or None if they are not known yet. A later call with settings sets the level.
     """
     root = logging.getLogger()
     root.setLevel(settings.level.upper() if settings else logging.INFO)

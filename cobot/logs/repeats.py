@@ -1,5 +1,6 @@
-"""Limits repeated messages: in each interval a limited number of each kind passes, followed by a count of the
-others."""
+"""Limits repeated messages. In each interval, a limited number of messages of each kind is let through. A
+count of all others follows.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ class _Kind(Generic[Item]):
 
 
 class Repeats(Generic[Item]):
-    """Lets `burst` items of a kind pass in each interval. Any thread may call it.
+    """Lets at most `burst` items of a kind pass in each interval. Any thread may call its methods.
 
     Args:
         now_s: returns the time in seconds, from any origin.
@@ -33,16 +34,16 @@ class Repeats(Generic[Item]):
         self._interval_s = interval_s
         self._now_s = now_s
         self._kinds: dict[Hashable, _Kind[Item]] = {}
-        self._lock = threading.RLock()  # a garbage collection may log while this thread has it
+        self._lock = threading.RLock()  # a garbage collection may log while this thread holds it
 
     def passes(self, key: Hashable, item: Item) -> bool:
-        """Whether an item may pass. One that may not is counted in a later `summary`."""
+        """Whether an item may pass. An item that may not pass is counted in a later `summary`."""
         with self._lock:
             now_s = self._now_s()
             if key not in self._kinds and len(self._kinds) >= MAX_KINDS:
                 self._forget(now_s)
                 if len(self._kinds) >= MAX_KINDS:
-                    key = None  # of so many kinds, the further ones are one
+                    key = None  # with so many kinds, all further kinds count as one
             kind = self._kinds.get(key)
             if kind is None or (now_s - kind.begun_s >= self._interval_s and not kind.held_back):
                 self._kinds[key] = _Kind(now_s, 1, 0, item)

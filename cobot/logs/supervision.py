@@ -1,5 +1,6 @@
 """The log of the supervisor. It writes the lines of all processes to a file and to the terminal of `cobot
-run`. Neither destination waits for the other, and no process waits for either."""
+run`. The file and the terminal do not wait for each other, and no process waits for either of them.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +27,9 @@ LOG_FILES = 3
 END_S = 1.0
 LINE_BYTES = 2**17
 LOSSES = struct.Struct("3q")
-"""Memory layout of the losses that the service reports in its health: number of lines lost by the file,
-number lost by the terminal, errno of the file."""
+"""Memory layout of the losses that the service reports in its health: number of lines that the file has lost,
+number of lines that the terminal has lost, and errno of the file.
+"""
 
 
 class SupervisorLog(logging.Handler):
@@ -61,7 +63,8 @@ class SupervisorLog(logging.Handler):
         """Do nothing, because there is no place left to report the error."""
 
     def follow(self, name: str, output: BinaryIO, heard: Callable[[str], None]) -> threading.Thread:
-        """Read the lines of a child until its output ends. A thread does this, so that the child never waits.
+        """Read the lines of a child until its output ends. A thread reads them, so that the child never
+        waits.
 
         Args:
             heard: called with the message of each line.

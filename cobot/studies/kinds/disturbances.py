@@ -60,7 +60,7 @@ class UnknownLoad:
     def act(self, backend: MujocoBackend, time_s: float) -> None:
         if self.payload_kg:
             step = int(time_s / STEP_S + 0.5)
-            backend.push[:3] = self._forces[min(step, len(self._forces) - 1)]  # the last one is that at rest
+            backend.push[:3] = self._forces[min(step, len(self._forces) - 1)]  # the last one: force at rest
         if self.noise_rad:
             backend.jump[:] = self.random.normal(0.0, self.noise_rad, len(backend.jump))
         self.joints = backend._position.copy()
