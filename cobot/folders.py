@@ -26,7 +26,7 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
         path = (folder / name).resolve()
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
             path.stat()  # raises errors that `resolve` ignores; since Python 3.13 also for a cycle of links
-    except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
+    except (ValueError, OSError, RuntimeError) as exc:  # a NUL byte, a name too long, a cycle of links
         raise InputError(f"{field}: {exc}") from exc
     if path == folder or not path.is_relative_to(folder):
         raise InputError(f"{field}: {name!r} is not below the {folder_name} {folder}")

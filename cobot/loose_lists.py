@@ -1,7 +1,8 @@
-"""Reads JSON as MATLAB and R write it: a list of one item as the item, and an absent value as `[]`.
+"""Reads JSON as MATLAB and R write it: the item in place of a list with one item, and `[]` in place of an
+absent value.
 
-Both encoders drop the brackets of a list of one item, and can express an absent value only as an empty list.
-`RequestModel` accepts both in each field, depending on the field's type.
+Both encoders drop the brackets of a list with one item, and can express an absent value only as an empty
+list. `RequestModel` accepts both forms in each field, depending on the field's type.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pydantic import BaseModel, model_validator
 from cobot.strict import StrictModel, keys_of
 
 ABSENT: Any = object()
-"""Marks a field that the document does not give, so that it gets its default."""
+"""Marks a field that the document does not give, so that the field gets its default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class JsonShape:
         kinds: Python types of the values.
         item: shape of a list's items.
         entry: shape of a mapping's values.
-        filled: whether a list of this type must have at least one item.
+        filled: whether a list of this type must contain at least one item.
     """
 
     kinds: frozenset[type]
@@ -37,8 +38,9 @@ class JsonShape:
     filled: bool = False
 
     def read(self, value: Any) -> Any:
-        """Convert a value to the form that the type expects. A value that does not fit is unchanged, and the
-        type rejects it."""
+        """Convert a value to the form that the type expects. A value that cannot be converted is not changed,
+        and the type rejects it.
+        """
         if isinstance(value, list) and not value:
             return self._nothing()
         if self.item is not None and not self._is_accepted(value):
@@ -98,7 +100,7 @@ def _shapes(model: type[BaseModel]) -> Mapping[str, JsonShape]:
     found = {}
     for name, field in model.model_fields.items():
         annotation: Any = field.annotation
-        if isinstance(annotation, ForwardRef):  # of a type that was defined after the model
+        if isinstance(annotation, ForwardRef):  # the type was defined after the model
             annotation = get_type_hints(model, include_extras=True)[name]
         shape = _shape(annotation)
         found[field.alias or name] = replace(shape, filled=shape.filled or _has_items(field.metadata))

@@ -1,7 +1,7 @@
 """The functions that a Lua program can call, with their parameters, for editors.
 
-docs/lua.md explains them. `[]` marks optional parameters, and `{}` a table with named fields, which are those
-of the requests.
+docs/lua.md explains the functions. `[]` marks optional parameters. `{}` marks a table with named fields,
+which are the fields of the request.
 """
 
 from __future__ import annotations

@@ -36,4 +36,4 @@ REFUSALS = {
 }
 """Exception codes."""
 COIL_ON = 0xFF00
-"""Value of a coil that is on, in a request to write it."""
+"""Value that means "on" in a request to write a coil."""

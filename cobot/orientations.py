@@ -1,6 +1,7 @@
-"""Orientations as quaternions (w, x, y, z), in pure Python: clients have neither compiled modules nor scipy.
+"""Orientations as quaternions (w, x, y, z), in pure Python, because clients have neither compiled modules nor
+scipy.
 
-The compiled cycle uses `cobot.robot.quaternion`. A test compares both.
+The compiled cycle uses `cobot.robot.quaternion`. A test compares both modules.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ GIMBAL_LOCK = 1e-7
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """Multiply two quaternions: the rotation b, followed by a."""
+    """Multiply two quaternions. The product is the rotation b followed by the rotation a."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -56,7 +57,8 @@ def matrix(q: Sequence[float]) -> tuple[Vector, Vector, Vector]:
 
 
 def kuka_angles(q: Sequence[float]) -> Vector:
-    """Return (A, B, C) of a unit quaternion, rad: R = Rz(A) Ry(B) Rx(C), B in [−π/2, π/2].
+    """Return the KUKA angles (A, B, C) of a unit quaternion, rad. R = Rz(A) Ry(B) Rx(C), with B in [−π/2,
+    π/2].
 
     At B = ±π/2, where A and C are not unique, C is 0.
     """
@@ -69,7 +71,7 @@ def kuka_angles(q: Sequence[float]) -> Vector:
 
 
 def kuka_quaternion(a: float, b: float, c: float) -> Quaternion:
-    """Return the unit quaternion of KUKA angles, rad: R = Rz(A) Ry(B) Rx(C)."""
+    """Return the unit quaternion for KUKA angles, rad. R = Rz(A) Ry(B) Rx(C)."""
     about_z = (math.cos(a / 2.0), 0.0, 0.0, math.sin(a / 2.0))
     about_y = (math.cos(b / 2.0), 0.0, math.sin(b / 2.0), 0.0)
     about_x = (math.cos(c / 2.0), math.sin(c / 2.0), 0.0, 0.0)

@@ -1,4 +1,6 @@
-"""Checked vectors and rigid transforms. The compiled cycle has its own arithmetic, in `cobot.robot.chain`."""
+"""Checked vectors and rigid transforms. The compiled cycle uses its own arithmetic, in
+`cobot.robot.chain`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
     """A read-only float64 copy of `values`, shape (size,).
 
     Raises:
-        InputError: the values are not numeric, have another length, or are not finite.
+        InputError: the values are not numeric, their number is wrong, or a value is not finite.
     """
     try:
         array = np.array(values, dtype=np.float64)
@@ -39,7 +41,8 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Pose of one frame in another, and the rigid transform from the first to the second.
+    """The pose of one frame in a second frame, which is also the rigid transform from the first to the
+    second.
 
     With the pose a_in_b of frame A in frame B, `a_in_b @ c_in_a` is the pose of C in B, `a_in_b.inverse()` is
     the pose of B in A, and `a_in_b.apply(point_in_a)` is the point in B.
@@ -67,12 +70,12 @@ class Pose:
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float] | Array) -> Self:
-        """Make a pose of x, y, z (m) and w, x, y, z."""
+        """Make a pose from x, y, z (m) and w, x, y, z."""
         return cls(np.array(numbers[:3]), np.array(numbers[3:]))
 
     @property
     def numbers(self) -> Numbers7:
-        """Position in m and quaternion as x, y, z and w, x, y, z."""
+        """The position, m, and the quaternion as x, y, z and w, x, y, z."""
         x, y, z = self.position.tolist()
         return (x, y, z, *self.quaternion.tolist())
 
@@ -87,7 +90,7 @@ class Pose:
         return Pose(self.position + moved, np.array(product(turn, other.quaternion.tolist())))
 
     def inverse(self) -> Pose:
-        """Return the inverse transform: the pose of the outer frame in this one."""
+        """Return the inverse transform, which is the pose of the outer frame in this frame."""
         back = inverse(self.quaternion.tolist())
         return Pose(-np.array(rotated(back, self.position.tolist())), np.array(back))
 

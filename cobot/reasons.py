@@ -1,5 +1,5 @@
-"""Reasons why the arm stopped, or moves more slowly than requested: a sentence, and a code with values for
-programs, which may translate it.
+"""Reasons why the arm stopped, or moves more slowly than requested. A reason is a sentence, and a code with
+values for programs, which may translate it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import numpy as np
 
 
 class ReasonCode(StrEnum):
-    """The codes of reasons. docs/conventions.md has their meanings, and the panel has words for each."""
+    """The codes of reasons. docs/conventions.md gives their meanings, and the panel contains a text for
+    each.
+    """
 
     OTHER = ""
     # Requests.
@@ -68,12 +70,12 @@ class ReasonCode(StrEnum):
 
 
 class Reason(str):
-    """A reason in words, with its code and values.
+    """A reason as text, with its code and values.
 
     Attributes:
         code: a `ReasonCode`, or the cause of a stop (`app.services.rights.stop_reason.StopCause`).
-        of: names of the joint, links or other things concerned.
-        value, limit: measured value and its limit in `unit`; NaN for none.
+        of: names of the joint, the links or other things that are concerned.
+        value, limit: measured value and its limit in `unit`; NaN if there is none.
     """
 
     __slots__ = ("code", "limit", "of", "unit", "value")
@@ -99,12 +101,12 @@ class Reason(str):
 
     @classmethod
     def of_text(cls, words: str) -> Reason:
-        """A reason without a code, unless the text is a reason already."""
+        """A reason without a code. If the text already is a reason, it is returned."""
         return words if isinstance(words, Reason) else cls(words)
 
     @classmethod
     def of_record(cls, state: np.ndarray) -> Reason:
-        """The reason in a record of `cobot.ipc.state_fields.state_dtype`."""
+        """The reason that a record of `cobot.ipc.state_fields.state_dtype` contains."""
         words, code, of, unit = (
             bytes(state[field].item()).decode("utf-8", "replace")
             for field in ("reason", "reason_code", "reason_of", "reason_unit")
@@ -117,8 +119,8 @@ class Reason(str):
         return Reason(f"{self}; {words}", self.code, self.of, self.value, self.limit, self.unit)
 
     def fields(self) -> dict[str, object]:
-        """The code and the values of the reason for JSON, by their names in the state block; empty without a
-        code.
+        """The code and the values of the reason for JSON, by their names in the state block. Empty if the
+        reason has no code.
         """
         if not self.code:
             return {}
@@ -132,4 +134,4 @@ class Reason(str):
 
 
 SEPARATOR = ", "
-"""Separator of the names in a text of the state block."""
+"""Separator between the names in a text field of the state block."""

@@ -1,4 +1,4 @@
-"""Strict reading of YAML and JSON documents from users, with helpful errors."""
+"""Strict reading of YAML and JSON documents from users, with errors that help to correct them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from pydantic.fields import FieldInfo
 
 SHOWN_CHARACTERS = 80
 LONG_CHARACTERS = 40
-"""For a text longer than this, an error states the length, because people cannot see it at a glance."""
+"""If a text is longer than this, an error gives its length, because people cannot see the length at a
+glance.
+"""
 SHOWN_ERRORS = 10
 
 
@@ -50,20 +52,21 @@ MUST_BE = {
     "string_type": "a string",
     "tuple_type": "a list",
 }
-"""JSON's names of the expected types, by pydantic's types of errors."""
+"""The name of the expected type in JSON, by pydantic's type of error."""
 LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
-"""For the length of a list or an object: the name of the violated bound and the words for it, by pydantic's
-type of error."""
+"""For the length of a list or an object, the name of the violated bound and the text for it, by pydantic's
+type of error.
+"""
 
 
 BOUNDS = {"less_than": "lt", "less_than_equal": "le"}
-"""The name of the exceeded upper bound, by pydantic's type of error."""
+"""The name of the upper bound that was exceeded, by pydantic's type of error."""
 QUOTE = "'"
 IN_METRES = {
     *("blend_radius", "depth", "drop", "length", "max_travel", "pitch", "radii", "radius", "retract"),
     *("rise", "size", "through_radius", "tolerance", "width"),
 }
-"""Fields in metres whose names do not have the unit."""
+"""Fields in metres whose names do not contain the unit."""
 
 
 class StrictModel(BaseModel):
@@ -74,7 +77,9 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown(cls, content: Any) -> Any:
-        """Reject unknown keys with a list of the valid ones. Pydantic's own error has no such list."""
+        """Reject unknown keys with a list of the valid ones, because pydantic's own error contains no such
+        list.
+        """
         if isinstance(content, dict):
             valid = keys_of(cls)
             for key in content:
@@ -85,7 +90,7 @@ class StrictModel(BaseModel):
 
 @cache
 def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """A model's fields by their names in the document, which may be aliases: `is` for the field `is_`."""
+    """A model's fields by their names in the document. These may be aliases: `is` for the field `is_`."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
@@ -97,7 +102,7 @@ def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
 
 
 def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
-    """One of pydantic's errors as `place: problem, got value`.
+    """One of pydantic's errors in the form `place: problem, got value`.
 
     Args:
         ignored: parts of the place that have no meaning for the author of the document.
@@ -125,11 +130,11 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
 
 
 def unit_advice(place: str, value: object, limit: float) -> str:
-    """A hint, for the end of an error, that a value above its limit looks like milliseconds or millimetres.
+    """A hint for the end of an error, if a value above its limit looks like milliseconds or millimetres.
 
     Args:
-        place: place of the field, whose name has the unit.
-        value: a number, also as text.
+        place: place of the field. The name of the field contains the unit.
+        value: the number, which may also be text.
 
     Returns:
         The hint; "" for any other value.
@@ -159,24 +164,25 @@ def _requirement(kind: str, error: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    """The key for a message. A key from a client may be long or have control characters; then it is
-    formatted."""
+    """A key for a message. A key from a client may be long or contain control characters; then it is
+    formatted.
+    """
     return name if len(name) <= SHOWN_CHARACTERS and name.isprintable() else shown(name)
 
 
 def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] = ()) -> str:
-    """The first of pydantic's errors, and the number of further ones."""
+    """The first of pydantic's errors, and the number of further errors."""
     each = dict.fromkeys(sentence(error, ignored=ignored) for error in errors[:SHOWN_ERRORS])
     more = [f"and {len(errors) - SHOWN_ERRORS} more"] if len(errors) > SHOWN_ERRORS else []
     return "; ".join([*each, *more])
 
 
 def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object as a dict, for `json.loads(object_pairs_hook=...)`. A key that occurs twice is rejected;
-    `json` would use its last value.
+    """A JSON object as a dict, for `json.loads(object_pairs_hook=...)`. A key that occurs twice is rejected,
+    because `json` would use its last value.
 
     Raises:
-        ValueError: a key occurs twice; the arm's target must not depend on which one counts.
+        ValueError: a key occurs twice. The target of the arm must not depend on which of them is used.
     """
     content = dict(pairs)
     if len(content) < len(pairs):
@@ -187,6 +193,6 @@ def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def shown(value: object) -> str:
-    """A value for an error message, cut to a readable length."""
+    """A value for an error message. A long value is cut to a readable length."""
     text = repr(value) if isinstance(value, str) else _BRIEF.repr(value)
     return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

@@ -1,4 +1,6 @@
-"""A periodic callback in the event loop at up to 1 kHz, for which the loop's own timers are too coarse."""
+"""A periodic callback in the event loop at up to 1 kHz, because the loop's own timers are too coarse for
+this.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ class Ticker:
         seconds, nanoseconds = divmod(round(1e9 / rate_hz), 1_000_000_000)
         period = (ctypes.c_long * 4)(
             seconds, nanoseconds, seconds, nanoseconds
-        )  # the interval, then the first
+        )  # the interval, then the time until the first tick
         _LIBC.timerfd_settime(self._fd, 0, period, None)
         self._loop.add_reader(self._fd, self._tick)
 

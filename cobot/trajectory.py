@@ -1,7 +1,7 @@
 """Trajectories as piecewise quintic polynomials, twice continuously differentiable.
 
-A polynomial defines the motion completely between its ends, so limits are checked on true extrema, not on
-samples. It is also small, so a whole motion is transferred before it starts.
+A polynomial defines the motion completely between its ends, so limits are checked at the true extrema and not
+at samples. It also needs little memory, so a whole motion is transferred before it starts.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
 CHANGE_PEAKS = (1.875, 5.7735, 60.0)
-"""Peak velocity, acceleration and jerk of the quintic that moves by 1 in 1 s, from rest to rest."""
+"""Peak velocity, acceleration and jerk of the quintic that moves by 1 in 1 s from rest to rest."""
 ALLOWED_JUMPS = np.array([1e-6, 1e-5, 1e-3])
 """Largest jumps of position, velocity and acceleration between two segments that count as rounding errors.
-They are tolerances relative to the amount, or absolute for amounts below 1."""
+They are relative to the amount, or absolute if the amount is below 1.
+"""
 ORDER = 6
 """Number of coefficients of a quintic, in ascending powers of the time since the segment's start."""
 
@@ -38,7 +39,8 @@ class Changes:
             blended out.
         smoothed_rad: largest deviation of the motion from the curve through the points.
         stretch: duration of the motion as a multiple of the requested duration.
-        slowed_s: range of the points' times in which the motion is slower than requested; None if nowhere.
+        slowed_s: range of the points' times in which the motion is slower than requested; None if there is no
+            such range.
     """
 
     blended_rad: float = 0.0
@@ -54,7 +56,8 @@ NoticeKind = Literal["auto", "left_start", "chomp", "radius", "end_joints"]
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A difference of a motion from its request, for programs. `Trajectory.note` has it as a sentence.
+    """A difference between a motion and its request, for programs. `Trajectory.note` contains it as a
+    sentence.
 
     Attributes:
         values: facts of this kind of notice, by their names in docs/conventions.md.
@@ -69,11 +72,12 @@ class Trajectory:
     """A motion of all joints over time.
 
     Attributes:
-        breakpoints_s: shape (n+1,), strictly increasing, starting at 0.
-        coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
+        breakpoints_s: times, strictly increasing from 0, shape (n+1,).
+        coefficients: polynomials in the time since the start of each segment, in ascending powers, shape (n,
+            dof, 6); rad, rad/s and so on.
         note: sentence for people about the differences from the request; "" if there are none.
-        changes: the differences of a motion through timed points, as numbers.
-        notices: the differences of a planned motion, in the order of `note`.
+        changes: the differences as numbers, for a motion through timed points.
+        notices: the differences of a planned motion, in the same order as in `note`.
 
     Raises:
         InputError: a shape is wrong, times do not increase, a value is not finite, or position, velocity or
@@ -153,7 +157,7 @@ class Trajectory:
         return np.asarray(np.einsum("ijk,ik->ij", self.coefficients[index], powers))
 
     def extrema(self, derivative: int = 0) -> tuple[Array, Array]:
-        """The exact (lowest, highest) value that each joint reaches, shape (dof,) each."""
+        """The exact lowest and highest value that each joint reaches, shape (dof,) each."""
         polynomials = self._unit_polynomials(derivative)
         lowest = np.empty(self.dof)
         highest = np.empty(self.dof)
@@ -168,12 +172,16 @@ class Trajectory:
         return lowest, highest
 
     def first_excess(self, derivative: int, low: Array, high: Array) -> tuple[int, int, float] | None:
-        """The first (segment, joint, value) whose extremum leaves [low, high], shape (dof,) each, or None."""
+        """The first segment and joint whose extremum leaves the range from `low` to `high`, shape (dof,)
+        each, and the value; None if there is none.
+        """
         segments, joints, values = self.excesses(derivative, low, high)
         return (int(segments[0]), int(joints[0]), float(values[0])) if len(segments) else None
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
-        """All segments, joints and values, shape (m,) each, whose extremum leaves [low, high]."""
+        """All segments and joints whose extremum leaves the range from `low` to `high`, and the values, shape
+        (m,) each.
+        """
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         hull = control_points(rows, np.diff(self.breakpoints_s))
         segments, joints = np.nonzero((hull.min(axis=1) < low) | (hull.max(axis=1) > high))
@@ -185,14 +193,16 @@ class Trajectory:
         return segments[guilty], joints[guilty], np.where(beneath, lowest, highest)[guilty]
 
     def stretched(self, factor: float) -> Trajectory:
-        """The same path, `factor` times as long. Velocities fall by `factor`, jerks by `factor`³."""
+        """The same path with `factor` times the duration. Velocities are divided by `factor`, jerks by
+        `factor`³.
+        """
         coefficients = self.coefficients / factor ** np.arange(ORDER)
         return Trajectory(self.breakpoints_s * factor, coefficients, self.note, self.changes, self.notices)
 
     def followed_by(self, other: Trajectory) -> Trajectory:
-        """This trajectory followed by the other one.
+        """This trajectory, followed by the other trajectory.
 
-        Position, velocity and acceleration must be continuous.
+        Position, velocity and acceleration must be continuous between them.
         """
         return Trajectory(
             np.concatenate([self.breakpoints_s, self.duration_s + other.breakpoints_s[1:]]),
@@ -203,17 +213,20 @@ class Trajectory:
         )
 
     def _unit_polynomials(self, derivative: int) -> Array:
-        """Coefficients (n, dof, 6 − derivative) of a derivative, in time scaled to [0, 1] per segment."""
+        """Coefficients of a derivative, shape (n, dof, 6 − derivative), in the time that is scaled to [0, 1]
+        for each segment.
+        """
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         durations = np.diff(self.breakpoints_s)
         return np.asarray(rows * durations[:, None, None] ** np.arange(ORDER - derivative))
 
 
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:
-    """The quintics that take the given values at the given times: C2 by construction.
+    """The quintics that have the given values at the given times. The second derivative is therefore
+    continuous.
 
     Args:
-        times_s: shape (n+1,), starting at 0; the others (n+1, dof).
+        times_s: times from 0 on, shape (n+1,). All other arguments have the shape (n+1, dof).
     """
     times = np.asarray(times_s, dtype=np.float64)
     return Trajectory(times, hermite(times, positions, velocities, accelerations))
@@ -221,7 +234,7 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
 
 @cache
 def _bernstein(degree: int) -> Array:
-    """The matrix that converts the coefficients of a polynomial to its control points."""
+    """The matrix that converts the coefficients of a polynomial to its Bernstein control points."""
     return np.array(
         [
             [comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]
@@ -231,13 +244,17 @@ def _bernstein(degree: int) -> Array:
 
 
 def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
-    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
+    """Bounds of polynomials on [0, 1], computed from their control points: low and high, shape
+    rows.shape[:-1] each.
+    """
     points = rows @ _bernstein(rows.shape[-1] - 1).T
     return points.min(axis=-1), points.max(axis=-1)
 
 
 def _polynomial_extrema(rows: Array) -> tuple[Array, Array]:
-    """The exact (lowest, highest) values on [0, 1] of polynomials (m, k), ascending coefficients."""
+    """The exact lowest and highest values on [0, 1] of polynomials with ascending coefficients, shape (m,
+    k).
+    """
     lowest = np.minimum(rows[:, 0], rows.sum(axis=1))
     highest = np.maximum(rows[:, 0], rows.sum(axis=1))
     slopes = rows[:, 1:] * np.arange(1, rows.shape[1])
@@ -253,8 +270,8 @@ def _polynomial_extrema(rows: Array) -> tuple[Array, Array]:
         companion = np.zeros((len(chosen), degree, degree))
         companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
         companion[:, :, -1] = -slopes[chosen, :degree] / slopes[chosen, degree, None]
-        # A double root may come back with a small imaginary part: the real part still is where the
-        # value is extreme, and a point that is none only adds a value that the polynomial does take.
+        # A double root may be found with a small imaginary part. Its real part is still the place of the
+        # extremum. A place that is no extremum only adds a value that the polynomial also has.
         roots = np.clip(np.linalg.eigvals(companion).real, 0.0, 1.0)
         values = np.einsum("mk,mrk->mr", rows[chosen], roots[:, :, None] ** np.arange(rows.shape[1]))
         lowest[chosen] = np.minimum(lowest[chosen], values.min(axis=1))

@@ -15,7 +15,7 @@ _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in
 
 
 def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
-    """The part of a trajectory between two times."""
+    """The part of a trajectory between two times. Its time begins at 0."""
     inner = trajectory.breakpoints_s[
         (trajectory.breakpoints_s > begin_s + SAME_S) & (trajectory.breakpoints_s < end_s - SAME_S)
     ]
@@ -25,10 +25,11 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
 
 
 def remainder_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
-    """The remaining part of a motion, from the last breakpoint before a time on; and the time of that
+    """The remaining part of a motion, which begins at the last breakpoint before a time, and the time of that
     breakpoint, s.
 
-    The polynomials are the same, bit for bit. The times are also exact, minus that of the breakpoint.
+    The polynomials are the same, bit for bit. The times are exact too; the time of the breakpoint is
+    subtracted from them.
     """
     breakpoints = trajectory.breakpoints_s
     index = int(np.searchsorted(breakpoints, time_s, side="right")) - 1
@@ -45,7 +46,9 @@ def remainder_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, flo
 
 
 def expanded(trajectory: Trajectory, origins_s: Array, inside_s: Array) -> Array:
-    """Coefficients of the segments that contain `inside_s`, (n, dof, 6), in the time since `origins_s`."""
+    """Coefficients of the segments that contain the times `inside_s`, shape (n, dof, 6), in the time since
+    `origins_s`.
+    """
     index = np.searchsorted(trajectory.breakpoints_s, inside_s, side="right") - 1
     since = origins_s - trajectory.breakpoints_s[index]
     power = np.maximum(np.arange(ORDER)[None, :] - np.arange(ORDER)[:, None], 0)

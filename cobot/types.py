@@ -40,7 +40,7 @@ class LoopMode(IntEnum):
 
 
 RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
-"""Modes in which nothing moves the arm, except that a motion may still be ending."""
+"""Modes in which nothing moves the arm. Exception: a motion may still be ending."""
 
 STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
 """Modes in which a client streams targets."""
@@ -48,7 +48,7 @@ STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JO
 MAX_BUDGET_S = 10.0
 """Maximum planning budget of a motion, s."""
 MAX_ACTIONS = 64
-"""Maximum number of actions of a motion, however many segments it has."""
+"""Maximum number of actions of a motion. It does not depend on the number of its segments."""
 
 Algorithm = Literal[
     "RRTConnect",
@@ -70,7 +70,7 @@ RRT_CONNECT: Algorithm = "RRTConnect"
 
 
 PictureView = Literal["iso", "front", "side", "top"]
-"""Position of the camera of a picture."""
+"""Position of the camera for a picture."""
 FreeAxis = Literal["rx", "ry", "rz"]
 """A rotation of the TCP about its own x, y or z axis that a goal leaves free."""
 FREE_AXES: tuple[FreeAxis, ...] = ("rx", "ry", "rz")
@@ -79,9 +79,9 @@ FREE_AXES: tuple[FreeAxis, ...] = ("rx", "ry", "rz")
 class Synchronization(StrEnum):
     """Synchronization of the joints in a ptp motion.
 
-    TIME: all joints start and end together but are independent in between. The motion takes the shortest time
-    and is usually not straight in joint space. PHASE: all joints move in proportion, which is straight in
-    joint space.
+    TIME: all joints start and end together, but move independently in between. The motion takes the shortest
+    time and is usually not straight in joint space. PHASE: all joints move in proportion, so the motion is
+    straight in joint space.
     """
 
     TIME = "time"
@@ -92,11 +92,10 @@ class Synchronization(StrEnum):
 class JointLimits:
     """The limits of all joints, each of shape (dof,).
 
-    Units are rad, rad/s, rad/s², rad/s³ and N·m. For a slide (prismatic joint) they are m, m/s, m/s², m/s³,
-    N.
+    Units are rad, rad/s, rad/s², rad/s³ and N·m. For a linear joint they are m, m/s, m/s², m/s³ and N.
 
     Attributes:
-        slides: whether each joint is a slide; empty if no joint is.
+        slides: whether each joint is linear; empty if no joint is.
         QUANTITIES: names of the fields that are arrays.
     """
 
@@ -136,7 +135,7 @@ class JointLimits:
         return "rad, of slides m" if any(self.slides) else "rad"
 
     def take_over(self, other: JointLimits) -> None:
-        """Copy the limits of another object for the same joints.
+        """Copy the limits from a different object for the same joints into this one.
 
         All users of this object see them at once.
         """
@@ -147,7 +146,9 @@ class JointLimits:
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:
-        """The limits, widened to include this position, so that an arm that was pushed out can move back."""
+        """The limits, widened to include this position. So an arm that was pushed out of its limits can move
+        back.
+        """
         if ((self.min_position <= position) & (position <= self.max_position)).all():
             return self
         low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)
@@ -160,8 +161,9 @@ class JointLimits:
         )
 
     def with_rates(self, velocity: Array, acceleration: Array, jerk: Array) -> JointLimits:
-        """The limits with other velocities, accelerations and jerks. These must be valid arrays and are not
-        checked, because each plan calls this several times."""
+        """The same limits with different velocities, accelerations and jerks. These must be valid arrays.
+        They are not checked, because each plan calls this several times.
+        """
         other = object.__new__(JointLimits)
         object.__setattr__(other, "names", self.names)
         object.__setattr__(other, "slides", self.slides)
@@ -211,19 +213,21 @@ class NamedPosition:
 
 
 PLANNED_JERK = 0.8
-"""Maximum share of the jerk limits in planned motions. A stop on the path adds jerk of its own, and can start
-at once only if the motion leaves a margin."""
+"""Maximum share of the jerk limits in planned motions. A stop on the path adds jerk, and can start at once
+only if the motion leaves a margin.
+"""
 PLANNED_ACCELERATION = 0.95
 """Maximum share of the acceleration limits in motions that are time-parameterized along a path. Such a motion
-is almost always at some limit, and pausing, resuming or stopping it needs a margin."""
+is almost always at some limit. Pausing, resuming or stopping it needs a margin.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
     """The share of the limits that a motion may use, as fractions in (0, 1].
 
-    `speed` scales the velocity. `accel_scale` scales the acceleration; if it is 0, `speed` does. The jerk is
-    scaled like the acceleration, up to `PLANNED_JERK` of its limit.
+    `speed` scales the velocity. `accel_scale` scales the acceleration; if it is 0, `speed` also scales the
+    acceleration. The jerk is scaled like the acceleration, up to `PLANNED_JERK` of its limit.
     """
 
     speed: float = 0.1
@@ -246,7 +250,9 @@ class Scaling:
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """A timed point of a joint trajectory, in rad and s, with optional rad/s and rad/s²."""
+    """A timed point of a joint trajectory, in rad and s. Velocities, rad/s, and accelerations, rad/s², are
+    optional.
+    """
 
     positions: Sequence[float]
     time_from_start_s: float
@@ -255,9 +261,9 @@ class Waypoint:
     label: str = field(default="", compare=False)
 
     def __reduce__(self) -> tuple[type[Waypoint], tuple[Any, ...]]:
-        """Pickle the waypoint several times faster than a dataclass does.
+        """Pickle the waypoint, several times faster than for an ordinary dataclass.
 
-        A motion may have 100,000 of them.
+        A motion may contain 100,000 waypoints.
         """
         values = (self.positions, self.time_from_start_s, self.velocities, self.accelerations, self.label)
         return Waypoint, values

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 DEGREES_FROM_RAD = 9.5
-"""Largest plausible angle in rad, one and a half turns. A larger one is probably in degrees."""
+"""Largest plausible angle in rad: one and a half turns. A larger value is probably in degrees."""
 MAX_POSE_ANGLE_RAD = DEGREES_FROM_RAD
 DEGREES_TO_RAD = 720.0
-"""Largest plausible angle in degrees, two turns. A larger number is not an angle in any unit."""
+"""Largest plausible angle in degrees: two turns. A larger number is not an angle in any unit."""
 MILLIMETRES_FROM_M = 50.0
-"""Largest plausible position of a slide in m. A larger one is probably in millimetres."""
+"""Largest plausible position of a linear joint, m. A larger value is probably in millimetres."""
 MAX_TIP_M = 10.0
-"""Largest plausible coordinate of a tool's tip in m. A larger one is probably in millimetres."""
+"""Largest plausible coordinate of a tool's tip, m. A larger value is probably in millimetres."""
 MILLIMETRES_TO_M = 1e4
 FAR_M = 10.0
-"""Largest plausible reach of a TCP, m. An unreachable coordinate beyond it is probably in millimetres."""
+"""Largest plausible reach of a TCP, m. An unreachable coordinate beyond this is probably in millimetres."""
 DEGREES = "these look like degrees, angles are in rad"
 
 

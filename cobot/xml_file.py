@@ -1,6 +1,7 @@
-"""Reads XML files as bytes: the declaration decides the encoding, and each element stores its line.
+"""Reads XML files as bytes, because the declaration in the file decides the encoding. Each element stores its
+line.
 
-Namespaces are not resolved, so `xacro:property` is the name of a tag. A DOCTYPE is rejected, and with it
+Namespaces are not resolved, so `xacro:property` is the name of a tag. A DOCTYPE is rejected, so there are no
 entities. Numbers must be decimal and finite, and there must be as many as the format requires.
 """
 
@@ -17,7 +18,7 @@ from cobot.errors import ConfigError
 MAX_BYTES = 50_000_000
 MAX_DEPTH = 500
 XACRO = re.compile(r"https?://(www\.)?ros\.org/(wiki/)?xacro/?")
-"""The namespace of xacro in all its spellings."""
+"""The namespace of xacro, in all its spellings."""
 BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -25,16 +26,19 @@ BOMS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-"""Byte order marks in the order in which they are tried, because that of UTF-32 begins like that of
-UTF-16."""
+"""Byte order marks in the order in which they are tried. The mark of UTF-32 begins like that of UTF-16, so it
+comes first.
+"""
 DECLARATION = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 WIDE = ("utf-16", "utf-32", "ucs-", "utf16", "utf32")
-"""Encodings that cannot be right if the declaration could be read byte by byte."""
+"""Encodings that cannot be correct if the declaration could be read byte by byte."""
 SLOW = ("idna", "punycode")
 """Codecs whose time grows with the square of the text's length. They are not meant for files."""
 DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 MAX_NUMBER = 1e15
-"""Largest number in a file. Larger ones are errors of the file, and their squares lose all digits."""
+"""Largest number that is allowed in a file. Larger numbers are errors in the file, and their squares would
+lose all digits.
+"""
 SHOWN = 60
 """Maximum number of characters of a wrong value in a message."""
 
@@ -46,10 +50,10 @@ class Element(ElementTree.Element):
 
 
 def parse(file: Path) -> tuple[Element, int]:
-    """The root element, and the line on which the file first uses xacro (0 if it does not).
+    """The root element, and the first line on which the file uses xacro (0 if it does not use it).
 
     Raises:
-        ConfigError: the file is missing or is not XML, with the line.
+        ConfigError: the file is missing or is not XML; names the line.
     """
     if not file.is_file():
         raise ConfigError(f"{file}: {'is not a file' if file.exists() else 'does not exist'}")
@@ -69,7 +73,9 @@ def where(file: Path, element: ElementTree.Element | None) -> str:
 
 
 def _decoded(file: Path, content: bytes) -> str:
-    """The text, in the encoding of the byte order mark or of the XML declaration; else UTF-8."""
+    """The text, decoded with the encoding of the byte order mark or of the XML declaration, otherwise with
+    UTF-8.
+    """
     encoding = next((name for bom, name in BOMS.items() if content.startswith(bom)), None)
     if encoding is None and content[:2] in (b"<\0", b"\0<"):
         encoding = "utf-16-le" if content[0] else "utf-16-be"
@@ -94,7 +100,7 @@ def _decoded(file: Path, content: bytes) -> str:
 
 
 class _Parser:
-    """Builds the elements from expat's events."""
+    """Builds the elements from the events of the expat parser."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -147,7 +153,7 @@ class _Parser:
 
 
 def _substituted(value: str) -> bool:
-    """Whether an attribute has a substitution of xacro: ${...}."""
+    """Whether an attribute contains a xacro substitution, ${...}."""
     begin = value.find("${")
     return begin >= 0 and "}" in value[begin:]
 
@@ -158,11 +164,11 @@ def number(
     """The number in an attribute.
 
     Args:
-        of: what the element describes, such as "joint 'elbow'".
+        of: text that names the thing which the element describes, such as "joint 'elbow'".
         default: the format's value for a missing attribute; None if the format requires it.
 
     Raises:
-        ConfigError: the attribute is required and missing, or is not one finite decimal number.
+        ConfigError: the attribute is required but missing, or is not a single finite decimal number.
     """
     return numbers(file, element, attribute, of, 1, None if default is None else (default,))[0]
 

@@ -14,7 +14,7 @@ from cobot.errors import ConfigError
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file; a duplicate key in a mapping is an error.
+    """Read a YAML file. A key that occurs twice in a mapping is an error.
 
     Raises:
         ConfigError: the file is missing, unreadable or malformed.
@@ -31,14 +31,15 @@ def read_yaml(path: Path) -> Any:
 
 def _load(source: str) -> Any:
     if yaml.__with_libyaml__:
-        with contextlib.suppress(yaml.YAMLError):  # the Python loader reports it, in clearer words
+        with contextlib.suppress(yaml.YAMLError):  # the Python loader reports it in clearer words
             return yaml.load(source, _FastLoader)
     return yaml.load(source, _Loader)
 
 
 class _UniqueKeys(SafeConstructor):
-    """Rejects duplicate keys. YAML silently uses the last one, and a robot's limits must not depend on
-    that."""
+    """Rejects duplicate keys. YAML would silently use the last one, and a robot's limits must not depend on
+    this.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -53,17 +54,17 @@ class _UniqueKeys(SafeConstructor):
 
 
 class _Loader(_UniqueKeys, yaml.SafeLoader):
-    """Loads in pure Python."""
+    """Loads YAML in pure Python."""
 
 
 if yaml.__with_libyaml__:
 
     class _FastLoader(Composer, _UniqueKeys, yaml.CSafeLoader):
-        """Parses in C, five times as fast as in Python: each process of cobot reads three files when it
-        starts.
+        """Parses YAML in C, five times as fast as in Python, because each cobot process reads three files
+        when it starts.
 
-        Nested nodes are composed in Python, because libyaml's composer is recursive in C, so that a file of
-        100,000 brackets would crash the process.
+        Nested nodes are composed in Python. libyaml's composer is recursive in C, so a file with 100,000
+        brackets would crash the process.
         """
 
         def __init__(self, stream: str) -> None:
@@ -75,7 +76,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """Read a YAML file that contains a mapping.
 
     Raises:
-        ConfigError: see `read_yaml`; or the file contains something else.
+        ConfigError: see `read_yaml`. Also if the file does not contain a mapping.
     """
     content = read_yaml(path)
     if not isinstance(content, dict):

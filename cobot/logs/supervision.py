@@ -97,14 +97,15 @@ class SupervisorLog(logging.Handler):
 
 
 class SupervisorLosses:
-    """Reads the supervisor's losses in another process."""
+    """Reads the supervisor's losses in a different process."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)
 
     def read(self) -> tuple[int, int, int]:
-        """Lines lost by the file, lines lost by the terminal, and errno of the file. All are 0 without a
-        supervisor."""
+        """Number of lines that the file has lost, number of lines that the terminal has lost, and errno of
+        the file. All are 0 if there is no supervisor.
+        """
         if self._memory is None:
             return 0, 0, 0
         file, terminal, error = LOSSES.unpack_from(self._memory)
@@ -113,7 +114,7 @@ class SupervisorLosses:
 
 @contextmanager
 def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]:
-    """Install the supervisor's log until the context ends.
+    """A context in which the supervisor's log is installed.
 
     Raises:
         ConfigError: the log file cannot be written.

@@ -1,1 +1,1 @@
-"""The process that keeps the last minutes of each robot and writes recordings of them."""
+"""The process that keeps the last minutes of each robot in memory and writes recordings of them."""

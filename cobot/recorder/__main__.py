@@ -12,7 +12,7 @@ from cobot.launch.process import die_with_parent, in_words
 
 def start() -> int:
     from cobot.recorder.process import (
-        main,  # takes half a second, in which the supervisor might die unnoticed
+        main,  # takes half a second, in which the supervisor might end unnoticed
     )
 
     return main()

@@ -26,19 +26,19 @@ from cobot.recording.messages import TOPICS, RecordMessages
 from cobot.recording.store import UNFINISHED
 
 CHUNK_BYTES = 1 << 20
-"""Uncompressed size of a chunk in bytes. A killed recorder loses at most this much, because it passes whole
-chunks to the operating system."""
+"""Uncompressed size of a chunk in bytes. A recorder that is killed loses at most this much, because it passes
+whole chunks to the operating system.
+"""
 
 
 class RecordingFile:
     """An MCAP file, written as NAME.mcap.part. `finish` renames it to NAME.mcap.
 
     Attributes:
-        size: bytes in the file so far.
-        cycles: cycles in the file so far.
+        size: number of bytes in the file so far.
+        cycles: number of cycles in the file so far.
 
-    Raises (also its methods):
-        OSError: the disk is full or refuses to write.
+    Raises (also its methods): OSError: the disk is full or cannot be written.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class RecordingFile:
         Args:
             path: path of the finished file.
             ahead_ns: offset of the wall clock from CLOCK_MONOTONIC, in ns.
-            about: metadata of the file, in addition to those of the robot.
+            about: metadata of the file, in addition to the robot's metadata.
         """
         self.path = path
         self.cycles = 0
@@ -80,7 +80,8 @@ class RecordingFile:
             "monotonic_to_wall_ns": str(self._ahead_ns),
         }
         self._writer.add_metadata("cobot", robot | about)
-        # By this record Foxglove assigns a recording to a device, and recognises one that it has already.
+        # Foxglove uses this record to assign a recording to a device, and to recognise a recording that it
+        # has already imported.
         device = {"deviceName": memory.robot, "key": f"{memory.robot}-{self.path.stem}"}
         self._writer.add_metadata("foxglove", device)
         for topic in TOPICS:
@@ -88,7 +89,7 @@ class RecordingFile:
                 self._channel(topic)
 
     def _channel(self, topic: str) -> int:
-        """The channel of a topic, which is written when it is first needed."""
+        """The channel of a topic. It is written when it is needed for the first time."""
         if topic not in self._channels:
             writer, type_ = self._writer, TOPICS[topic]
             if type_ not in self._schemas:
@@ -122,10 +123,10 @@ class RecordingFile:
         self.cycles += len(records)
 
     def take_over(self, part: Path) -> int:
-        """Add the content of a file that a killed recorder left.
+        """Add the content of a file that a killed recorder has left.
 
         Returns:
-            The number of the last cycle in that file, 0 if it has none.
+            The number of the last cycle in that file; 0 if it contains none.
         """
         last, topics = 0, {}
         try:
@@ -148,9 +149,9 @@ class RecordingFile:
         return last
 
     def sync(self) -> None:
-        """Flush the data written so far.
+        """Flush the data that have been written so far.
 
-        One flush at the end could take longer than the heartbeat permits.
+        A single flush at the end could take longer than the heartbeat permits.
         """
         os.fdatasync(self._file.fileno())
 

@@ -20,7 +20,7 @@ from cobot.recorder.robot import RobotRecorder
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 
 LAST_ANSWERS_S = 0.5
-"""Timeout at the end for clients to read their answers, in seconds."""
+"""Timeout at the end of the process for clients to read their answers, in seconds."""
 
 log = logging.getLogger("cobot.recorder")
 
@@ -67,10 +67,10 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     server.close()
     path.unlink(missing_ok=True)
     for robot in robots.values():
-        robot.close()  # this answers all requests
+        robot.close()  # this answers all open requests
     if answering:
         await asyncio.wait(answering, timeout=LAST_ANSWERS_S)
-    for task in answering:  # clients that sent no request or do not read
+    for task in answering:  # clients that have sent no request, or do not read
         task.cancel()
     await asyncio.gather(*answering, return_exceptions=True)
 
@@ -84,7 +84,7 @@ async def _serve_one(
         writer.write(json.dumps(answered).encode() + b"\n")
         await writer.drain()
     except (OSError, ValueError):
-        pass  # the client has disconnected or does not speak this protocol
+        pass  # the client has disconnected, or does not speak this protocol
     finally:
         writer.close()
 

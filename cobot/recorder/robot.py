@@ -1,6 +1,6 @@
-"""The recorder of one robot. Its thread keeps the history and writes the recordings of requests and faults.
+"""The recorder of one robot. Its thread keeps the history, and writes recordings for requests and faults.
 
-The module is long because one thread owns all of its state.
+This module is long because a single thread owns all of its state.
 """
 
 from __future__ import annotations
@@ -28,19 +28,21 @@ from cobot.types import LoopMode
 
 PERIOD_S = 0.05
 BATCH = 500
-"""Maximum number of cycles written at once. The history is updated between two batches."""
+"""Maximum number of cycles that are written at once. The history is updated between two batches."""
 REASONS = {LoopMode.FAULT: "fault", LoopMode.ESTOP: "estop"}
 PARTS = 4
-"""Number of parts of a continuous recording that fit into `recording.max_mb`. A larger part is continued in
-the next one."""
+"""Number of parts of a continuous recording that fit into `recording.max_mb`. When a part would become
+larger, the recording continues in the next one.
+"""
 GRACE_S = 2.0
-"""If cycles are still missing after this additional time, in seconds, the real-time loop has ended, and the
-recording ends without them."""
+"""Additional time to wait for missing cycles, in seconds. If they are still missing after it, the real-time
+loop has ended, and the recording ends without them.
+"""
 LIST_S = 1.0
-"""Interval of updates of the list of recordings, in seconds."""
+"""Interval at which the list of recordings is updated, in seconds."""
 LATEST_WALL_NS = 2_100_000_000 * 10**9
 LEFT = ".left"
-"""Suffix of the unfinished file of a killed recorder while its continuous recording is taken over."""
+"""Suffix of the unfinished file of a killed recorder while the continuous recording in it is taken over."""
 
 log = logging.getLogger("cobot.recorder")
 Answer = dict[str, object]
@@ -50,7 +52,7 @@ class RobotRecorder:
     """Follows a robot from `start` to `close`.
 
     Args:
-        memory: recording memory of the robot, attached with its history.
+        memory: recording memory of the robot, which was attached together with its history.
     """
 
     def __init__(self, settings: Settings, memory: RecordingMemory) -> None:
@@ -71,7 +73,7 @@ class RobotRecorder:
         self._thread = threading.Thread(target=self._run, name=f"recorder {self.robot}", daemon=True)
 
     def start(self) -> None:
-        """Start where the last recorder stopped, however it ended."""
+        """Start at the cycle where the last recorder stopped, regardless of how it ended."""
         self._thread.start()
 
     def close(self) -> None:
@@ -83,7 +85,7 @@ class RobotRecorder:
     def ask(self, request: Answer) -> Future[Answer]:
         """Pass a request to the thread. `action` is dump (with `seconds`), start or stop.
 
-        The returned future holds the names of the files, or a CobotError.
+        The result of the returned future is the names of the files, or a CobotError.
         """
         answer: Future[Answer] = Future()
         self._asked.put((request, answer))
@@ -105,7 +107,9 @@ class RobotRecorder:
         self._publish()
 
     def step(self) -> bool:
-        """Update the history and write a batch of each recording. Returns whether more cycles wait."""
+        """Update the history, and write a batch of each recording. Returns whether more cycles are
+        waiting.
+        """
         self._follow()
         self._heed_latches()
         while True:
@@ -124,7 +128,7 @@ class RobotRecorder:
     def take_over(self) -> None:
         """Continue the continuous recording of a killed recorder."""
         status, block = self._status, self._memory.status
-        if not block.try_read() and int(block.salvage()["recording"]) > 1:  # neither of what it can be
+        if not block.try_read() and int(block.salvage()["recording"]) > 1:  # the value is neither 0 nor 1
             status[...] = np.zeros((), status.dtype)
         run, part = text(status["name"]), int(status["part"])
         current = part_name(run, part) if status["recording"] else ""
@@ -159,7 +163,7 @@ class RobotRecorder:
         self._status["lost"] += lost
 
     def _heed_latches(self) -> None:
-        """Start a recording of each fault and e-stop."""
+        """Start a recording for each fault and e-stop."""
         status, newest = self._status, self._history.newest
         seen = max(int(status["handled"]), self._latches_seen)
         first = max(seen + 1, newest - self._history.capacity + 1)
@@ -174,8 +178,9 @@ class RobotRecorder:
         status["handled"] = min([newest, *(trigger - 1 for trigger in unfinished)])
 
     def _keep(self, cycle: int, reason: str) -> None:
-        """Record the cycles before and after a fault or e-stop. Events close to each other share a
-        recording."""
+        """Record the cycles before and after a fault or e-stop. Events that are close to each other share a
+        recording.
+        """
         for writing in self._writings:
             if writing.trigger:
                 if cycle > writing.trigger and writing.last is not None:
@@ -198,7 +203,7 @@ class RobotRecorder:
         try:
             now_ns = time.monotonic_ns()
             late_s = (now_ns - int(str(request.get("until_ns", now_ns)))) * 1e-9
-            if late_s > 0.0:  # the client has had a timeout
+            if late_s > 0.0:  # the client's timeout has passed
                 raise UnavailableError(f"the recorder read the request {late_s:.1f} s after its deadline")
             match request["action"]:
                 case "dump":
@@ -224,7 +229,7 @@ class RobotRecorder:
         wanted = self._before if seconds is None else max(1, round(float(str(seconds)) / period_s))
         if not newest:
             raise UnavailableError(f"{self.robot}: there is nothing to record yet: rtloop has not started")
-        # A margin of one batch keeps these cycles from being overwritten before they are read.
+        # A margin of one batch prevents these cycles from being overwritten before they are read.
         first = max(1, newest - min(wanted, capacity - BATCH) + 1)
         writing = self._begin(run_name(self.robot, time.time_ns(), "request"), "request", first, newest)
         writing.waiting.append(answer)
@@ -265,9 +270,8 @@ class RobotRecorder:
         return writing
 
     def _write(self, writing: Writing, *, to_the_end: bool = False) -> None:
-        """Write a batch, or all available cycles.
-
-        After the last cycle, end the file or start the next part.
+        """Write a batch, or all available cycles. After the last cycle, end the file or start the next
+        part.
         """
         try:
             while writing.write(self._history, self._memory.notes, BATCH) and to_the_end:
@@ -286,12 +290,12 @@ class RobotRecorder:
                 self._end(writing)
         except OSError as exc:
             self._fail(writing, exc)
-        except Exception as exc:  # it would fail again, so end the recording
+        except Exception as exc:  # it would fail again, so the recording ends
             log.error("%s: the recorder failed", self.robot, exc_info=exc)
             self._fail(writing, OSError(f"the recorder failed: {exc}"))
 
     def _is_overdue(self, writing: Writing) -> bool:
-        """Whether the cycles that the recording needs no longer arrive."""
+        """Whether the cycles that the recording still needs will no longer arrive."""
         return time.monotonic() - writing.wrote_s > GRACE_S + self._after * self._memory.period_s
 
     def _next_part(self, writing: Writing) -> None:
@@ -301,7 +305,7 @@ class RobotRecorder:
         self._status["part"] = part
 
     def _end(self, writing: Writing, *, stays: bool = False) -> None:
-        """Finish a file. If it `stays`, the next recorder continues its continuous recording."""
+        """Finish a file. With `stays`, the next recorder continues the continuous recording."""
         self._writings.remove(writing)
         empty = writing.file.cycles == 0
         try:
@@ -323,7 +327,7 @@ class RobotRecorder:
             answer.set_result({"names": [writing.file.path.name]})
 
     def _fail(self, writing: Writing | None, error: OSError) -> UnavailableError:
-        """Report that recordings cannot be written, and end the affected ones."""
+        """Report that recordings cannot be written, and end the recordings that are affected."""
         why = exhausted(error) or error.strerror or error
         problem = UnavailableError(f"{self._store.folder}: recordings cannot be written: {why}")
         log.error("%s: %s", self.robot, problem)
@@ -355,8 +359,8 @@ class RobotRecorder:
 
 
 def _ahead_ns() -> int:
-    """The offset of the wall clock from CLOCK_MONOTONIC. It is clamped so that all recorded times fit into
-    the messages, from 1970 to 2036.
+    """The offset of the wall clock from CLOCK_MONOTONIC, ns. It is clamped so that messages can represent all
+    recorded times, from 1970 to 2036.
     """
     now_ns = time.monotonic_ns()
     return min(max(time.time_ns() - now_ns, 0), LATEST_WALL_NS - now_ns)

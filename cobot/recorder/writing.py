@@ -22,12 +22,12 @@ class Writing:
     """A recording in progress.
 
     Attributes:
-        run: common name of its files, without part and suffix.
+        run: name that the files of the recording share, without part and suffix.
         first, last: first and last cycle; `last` is None for a recording without an end.
         next: next cycle to write.
-        trigger: cycle of the recorded fault or e-stop, 0 for none.
-        waiting: answers to set when the recording is complete.
-        wrote_s: time of the last written cycles, on the monotonic clock.
+        trigger: cycle of the fault or e-stop that is recorded; 0 if there is none.
+        waiting: answers that must be set when the recording is complete.
+        wrote_s: time at which cycles were last written, on the monotonic clock.
 
     Raises (constructor):
         OSError: the file cannot be created.
@@ -62,7 +62,7 @@ class Writing:
         self.last = max(last, self.last or 0)
 
     def write(self, history: Ring, notes: Ring, batch: int) -> bool:
-        """Write the next available cycles, at most `batch`. Returns whether there were any."""
+        """Write the next available cycles, at most `batch` of them. Returns whether there were any."""
         newest = history.newest if self.last is None else min(history.newest, self.last)
         count = min(batch, newest + 1 - self.next)
         if count <= 0:
@@ -77,7 +77,7 @@ class Writing:
         return True
 
     def waits(self, history: Ring, batch: int) -> bool:
-        """Whether enough cycles wait: a whole batch, or any number once the last cycle is known."""
+        """Whether enough cycles are waiting: a whole batch, or any number if the last cycle is known."""
         if self.last is None:
             return self.next + batch <= history.newest
         return self.next <= min(self.last, history.newest)
@@ -90,13 +90,13 @@ class Writing:
         return grown
 
     def take_lost(self) -> int:
-        """The number of cycles lost since the last call."""
+        """The number of cycles that were lost since the last call."""
         lost, self._lost = self._lost, 0
         return lost
 
 
 def _reasons(notes: Ring, records: np.ndarray) -> dict[int, str]:
-    """The sentences to which the records refer, by number."""
+    """The sentences to which the records refer, by their numbers."""
     first, last = int(records["note"].min()), int(records["note"].max())
     if last == 0:
         return {}

@@ -1,4 +1,4 @@
-"""Checks the sizes that a recording claims, before a reader relies on them.
+"""Checks the sizes that a recording claims before a reader relies on them.
 
 A chunk of an MCAP file states its decompressed size, and a reader allocates that much memory at once. The
 same holds for the Zstandard frame in the chunk and for the length of each record. Source: "MCAP Format
@@ -21,18 +21,20 @@ MAX_CHUNK_BYTES = 64_000_000
 """Maximum uncompressed size of a chunk. The recorder writes chunks of about 1 MB."""
 MEMORY_SHARE = 0.5
 """Maximum share of this computer's memory for all chunks of a file together, because the reader keeps their
-content."""
+content in memory.
+"""
 MAGIC_BYTES = 8
 CHUNK = 0x06
 COMPRESSIONS = ("", "zstd")
 _RECORD = struct.Struct("<BQ")
 _SIZES = struct.Struct("<QQQII")  # times of the first and last message, size, checksum, length of a name
 _FRAME_HEADER = 18
-"""Maximum size of the header of a frame of Zstandard (RFC 8878)."""
+"""Maximum size of the header of a Zstandard frame (RFC 8878), in bytes."""
 
 
 def bounded_reader(file: BinaryIO) -> SeekingReader:
-    """A reader for a file, after a check of the sizes of its records and chunks and of the sum of all chunks.
+    """Return a reader for a file. Before that, the sizes of its records and chunks are checked, and the sum
+    of all chunks.
 
     Raises:
         ValueError: a size exceeds its limit. The error names the place, the claimed size and the limit.
@@ -49,10 +51,11 @@ def bounded_reader(file: BinaryIO) -> SeekingReader:
 
 
 def bounded_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """The records of a file up to its end. The file may be truncated.
+    """The records in a file, up to its end. The file may be truncated.
 
     Raises:
-        ValueError, McapError, ZstdError, struct.error: the file is truncated, or a chunk claims too much.
+        ValueError, McapError, ZstdError, struct.error: the file is truncated, or a chunk claims too large a
+            size.
     """
     for record in StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records:
         if isinstance(record, Chunk):
@@ -105,7 +108,7 @@ def _require_chunk(file: BinaryIO, at: int, length: int) -> int:
         raise ValueError(f"the chunk at byte {at} has {length} bytes, its sizes alone have {_SIZES.size}")
     _, _, claimed, _, name_bytes = _SIZES.unpack(head)
     compression = file.read(min(name_bytes, length)).decode("utf-8", "replace")
-    file.read(8)  # the length of the compressed messages
+    file.read(8)  # skips the length of the compressed messages
     return _require_claims(compression, claimed, file.read(_FRAME_HEADER), f" at byte {at}")
 
 
@@ -127,6 +130,6 @@ def _require_claims(compression: str, claimed: int, frame: bytes, place: str = "
 
 
 def _frame_claim(frame: bytes) -> int:
-    """The size of its content that a frame states; 0 if it states none."""
+    """The content size that a Zstandard frame states; 0 if it states none."""
     content = get_frame_parameters(frame).content_size
     return 0 if content == CONTENTSIZE_UNKNOWN else content

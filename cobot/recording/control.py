@@ -1,6 +1,6 @@
-"""Requests of the service to the recorder, over a Unix socket with one line of JSON in each direction.
+"""Requests from the service to the recorder, over a Unix socket with one line of JSON in each direction.
 
-A request names the `robot` and the `action`. The answer holds the result, or `error` and `code`.
+A request contains the `robot` and the `action`. The answer contains the result, or `error` and `code`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,13 @@ from cobot.launch.running_config import RunningConfig
 
 LINE_BYTES = 1 << 20
 SILENT_S = 3.0
-"""Silence after which the recorder counts as unresponsive and no request waits for it, in seconds."""
+"""Time without a heartbeat after which the recorder counts as unresponsive, in seconds. Requests then no
+longer wait for it.
+"""
 HANG_S = 6.0
-"""Silence after which `cobot run` replaces the recorder, in seconds. Shared memory still holds all cycles
-then, so the new recorder misses none."""
+"""Time without a heartbeat after which `cobot run` replaces the recorder, in seconds. Shared memory still
+contains all cycles at this time, so the new recorder misses none.
+"""
 
 
 def socket_path(default_robot: str) -> Path:
@@ -33,8 +36,8 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
     """Send a request to the recorder and return its answer.
 
     Raises:
-        UnavailableError: the recorder does not run, or does not answer in time.
-        CobotError: the recorder reported an error; the class is the one that its `code` names.
+        UnavailableError: the recorder is not running, or does not answer in time.
+        CobotError: the recorder has reported an error, whose `code` determines the class.
     """
     try:
         async with asyncio.timeout(timeout_s):
@@ -61,5 +64,5 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
 
 
 def refusal(error: CobotError) -> dict[str, Any]:
-    """The answer from which `ask` raises this error again."""
+    """The answer from which `ask` raises this error again in the service."""
     return {"error": str(error), "code": error.code}

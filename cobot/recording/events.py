@@ -1,8 +1,8 @@
-"""Events of a run, derived from its cycles: modes, reasons, faults, e-stops, motions, sessions and
-interventions of the safety layer.
+"""The events of a run, which are derived from its cycles: modes, reasons, faults, e-stops, motions, sessions
+and interventions of the safety layer.
 
-Code that adds another kind of event appends it to the result of `events_of`. All events go into the topic
-/events of a recording.
+Code that adds a new kind of event appends it to the result of `events_of`. All events are written to the
+topic /events of a recording.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class RunEvent:
     Attributes:
         kind: one of `EVENT_KINDS`.
         mode: mode of the robot from this event on.
-        text: description for people: the reason, the number or the result.
+        text: description for people, which gives the reason, the number or the result.
     """
 
     cycle: int
@@ -51,12 +51,12 @@ def mode_name(mode: int) -> str:
 
 
 def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[int, str]) -> list[RunEvent]:
-    """The events within records.
+    """The events that occur within these records.
 
     Args:
         records: array of `cobot.ipc.records.record_dtype`, in order.
-        before: record before the first one; None: the mode of the first record counts as an event.
-        reasons: sentences of the notes, by number.
+        before: record before the first one. With None, the mode of the first record counts as an event.
+        reasons: sentences of the notes by their numbers.
     """
     if not len(records):
         return []
@@ -118,11 +118,11 @@ def _changes(record: np.ndarray, previous: np.ndarray | None, reason: str) -> It
 
 
 def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int, LoopMode]]:
-    """The cycles in which a fault or an e-stop began, and which of the two.
+    """The cycles in which a fault or an e-stop began, and which of the two it was.
 
     Args:
-        before: last record before these; None if it is unknown. The mode of the first record then counts as
-            begun earlier.
+        before: last record before these records; None if it is unknown. The mode of the first record then
+            counts as one that began earlier.
     """
     if not len(records):
         return []

@@ -1,7 +1,7 @@
-"""Records of cycles as ROS 2 messages in CDR, a thousand at a time.
+"""Converts records of cycles to ROS 2 messages in CDR, a thousand at a time.
 
-Messages of one topic differ only in numbers, so their bytes are a template with holes. The positions of the
-holes are found by serialising messages that differ in one field. So only `rosbags` needs to know CDR.
+Messages of one topic differ only in numbers, so their bytes are a template with gaps. The positions of the
+gaps are found by serialising messages that differ in one field. So only `rosbags` needs to know CDR.
 """
 
 from __future__ import annotations
@@ -35,10 +35,12 @@ TOPICS = {
     "/events": EVENT,
     GRIPPER_TOPIC: GRIPPER,
 }
-"""The message types by topic. Only a robot with a gripper has the topic of the gripper."""
+"""The message types by topic. The topic of the gripper is used only for a robot with a gripper."""
 SECOND_NS = 1_000_000_000
 ROS_POSE = [0, 1, 2, 4, 5, 6, 3]
-"""Indices of the numbers of a ROS pose (x, y, z, then x, y, z, w) in x, y, z, then w, x, y, z."""
+"""For a ROS pose (x, y, z, then x, y, z, w), the index of each number in a pose of cobot (x, y, z, then w, x,
+y, z).
+"""
 
 
 def _constants(prefix: str, names: Sequence[tuple[str, int]], kind: str) -> str:
@@ -58,11 +60,11 @@ _COPIED = tuple(
     (*field.message, field.name) for field in STATE_FIELDS if field.message and field.topic == CYCLE_TOPIC
 )
 _CYCLE_FIELDS = tuple((name, type_) for _, type_, name in sorted((*_OWN, *_COPIED), key=itemgetter(0)))
-"""Name and type of each field of a /cycle message after its header, in their order."""
+"""Name and type of each field that follows the header in a /cycle message, in their order."""
 GRIPPER_VALUES = tuple(
     (field.name, field.message[1]) for field in STATE_FIELDS if field.message and field.topic == GRIPPER_TOPIC
 )
-"""Name and type of each field of a /gripper message after its header, in their order."""
+"""Name and type of each field that follows the header in a /gripper message, in their order."""
 _FORMATS = {
     "bool": "u1",
     "uint8": "u1",
@@ -94,7 +96,8 @@ class Template:
     """Messages of one type that differ only in numbers.
 
     Args:
-        serialized: returns the CDR of a message with these values by field; other fields are zero.
+        serialized: function that returns the CDR of a message with given values by field. All other fields
+            are zero.
         fields: the format of each field, little-endian.
     """
 
@@ -103,7 +106,7 @@ class Template:
         offsets = []
         for name, kind in fields.items():
             dtype = np.dtype(kind)
-            # No byte of a number that consists of 0x01 is that of a zero.
+            # In a number whose bytes are all 0x01, no byte equals the corresponding byte of a zero.
             ones = np.frombuffer(b"\1" * dtype.itemsize, np.dtype((dtype.base, dtype.shape)))[0]
             differ = np.flatnonzero(np.frombuffer(serialized({name: ones}), np.uint8) != self._zero)
             if len(differ) != dtype.itemsize or differ[-1] - differ[0] + 1 != dtype.itemsize:
@@ -121,7 +124,7 @@ class Template:
         )
 
     def messages(self, count: int) -> np.ndarray:
-        """`count` messages whose fields are to be filled in."""
+        """`count` messages whose fields must be filled in."""
         return np.tile(self._zero, count).view(self.dtype)
 
 
@@ -155,8 +158,9 @@ class RecordMessages:
         )
 
     def definition(self, type_: str) -> str:
-        """The definition of a type, followed by those of the types that it contains, in the format
-        `ros2msg`."""
+        """The definition of a type in the format `ros2msg`, followed by the definitions of the types that it
+        contains.
+        """
         return str(self._store.generate_msgdef(type_, ros_version=2)[0])
 
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
@@ -204,7 +208,7 @@ class RecordMessages:
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
     def event(self, event: RunEvent, ahead_ns: int) -> bytes:
-        """The message of an event."""
+        """Convert an event to a message."""
         sec, nanosec = divmod(event.monotonic_ns + ahead_ns, SECOND_NS)
         return self._serialized(
             EVENT,
@@ -216,7 +220,7 @@ class RecordMessages:
         )
 
     def cycle_of(self, content: bytes) -> int:
-        """The number of the cycle in a message of /cycle."""
+        """The number of the cycle in a /cycle message."""
         return int(np.frombuffer(content, self._cycle.dtype)["cycle"][0])
 
     def _serialized(self, type_: str, **fields: Any) -> bytes:
@@ -251,7 +255,7 @@ class RecordMessages:
         return self._made("geometry_msgs/msg/Wrench", force=force, torque=torque)
 
     def _pose_of(self, values: Sequence[float]) -> Any:
-        """A pose message from seven numbers in the order of ROS."""
+        """Make a pose message from seven numbers in ROS order."""
         x, y, z, *turn = map(float, values)
         return self._made(
             "geometry_msgs/msg/Pose",
@@ -262,7 +266,7 @@ class RecordMessages:
     def _table_message(
         self, message: str, kinds: Sequence[tuple[str, str]], values: Mapping[str, Any]
     ) -> bytes:
-        """A message whose fields after the header come from a table."""
+        """Make a message whose fields after the header come from a table."""
         makers: dict[str, tuple[Callable[[Any], Any], Any]] = {
             "bool": (bool, 0),
             "float64": (float, 0.0),

@@ -1,4 +1,6 @@
-"""The path of the arm and the events in a recording, which a planning process reads for the service."""
+"""The path of the arm in a recording, and the recorded events. A planning process reads them for the
+service.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """An event of a recording. `time_s` counts from the recording's first cycle."""
+    """An event in a recording. `time_s` counts from the first cycle of the recording."""
 
     time_s: float
     kind: str

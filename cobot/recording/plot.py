@@ -13,13 +13,15 @@ from cobot.types import Array
 WIDTH, HEIGHT = 1000, 180
 LEFT, TOP, GAP = 70, 60, 30
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#777777")
-"""Colours of the lines, which people with colour blindness can distinguish too (P. Tol)."""
+"""Colours of the lines. People with colour blindness can also distinguish them (P. Tol)."""
 MAX_POINTS = 2000
-"""Maximum number of points of a line. Between two points, the smallest and the largest value are drawn."""
+"""Maximum number of points in a line. For each interval between two points, the smallest and the largest
+value are drawn.
+"""
 
 
 def svg_of(cycles: Cycles) -> str:
-    """Positions, velocities, torques and tracking errors over time, with modes and events."""
+    """Draw positions, velocities, torques and tracking errors over time, with modes and events."""
     charts = [
         ("position, rad", cycles.position),
         ("velocity, rad/s", cycles.velocity),
@@ -76,7 +78,7 @@ def _chart(name: str, times_s: Array, rows: Array, top: float, span_s: float) ->
 
 
 def _modes(cycles: Cycles, span_s: float, height: float) -> list[str]:
-    """A line where the mode changes, and its name; interventions as ticks."""
+    """A line where the mode changes, with the name of the mode, and a tick for each intervention."""
     begun = np.flatnonzero(np.diff(cycles.modes, prepend=-1))
     parts = []
     for index in begun:
@@ -94,7 +96,7 @@ def _modes(cycles: Cycles, span_s: float, height: float) -> list[str]:
 
 
 def _thinned(values: Array) -> np.ndarray:
-    """Indices of the values to draw: the smallest and the largest one of each interval."""
+    """Indices of the values that are drawn: the smallest and the largest one in each interval."""
     if len(values) <= MAX_POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), MAX_POINTS // 2)
@@ -103,7 +105,7 @@ def _thinned(values: Array) -> np.ndarray:
 
 
 def _ticks(span_s: float) -> Array:
-    """About six round times for the axis."""
+    """About six round times for the labels of the axis."""
     raw = span_s / 6.0
     size = 10.0 ** np.floor(np.log10(raw))
     step = next(each * size for each in (1.0, 2.0, 5.0, 10.0) if each * size >= raw)

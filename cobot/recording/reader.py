@@ -22,9 +22,11 @@ from cobot.recording.path import Marked, RecordedPath
 from cobot.types import Array
 
 MAX_SHOWN_BYTES = 200_000_000
-"""Maximum size of a file whose path is shown, in bytes. Such a file takes some seconds of computing time."""
+"""Maximum size of a file whose path is shown, in bytes. Computing the path for a file of this size takes some
+seconds.
+"""
 UNREADABLE = (McapError, ZstdError, struct.error, ValueError, KeyError, TypeError, IndexError, AssertionError)
-"""Errors that the reader raises for a damaged file or one that is not a recording of cobot."""
+"""Errors that the reader raises if a file is damaged or is not a recording of cobot."""
 
 Result = TypeVar("Result")
 
@@ -36,8 +38,9 @@ class Cycles:
     Attributes:
         robot, joint_names, period_s, reason: metadata of the file.
         times_s: times on the robot's clock, from 0 on, shape (n,).
-        position, velocity, effort: measured values, rad, rad/s, N·m, shape (n, dof).
-        commanded, commanded_effort: commanded positions and efforts, rad, N·m, shape (n, dof).
+        position, velocity, effort: measured positions, rad, velocities, rad/s, and efforts, N·m, shape (n,
+            dof) each.
+        commanded, commanded_effort: commanded positions, rad, and efforts, N·m, shape (n, dof) each.
         modes: values of `cobot.types.LoopMode`, shape (n,).
         missing: number of missing cycles between the first and the last one.
     """
@@ -61,7 +64,7 @@ def read_recording(path: Path) -> Cycles:
     """Read all cycles of a file.
 
     Raises:
-        InputError: the file cannot be read, or is not a recording of a robot; the message has the reason.
+        InputError: the file cannot be read, or is not a recording of a robot; the message gives the reason.
     """
     return _read_or_reject(path, _read)
 
@@ -70,7 +73,7 @@ def read_path(path: Path, samples: int) -> RecordedPath:
     """Read the path of the arm at `samples` of its cycles, and all events.
 
     Raises:
-        InputError: see `read_recording`; or the file is too large.
+        InputError: see `read_recording`. Also if the file is too large.
     """
     return _read_or_reject(path, lambda file: _sample_file(file, samples))
 

@@ -11,13 +11,15 @@ from cobot.recording.reader import Cycles
 from cobot.types import Array
 
 REST_RAD = 1e-4
-"""Before and after the motion, the arm is within this distance of its first and last position."""
+"""Before and after the motion, the arm is within this distance of the motion's first or last position,
+rad.
+"""
 
 
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
     """The points of the motion: times from 0 on, s, shape (n,), and joint positions, rad, shape (n, dof).
 
-    The time at rest before and after the motion is left out.
+    The time without movement before and after the motion is left out.
 
     Args:
         every_s: time between two points.
@@ -43,8 +45,9 @@ def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tupl
 
 
 def csv_of(times_s: Array, positions: Array) -> str:
-    """The points as CSV for POST /trajectory/send_csv. The arm is at the first point when the motion
-    begins."""
+    """The points as CSV for POST /trajectory/send_csv. The arm must be at the first point when the motion
+    begins.
+    """
     out = io.StringIO()
     header = ",".join([*(f"joint{joint + 1}" for joint in range(positions.shape[1])), "t"])
     np.savetxt(out, np.column_stack([positions, times_s]), "%.9f", ",", header=header, comments="")

@@ -1,4 +1,6 @@
-"""The folder of a robot's recordings: their names, a list of them, and removal of old ones."""
+"""The folder of a robot's recordings: the names of the recordings, their list, and the removal of old
+ones.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,9 @@ UNFINISHED = ".part"
 TRIAL, TRIAL_BYTES = f"trial{UNFINISHED}", 65536
 REASONS = ("fault", "estop", "request", "continuous")
 ASKED_FOR = ("request", "continuous")
-"""Reasons of recordings that a client requested. These are removed first, because a client can request
-another one; recordings of a fault or an e-stop cannot be repeated."""
+"""Reasons of recordings that a client has requested. These recordings are removed first, because a client can
+request a new one. Recordings of a fault or an e-stop cannot be repeated.
+"""
 _NAME = re.compile(
     rf"(?P<run>[A-Za-z0-9_-]{{1,48}}-(?P<time>\d{{8}}T\d{{6}}\.\d{{3}})Z-(?P<reason>{'|'.join(REASONS)}))"
     rf"(-(?P<part>[1-9]\d{{0,5}}))?{re.escape(SUFFIX)}"
@@ -55,10 +58,10 @@ def part_name(run: str, part: int) -> str:
 
 
 class RecordingStore:
-    """One robot's recordings. Another process may write and remove files at any time.
+    """The recordings of one robot. A different process may write and remove files at any time.
 
     Args:
-        folder: folder of this robot alone; created when needed.
+        folder: folder that contains only this robot's recordings. It is created when it is needed.
         max_bytes: maximum size of all files together.
     """
 
@@ -67,7 +70,7 @@ class RecordingStore:
         self.max_bytes = max_bytes
 
     def all(self) -> list[Recording]:
-        """The finished recordings, the newest first."""
+        """The finished recordings, sorted from the newest on."""
         found = [(match, file) for file in self._files() if (match := _NAME.fullmatch(file.name))]
         recordings = []
         for match, file in found:
@@ -81,7 +84,8 @@ class RecordingStore:
         """The path of a finished recording.
 
         Raises:
-            InputError: the name is not that of a recording, for example because it leads to another folder.
+            InputError: the name is not valid for a recording, for example because it leads to a different
+                folder.
             NotFoundError: no recording has this name.
         """
         if not _NAME.fullmatch(name):
@@ -99,7 +103,9 @@ class RecordingStore:
         self.path(name).unlink(missing_ok=True)
 
     def unfinished(self) -> dict[str, Path]:
-        """Unfinished files, by their final names. A recorder is writing them, or was killed while writing."""
+        """Unfinished files, by their final names. A recorder is writing them, or was killed while it wrote
+        them.
+        """
         return {
             file.name.removesuffix(UNFINISHED): file
             for file in self._files()
@@ -107,10 +113,11 @@ class RecordingStore:
         }
 
     def make_room(self, needed: int, kept: Container[str] = ()) -> int:
-        """Remove the oldest recordings until there is room for more bytes, requested recordings first.
+        """Remove recordings until there is room for more bytes. Requested recordings are removed first, the
+        oldest before newer ones.
 
         Args:
-            needed: bytes needed in addition to the existing files.
+            needed: number of bytes that are needed in addition to the existing files.
             kept: names of recordings that must not be removed.
 
         Returns:
@@ -130,7 +137,7 @@ class RecordingStore:
         return total
 
     def try_out(self) -> None:
-        """Check that a recording could be started.
+        """Check that a recording can be started.
 
         Raises:
             OSError: the folder cannot be written.

@@ -1,10 +1,10 @@
 """Converts the fields of ROS messages between three forms: JSON as in rosbridge v2, checked values, and the
 native values of `rosbags`.
 
-In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are accepted too), and
-NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), a list of one may come without its
-brackets, and `[]` in place of a single value or an object counts as a missing field. Checked values are
-complete: every field exists, is in range, and has its type.
+In JSON, a message is an object, a list is a list, uint8[] and char[] are base64 (lists are also accepted),
+and NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), the brackets of a list with one item
+may be missing, and `[]` in place of a single value or an object counts as a missing field. Checked values are
+complete: every field exists, is in range, and has the right type.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cobot.errors import InputError
 from cobot.strict import shown, unknown_key
 
 HIDDEN = "structure_needs_at_least_one_member"
-"""The only field of an empty message on the wire, as ROS 2's generators add it."""
+"""The only field of an empty message on the wire. ROS 2's generators add it."""
 OCTETS = frozenset({"uint8", "char"})
 INTEGERS = {
     "byte": (0, 255),
@@ -33,15 +33,17 @@ INTEGERS = {
 }
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
-"""Names of time fields in ROS 1, which roslibpy uses, and their names in ROS 2."""
+"""Names of the fields of a time in ROS 1, which roslibpy uses, and their names in ROS 2."""
 _DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
 BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring": (str,)}
-"""Python types of a single item that may stand for a list of one. Items of other types are numbers."""
+"""Python types of a single item that may replace a list with one item. Items of all other types are
+numbers.
+"""
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class FieldCodec(Protocol):
-    """One kind of field."""
+    """Interface for one kind of field."""
 
     def default(self) -> Any:
         """The default of ROS for this field."""
@@ -59,16 +61,18 @@ class FieldCodec(Protocol):
         ...
 
     def to_native(self, value: Any) -> Any:
-        """Convert a checked value to a native one."""
+        """Convert a checked value to a native value."""
         ...
 
     def from_native(self, value: Any) -> Any:
-        """Convert a native value back to a checked one."""
+        """Convert a native value to a checked value."""
         ...
 
 
 class Scalar:
-    """A number, text or boolean. `bound` is the maximum length of a text in bytes, 0 for any."""
+    """A field with a number, a text or a boolean. `bound` is the maximum length of a text in bytes; 0 means
+    any length.
+    """
 
     def __init__(self, name: str, bound: int = 0, default: Any = None) -> None:
         self.name = name
@@ -99,12 +103,12 @@ class Scalar:
 
     def _integer(self, value: Any, path: str) -> int:
         if isinstance(value, float) and value.is_integer():
-            value = int(value)  # some languages have no other numbers
+            value = int(value)  # some languages have only floating-point numbers
         if isinstance(value, bool) or not isinstance(value, int):
             raise InputError(f"{path}: must be an integer, got {shown(value)}")
         if not self._low <= value <= self._high:
             raise InputError(f"{path}: {self.name} is from {self._low} to {self._high}, got {shown(value)}")
-        return int(value)  # of an enumeration
+        return int(value)  # it may be an enumeration
 
     def _text(self, value: Any, path: str) -> str:
         if not isinstance(value, str):
@@ -120,7 +124,9 @@ class Scalar:
 
 
 class ListField:
-    """A list of `size` items. If `size` is None, a list of up to `bound` items (0: any number)."""
+    """A field with a list of `size` items. If `size` is None, it is a list of up to `bound` items; 0 means
+    any number.
+    """
 
     def __init__(self, item: FieldCodec, size: int | None, bound: int, default: Any = None) -> None:
         self._item = item
@@ -163,7 +169,7 @@ class ListField:
 
 
 class Octets:
-    """uint8[] and char[]: base64."""
+    """A field of type uint8[] or char[], which is base64 in JSON."""
 
     def __init__(self, size: int | None, bound: int) -> None:
         self._size = size
@@ -194,7 +200,9 @@ class Octets:
 
 
 class CheckedMessage(dict[str, Any]):
-    """A message that another thread has already checked: the result of `Record.check`, or its error."""
+    """A message that a different thread has already checked. It is the result of `Record.check`, or the
+    error.
+    """
 
     __slots__ = ("name", "problem")
 
@@ -212,7 +220,7 @@ class Record:
 
     Args:
         make: creates the native message.
-        fields: for each name, the name of the native attribute, and the field.
+        fields: for each name, the name of the native attribute and the field.
     """
 
     def __init__(
@@ -256,7 +264,7 @@ class Record:
 
 
 def without_nan(value: Any) -> Any:
-    """A copy of a value for JSON, with null for each number that is not finite."""
+    """A copy of a value for JSON. Numbers that are not finite become null."""
     if isinstance(value, dict):
         return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, list):

@@ -1,8 +1,8 @@
-"""Inputs and outputs for which drivers of arms have services of their own.
+"""Inputs and outputs for which the drivers of arms define their own services.
 
-An interface is called KIND/NUMBER, such as digital_out/16, with the numbers of the driver. Sources: the
-definitions of ur_msgs, motoros2_interfaces, xarm_msgs and dsr_msgs2, and the code of these drivers, which
-decides where a definition and the code differ. Analog outputs are left out, because some drivers take other
+An interface is called KIND/NUMBER, such as digital_out/16. The numbers are defined by the driver. Sources:
+the definitions in ur_msgs, motoros2_interfaces, xarm_msgs and dsr_msgs2, and the code of these drivers. Where
+the two differ, the code counts. Analog outputs are left out, because some drivers expect values in different
 units than they report.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 MAX_AGE_S = 1.0
-"""Maximum age of the values of inputs and outputs, s. Older ones are reported as unknown."""
+"""Maximum age of the values of inputs and outputs, s. Older values are reported as unknown."""
 _INTERFACE = re.compile(r"([a-z_]+)/(0|[1-9][0-9]{0,5})")
 
 
@@ -22,11 +22,13 @@ class DriverIoService:
     """A service that reads or sets inputs or outputs of one kind.
 
     Attributes:
-        name: its name below `robot.backend.gpio_controller`.
-        type: its type.
-        number: field of the request that has the number; "" if the answer lists the values of all numbers.
-        value: field that has the value: of the request if the service sets an output, else of the answer.
-        done: field of the answer that tells whether the request was carried out, and its value then.
+        name: name of the service below `robot.backend.gpio_controller`.
+        type: type of the service.
+        number: field of the request that contains the number; "" if the answer lists the values for all
+            numbers.
+        value: field that contains the value. It is in the request if the service sets an output, otherwise in
+            the answer.
+        done: field of the answer that shows whether the request was executed, and the value that it then has.
         fixed: other fields of the request.
     """
 
@@ -44,10 +46,10 @@ class DriverIoKind:
 
     Attributes:
         numbers: valid numbers.
-        read: the service that reads them; None if a topic has them, or if the driver cannot read them.
+        read: the service that reads them; None if a topic contains them, or if the driver cannot read them.
         write: the service that sets them; None for inputs.
         settable: numbers that can be set; None for all.
-        is_analog: whether the values are numbers, not true or false.
+        is_analog: whether the values are numbers instead of true or false.
     """
 
     numbers: range
@@ -67,9 +69,9 @@ class DriverIo:
     """The inputs and outputs of a driver.
 
     Attributes:
-        below: default of `robot.backend.gpio_controller`: what the names of the services begin with; None for
-            the namespace alone.
-        remedy: what to do if a service has no server.
+        below: default of `robot.backend.gpio_controller`, which is the prefix of the names of the services;
+            None if the prefix is only the namespace.
+        remedy: remedy if a service has no server.
         kinds: kinds of inputs and outputs by their names.
     """
 

@@ -1,5 +1,6 @@
-"""Responses and results that report a failure in fields of their ROS type, because ROS has no general field
-for it."""
+"""Responses and results that report a failure in fields of their ROS type, because ROS defines no general
+field for failures.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,9 @@ from cobot.ros.messages import Message
 
 
 class FjtError(IntEnum):
-    """Values of `error_code` as in control_msgs/action/FollowJointTrajectory; the last one is cobot's own."""
+    """Values of `error_code` as in control_msgs/action/FollowJointTrajectory. The last one is defined by
+    cobot.
+    """
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -19,7 +22,7 @@ class FjtError(IntEnum):
     OLD_HEADER_TIMESTAMP = -3
     PATH_TOLERANCE_VIOLATED = -4
     GOAL_TOLERANCE_VIOLATED = -5
-    INTERRUPTED = -100  # cancelled, preempted, stopped, e-stop, fault: none of the others means that
+    INTERRUPTED = -100  # cancelled, preempted, stopped, e-stop or fault, for which there is no other value
 
 
 OF_ERROR: dict[type[CobotError], FjtError] = {
@@ -38,11 +41,13 @@ OF_ERROR: dict[type[CobotError], FjtError] = {
     errors.UnavailableError: FjtError.INTERRUPTED,
     errors.SharedMemoryError: FjtError.INTERRUPTED,
 }
-"""The `error_code` by class of error, for classes without a more specific code."""
+"""The `error_code` for each class of error. It is used for errors of derived classes that are not in this
+table.
+"""
 
 
 def error_code_of(error: CobotError) -> FjtError:
-    """The `error_code` of an error, by the most specific class in its ancestry."""
+    """The `error_code` of an error. The most specific of the error's classes in the table determines it."""
     own: FjtError | None = getattr(error, "error_code", None)
     return own or next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)
 
@@ -51,8 +56,9 @@ def failed_result(result: Message, error: CobotError) -> Message:
     """The result of a goal that was accepted and then failed.
 
     Args:
-        result: the defaults of the type, which would mean success; changed in place.
-        error: its class gives the `error_code`, of types that have one; types with another code get 1.
+        result: the defaults of the type, which would mean success. They are changed in place.
+        error: the error. For types that have an `error_code`, its class determines the code; for types with a
+            different code, the code is 1.
     """
     if "error_code" in result:
         result["error_code"] = int(error_code_of(error))

@@ -1,4 +1,4 @@
-"""The fingers of a gripper as ROS joints: two joints that slide, each by half of the width."""
+"""The fingers of a gripper as ROS joints: two linear joints, each of which moves by half of the width."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FingerState:
 
     @property
     def rows(self) -> dict[str, list[float]]:
-        """Position, velocity and effort of each joint: m, m/s, N."""
+        """Position, m, velocity, m/s, and effort, N, of each joint."""
         joints = len(FINGER_JOINTS)
         return {
             "position": [0.5 * self.width] * joints,
@@ -45,12 +45,14 @@ class FingerState:
 
     @property
     def message(self) -> Message:
-        """sensor_msgs/msg/JointState without a header."""
+        """The joints as sensor_msgs/msg/JointState, without a header."""
         return {"name": list(FINGER_JOINTS), **self.rows}
 
     @classmethod
     def of(cls, message: Message) -> FingerState | None:
-        """Read the fingers from a message that `message` has created. None if it has other joints or none."""
+        """Read the fingers from a message that `message` has created. None if it contains other joints or
+        none.
+        """
         values = [message[name] for name in ("position", "velocity", "effort")]
         if tuple(message["name"]) != FINGER_JOINTS or any(not _is_whole(each) for each in values):
             return None

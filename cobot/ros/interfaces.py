@@ -1,4 +1,4 @@
-"""Parser of .msg, .srv and .action definitions, and the standard ones that `rosbags` lacks."""
+"""Parser for .msg, .srv and .action definitions, and standard definitions that are missing in `rosbags`."""
 
 from __future__ import annotations
 
@@ -138,12 +138,14 @@ STANDARD = {
     ),
 }
 DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
-"""Standard messages with defaults other than zero."""
+"""Standard messages whose defaults are not zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParsedMessage:
-    """One message: constants (name, type, value), fields (name, description as in rosbags), defaults."""
+    """One message: its constants (name, type, value), its fields (name, description as in rosbags) and its
+    defaults.
+    """
 
     name: str
     constants: list[tuple[str, Any, Any]]
@@ -163,11 +165,11 @@ _OF_ACTIONS = {
     "_GetResult_Response": "int8 status\n{0}_Result result\n",
     "_FeedbackMessage": UUID + "{0}_Feedback feedback\n",
 }
-"""The messages that ROS 2 derives from the parts of an action named {0}."""
+"""The messages that ROS 2 derives from the parts of an action. {0} is the name of the action."""
 
 
 def message_names(name: str) -> list[str]:
-    """The names of the messages that a definition stands for.
+    """The names of the messages that a definition defines.
 
     Raises:
         InputError: the name is invalid.
@@ -184,7 +186,8 @@ def _split(name: str) -> tuple[str, str, str]:
 
 
 def parsed(name: str, text: str) -> list[ParsedMessage]:
-    """The messages that a definition stands for; for an action, all that ROS 2 derives from it.
+    """The messages that a definition defines. For an action, these are all messages that ROS 2 derives from
+    it.
 
     Args:
         name: pkg/msg/Name, pkg/srv/Name or pkg/action/Name.
@@ -216,8 +219,9 @@ def _message(name: str, text: str, own: Mapping[str, str]) -> ParsedMessage:
 
 
 def _local(description: Any, own: Mapping[str, str]) -> Any:
-    """Correct rosbags, which looks for unqualified types in srv or action; they are the package's
-    messages."""
+    """Correct the result of rosbags, which looks for unqualified types in srv or action. They are messages of
+    the package.
+    """
     kind, rest = description
     if kind == Nodetype.NAME:
         package, *_, last = rest.split("/")

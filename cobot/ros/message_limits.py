@@ -1,6 +1,7 @@
-"""Limits on one message of rosbridge: the service rejects larger ones, and the DDS process never sends them.
+"""Limits for one rosbridge message. The service rejects larger messages, and the DDS process never sends
+them.
 
-While a message is decoded, no other code of the service runs, not even a stop. The limits bound this time.
+While a message is decoded, no other code of the service can run, not even a stop. The limits bound this time.
 """
 
 from __future__ import annotations
@@ -10,16 +11,16 @@ from cobot.errors import PayloadError
 MAX_MESSAGE = 4 * 2**20
 """Maximum length of a message, in characters."""
 MAX_OBJECTS = 30_000
-"""Maximum number of objects in a message. With ROS's defaults each may become a hundred times as large."""
+"""Maximum number of objects in a message. ROS's defaults may make each of them a hundred times as large."""
 MAX_VALUES = 200_000
 """Maximum number of commas in a message."""
 
 
 def check_message(text: str) -> None:
-    """Checks the size of an encoded message.
+    """Check the size of an encoded message.
 
     Raises:
-        PayloadError: a limit is exceeded; the message has the number and the limit.
+        PayloadError: a limit is exceeded; gives the number and the limit.
     """
     if len(text) > MAX_MESSAGE:
         raise PayloadError(f"the message has {len(text)} characters, allowed: {MAX_MESSAGE}")

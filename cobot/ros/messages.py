@@ -1,4 +1,4 @@
-"""ROS messages as dicts and as CDR: the types of ROS 2 Humble and the project's own."""
+"""ROS messages as dicts and as CDR. The types are those of ROS 2 Humble and the project's own types."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHORT = re.compile(r"([a-z][a-z0-9_]*)/([A-Za-z][A-Za-z0-9_]*)")
 
 
 def ros_time(wall_ns: int) -> Message:
-    """A builtin_interfaces/Time; it ends in 2038, so later times are clipped."""
+    """A time as builtin_interfaces/Time. This type ends in 2038, so later times are clipped."""
     sec, nanosec = divmod(min(wall_ns, _LATEST_NS), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
@@ -32,7 +32,7 @@ class Messages:
     """The message types and operations on their messages. Not thread safe while types are added.
 
     Args:
-        definitions: texts by type: `aubo_interfaces/srv/GetDof`, `aubo_interfaces/action/ServoMode`, ...
+        definitions: texts by the names of the types, such as `aubo_interfaces/srv/GetDof`.
 
     Attributes:
         definitions: the given texts, without the standard types.
@@ -45,7 +45,7 @@ class Messages:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         self._defaults = dict(DEFAULTS)
         self._records: dict[str, Record] = {}
-        self._promised: dict[str, str] = {}  # by message: the definition that it belongs to
+        self._promised: dict[str, str] = {}  # for each message, the definition to which it belongs
         self._texts: dict[str, str] = {}  # texts of these definitions
         self.definitions: dict[str, str] = {}
         self._add_lazily(STANDARD)
@@ -55,7 +55,8 @@ class Messages:
         """Add types.
 
         Raises:
-            InputError: a text is invalid, uses an unknown type, or differs from the known type of its name.
+            InputError: a text is invalid, uses an unknown type, or differs from the known type with the same
+                name.
         """
         self._register({n: text for n, text in definitions.items() if self.definitions.get(n) != text})
         self.definitions |= definitions
@@ -97,14 +98,14 @@ class Messages:
         return name
 
     def default(self, name: str) -> Message:
-        """A message with ROS's defaults."""
+        """A message in which all fields have the defaults of ROS."""
         return self.record(name).default()
 
     def checked(self, name: str, message: Any) -> Message:
-        """The message, checked and completed with ROS's defaults.
+        """The message after checking. Missing fields have the defaults of ROS.
 
         Raises:
-            InputError: names the place and the problem.
+            InputError: the message is invalid; names the place and the problem.
         """
         try:
             return self.record(name).check(message, "")
@@ -112,11 +113,11 @@ class Messages:
             raise InputError(f"{name}: {exc}") from exc
 
     def examine(self, name: str, message: Any) -> CheckedMessage:
-        """Check a message without blocking the event loop. A large message takes seconds, so another thread
-        checks it.
+        """Check a message without blocking the event loop. Checking a large message takes seconds, so a
+        different thread does it.
 
         Raises:
-            InputError: the type is unknown. Problems of the message are raised by `checked`.
+            InputError: the type is unknown. `checked` raises errors about the message.
         """
         return CheckedMessage(self.record(name), message)
 
@@ -143,7 +144,7 @@ class Messages:
         return record.from_native(native)
 
     def octets(self, value: str) -> bytes:
-        """The bytes of a checked uint8[]."""
+        """The bytes of a checked uint8[] value."""
         return base64.b64decode(value)
 
     def type_hash(self, name: str) -> str:
@@ -157,7 +158,9 @@ class Messages:
         return list(cast(Any, self._store.fielddefs[name][0]))
 
     def fields(self, name: str) -> list[tuple[str, str, int]]:
-        """Name, type and length of each field; the length is -1 for one value, 0 for any number."""
+        """Name, type and length of each field. The length is -1 for a single value, and 0 for any number of
+        values.
+        """
         self.record(name)
         made = []
         for field, (kind, rest) in cast(Any, self._store.fielddefs[name][1]):

@@ -23,14 +23,14 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 MEASURED = ("position", "velocity", "effort")
-"""The arrays of a JointState, in its order."""
+"""The arrays of a JointState message, in their order."""
 
 
 class RobotMessages:
     """Creates messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; SI units.
 
-    Frames have the names of the model's bodies; the TCP has the name of its site, and the model's world is
-    `world`.
+    The names of frames are those of the model's bodies. The TCP has the name of its site, and the model's
+    world is called `world`.
 
     Args:
         base: name of the body in whose frame poses are given.
@@ -55,15 +55,16 @@ class RobotMessages:
         self._fixed = [body for body in range(1, model.mj.nbody) if not model.mj.body_jntnum[body]]
 
     def joint_state(self, state: np.ndarray, fingers: FingerState | None = None) -> Message:
-        """sensor_msgs/msg/JointState: measured values, rad, rad/s, N·m, followed by the fingers if they are
-        known."""
+        """sensor_msgs/msg/JointState with measured values in rad, rad/s and N·m. The fingers follow if they
+        are known.
+        """
         rows = {} if fingers is None else fingers.rows
         measured = {name: state[name].tolist() + rows.get(name, []) for name in MEASURED}
         names = self._names if fingers is None else [*self._names, *FINGER_JOINTS]
         return {"header": self._header(state, self._base), "name": names, **measured}
 
     def pose(self, state: np.ndarray) -> Message:
-        """geometry_msgs/msg/PoseStamped: the measured TCP in the base frame."""
+        """geometry_msgs/msg/PoseStamped with the measured pose of the TCP in the base frame."""
         x, y, z, *turn = state["tcp"].tolist()
         return {
             "header": self._header(state, self._base),
@@ -71,8 +72,9 @@ class RobotMessages:
         }
 
     def wrench(self, state: np.ndarray) -> Message:
-        """geometry_msgs/msg/WrenchStamped: the wrench that the surroundings exert at the TCP, in the TCP's
-        frame."""
+        """geometry_msgs/msg/WrenchStamped with the wrench that the surroundings exert at the TCP, in the
+        TCP's frame.
+        """
         wrench = cartesian_state(state).ext_wrench_in_tcp
         return {
             "header": self._header(state, self._tcp),
@@ -80,7 +82,9 @@ class RobotMessages:
         }
 
     def status(self, state: np.ndarray) -> Message:
-        """std_msgs/msg/String: a JSON object with mode, settled, reason, session, motion_id and overruns."""
+        """std_msgs/msg/String with a JSON object that contains mode, settled, reason, session, motion_id and
+        overruns.
+        """
         content = {name: int(state[name]) for name in ("session", "motion_id", "overruns")}
         mode = LoopMode(int(state["mode"])).name
         return {
@@ -90,25 +94,25 @@ class RobotMessages:
         }
 
     def transforms(self, state: np.ndarray) -> Message:
-        """tf2_msgs/msg/TFMessage for /tf: the pose of each moving link in its parent's frame."""
+        """tf2_msgs/msg/TFMessage for /tf, with the pose of each moving link in its parent's frame."""
         stamp = self._header(state, "")["stamp"]
         self._place(state["position"])
         return {"transforms": [self._transform(body, stamp) for body in self._moving]}
 
     def static_transforms(self) -> Message:
-        """tf2_msgs/msg/TFMessage for /tf_static: the links that no joint moves, and the TCP."""
+        """tf2_msgs/msg/TFMessage for /tf_static, with the links that no joint moves, and the TCP."""
         self._place(np.zeros(len(self._names)))
         stamp = ros_time(self._clock.wall_ns())
         made = [self._transform(body, stamp) for body in self._fixed]
         holder = self._name(int(self._model.site_bodyid[self._tcp_site]))
-        if holder != self._tcp:  # of a URDF the TCP is a link
+        if holder != self._tcp:  # in a URDF, the TCP is a link
             position = self._model.site_pos[self._tcp_site].tolist()
             turn = self._model.site_quat[self._tcp_site].tolist()
             made.append(_transform(holder, self._tcp, position, turn, stamp))
         return {"transforms": made}
 
     def description(self) -> Message:
-        """std_msgs/msg/String for /robot_description: a URDF."""
+        """std_msgs/msg/String for /robot_description, with a URDF."""
         return {"data": urdf(self._model, self._limits, self._tcp_site)}
 
     def measured_at(self, state: np.ndarray) -> int:

@@ -1,6 +1,7 @@
-"""A joint trajectory controller without a robot: what ros2_control's JointTrajectoryController does with mock
-hardware, as its documentation describes it. No network and no clock; `cobot simulate ros2_control` and the
-contract of the backend use it.
+"""A joint trajectory controller without a robot. It behaves like ros2_control's JointTrajectoryController
+with mock hardware, as its documentation describes it.
+
+It uses no network and no clock. `cobot simulate ros2_control` and the contract of the backend use it.
 
 Source: ros2_controllers, joint_trajectory_controller, userdoc and trajectory representation.
 """
@@ -27,8 +28,10 @@ def seconds(duration: Message) -> float:
 
 
 def between(share: float, duration_s: float, start: Array, end: Array) -> Array:
-    """Rows position, velocity, acceleration between two points, each with as many rows as it states: 1 for a
-    straight line, 2 for a cubic, 3 for a quintic; shape (3, dof).
+    """Position, velocity and acceleration between two points, shape (3, dof).
+
+    Each point contains as many of these rows as it defines: 1 for a straight line, 2 for a cubic, 3 for a
+    quintic.
     """
     degree = min(len(start), len(end))
     step, t = end[0] - start[0], share * duration_s
@@ -59,10 +62,10 @@ class RunningGoal:
     """A goal and the progress of its execution.
 
     Attributes:
-        key: identifies it for its client.
-        times_s: times of its points, from the start of the execution on.
+        key: key that identifies the goal for its client.
+        times_s: times of the points, counted from the start of the execution.
         points: for each point its position and, if given, its velocity and acceleration.
-        done_s: executed part.
+        done_s: time up to which the goal has been executed.
     """
 
     key: str
@@ -73,13 +76,13 @@ class RunningGoal:
 
 @dataclass(slots=True)
 class TrajectoryController:
-    """See the module. It follows each goal exactly.
+    """The simulated controller, see the module. It follows each goal exactly.
 
     Attributes:
-        joints: names, in its own order.
+        joints: names of the joints, in the controller's own order.
         rows: position, velocity and acceleration, shape (3, dof).
-        active: whether it is activated.
-        rate: ratio of the path's time to the clock's, as with a speed slider.
+        active: whether the controller is activated.
+        rate: ratio between the time along the path and the time on the clock, as a speed slider sets it.
         on_end: called with the key, the status and the result of a goal that has ended.
     """
 
@@ -91,7 +94,7 @@ class TrajectoryController:
     goal: RunningGoal | None = None
 
     def refusal(self, goal: Message) -> str:
-        """Why a goal is rejected; "" if it is accepted."""
+        """The reason why a goal is rejected; "" if it is accepted."""
         trajectory = goal["trajectory"]
         names, points = trajectory["joint_names"], trajectory["points"]
         if not self.active:
@@ -116,12 +119,12 @@ class TrajectoryController:
         return ""
 
     def begin(self, key: str, goal: Message) -> None:
-        """Begin an accepted goal; the current one ends."""
+        """Begin an accepted goal. The current goal ends."""
         self.end(CANCELED, FjtError.INVALID_GOAL, "Current goal cancelled due to new incoming action.")
         self.follow(key, goal["trajectory"])
 
     def follow(self, key: str, trajectory: Message) -> None:
-        """Follow a trajectory from the current state on."""
+        """Follow a trajectory that starts at the current state."""
         order = [trajectory["joint_names"].index(name) for name in self.joints]
         times_s, points = [0.0], [self.rows.copy()]
         for point in trajectory["points"]:

@@ -1,4 +1,4 @@
-"""Writes a URDF of a MuJoCo model, with kinematics, limits, masses and simple shapes, for display and
+"""Writes a URDF for a MuJoCo model, with kinematics, limits, masses and simple shapes. It is for display and
 planning.
 
 Source: http://wiki.ros.org/urdf/XML
@@ -30,7 +30,7 @@ def urdf(model: mujoco.MjModel, limits: JointLimits, tcp_site: int) -> str:
     Meshes and ellipsoids are replaced by the boxes around them; planes are left out.
 
     Args:
-        tcp_site: index of the site that becomes the TCP's link.
+        tcp_site: index of the site that becomes the link of the TCP.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
@@ -113,7 +113,9 @@ def _link(root: Element, model: mujoco.MjModel, body: int) -> None:
 
 
 def _shapes(link: Element, kind: str, model: mujoco.MjModel, geom: int) -> None:
-    """Add a shape to a link. A capsule becomes a cylinder and two spheres, because URDF has no capsules."""
+    """Add a shape to a link. A capsule becomes a cylinder and two spheres, because URDF does not define
+    capsules.
+    """
     place, turn = model.geom_pos[geom], matrix_of(model.geom_quat[geom])
     radius, half, _ = model.geom_size[geom]
     match int(model.geom_type[geom]):

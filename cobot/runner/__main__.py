@@ -1,4 +1,4 @@
-"""`python -m cobot.runner`: run or check sequence files and Lua programs, or describe sequence files."""
+"""`python -m cobot.runner`: runs or checks sequence files and Lua programs, or describes sequence files."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def main() -> int:
     runner.add_argument("--topics", default="", help="topics to record, separated by commas; by default all")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
     runner.add_argument("--answers-fd", type=int, help=argparse.SUPPRESS)
-    runner.add_argument("--name", help=argparse.SUPPRESS)  # of the file that comes as standard input
+    runner.add_argument("--name", help=argparse.SUPPRESS)  # name of the file that is read from standard input
     checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
     checker.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
@@ -94,7 +94,7 @@ def _seconds(argument: str) -> float:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if arguments.progress_fd is not None:  # the service has started it, and it ends with the service
+    if arguments.progress_fd is not None:  # the service has started this process, which ends with the service
         die_with_parent(signal.SIGTERM)
         set_niceness(Niceness.ORDINARY)
     name = arguments.name or arguments.file.name
@@ -116,7 +116,7 @@ def _run(arguments: argparse.Namespace) -> int:
             progress=Progress(arguments.progress_fd, arguments.answers_fd),
         )
     )
-    if lua:  # a program that is stuck inside a function of Lua's own still has its thread
+    if lua:  # a program that is stuck inside one of Lua's own functions still has its thread
         sys.stdout.flush()
         os._exit(status)
     return status

@@ -14,8 +14,9 @@ Numbered = tuple[int, Target | Step]
 
 
 def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
-    """The steps in groups, with their numbers. Waypoints without a stop between them form one group with the
-    waypoint at which the arm stops."""
+    """Divide the steps into groups, with the steps' numbers. Waypoints without a stop between them form one
+    group, together with the waypoint at which the arm stops.
+    """
     found: list[list[Numbered]] = [[]]
     for number, step in enumerate(steps, start=first):
         found[-1].append((number, step))
@@ -32,11 +33,11 @@ def require_stops(
     Args:
         place: place of the list, such as `steps[2].do`.
         word: name of an entry: step or waypoint.
-        before: the motion to home, if it comes first.
+        before: the motion to home, if there is one before these steps.
 
     Raises:
         ValueError: a waypoint has a radius although the arm stops there, too many waypoints follow each other
-            without a stop, or a waypoint has a condition that it cannot have.
+            without a stop, or a waypoint has a condition that is not allowed for it.
     """
     for index, step in enumerate(steps):
         if isinstance(step, Target) and step.radius > 0.0:
@@ -62,7 +63,9 @@ def require_stops(
 def walk(
     steps: Sequence[Target | Step], place: str, depth: int = 1
 ) -> Iterator[tuple[str, int, Target | Step]]:
-    """All steps, including those in other steps: place, depth (1 for the outermost list) and step."""
+    """All steps, including steps inside other steps. For each step: its place, its depth (1 for the outermost
+    list), and the step.
+    """
     for index, step in enumerate(steps):
         here = f"{place}[{index}]"
         yield here, depth, step

@@ -1,4 +1,4 @@
-"""The steps with force. Each has the body of a POST /robot/force/... request."""
+"""The steps with force. Each contains the body of a POST /robot/force/... request."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def name_of(step: ForceStep) -> str:
 
 
 def body_of(step: ForceStep) -> dict[str, Any]:
-    """The body of its request: the fields that were given."""
+    """The body of the step's request. It contains the fields that were given."""
     body: dict[str, Any] = step.model_dump(exclude_unset=True, by_alias=True)[name_of(step)]
     return body
 
 
 def describe_force(step: ForceStep) -> str:
-    """A motion with force in words: `press (force 10, duration_s 1)`."""
+    """A motion with force as text: `press (force 10, duration_s 1)`."""
     given = ", ".join(f"{name} {shown(value)}" for name, value in body_of(step).items())
     return f"{name_of(step)} ({given})"
 
@@ -32,13 +32,13 @@ def describe_force(step: ForceStep) -> str:
 def run_force(
     client: Client, step: ForceStep, frames: Mapping[str, PalletPlace] | None = None
 ) -> dict[str, Any]:
-    """Execute a motion with force. Returns the answer when the arm rests.
+    """Execute a motion with force. Returns the answer when the arm has stopped.
 
     Args:
-        frames: places of pallets by `frame_id`. The path of `follow` may be relative to one of them.
+        frames: places of pallets by `frame_id`. The path of `follow` may be relative to one of these places.
 
     Raises:
-        CobotError: the service's, see `Client`.
+        CobotError: the error of the service, see `Client`.
     """
     body = body_of(step)
     if "motion" in body:
@@ -48,7 +48,7 @@ def run_force(
 
 
 def describe_end(answer: Mapping[str, Any]) -> str:
-    """The end of a motion with force as a text: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
+    """The end of a motion with force as text: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
     words = [f"{answer['stopped_by']} after {answer['duration_s']:.2f} s"]
     contact, held_n = answer["contact"], answer["force_n"]
     words.append("no contact" if contact is None else f"contact at {contact['distance_m']:.3f} m")

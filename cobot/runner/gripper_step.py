@@ -1,5 +1,6 @@
-"""The step that commands the gripper. It has the command's name and the body of a POST /robot/gripper/...
-request."""
+"""The step that commands the gripper. It contains the name of the command, and the body of a POST
+/robot/gripper/... request.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ GripperCommand = Annotated[
 
 
 def describe_command(command: RequestModel) -> str:
-    """A command in words: `grasp (width 0.04, force 20)`."""
+    """A command as text: `grasp (width 0.04, force 20)`."""
     fields = command.model_dump(exclude_unset=True)
     name = fields.pop("command")
     given = ", ".join(f"{field} {value}" for field, value in fields.items())
@@ -76,7 +77,7 @@ def run_command(client: Client, command: RequestModel) -> None:
     """Send the command to the gripper. Returns when the fingers have finished.
 
     Raises:
-        CobotError: the service's, see `Client`.
+        CobotError: the error of the service, see `Client`.
     """
     fields = command.model_dump(exclude_unset=True)
     getattr(client.gripper, fields.pop("command"))(**fields)

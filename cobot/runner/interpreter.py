@@ -41,7 +41,9 @@ from cobot.runner.where import Where
 
 
 class Jump(Exception):
-    """Raised if the service requests that the sequence continues at another step of its outermost list."""
+    """Raised if the service requests that the sequence continues at a different step of its outermost
+    list.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(f"step {number}")
@@ -93,7 +95,7 @@ class Interpreter:
         """Run a sequence once.
 
         Raises:
-            CobotError: a step has failed. The message begins with the place.
+            CobotError: a step has failed. The message begins with the place of the step.
         """
         total = len(sequence.items)
         where, self._prefix = Where(sequence.word, total), f"iteration {iteration}/{n_iterations}, "
@@ -117,10 +119,10 @@ class Interpreter:
             left = left[1:]
 
     def call(self, name: str, place: dict[str, Any]) -> None:
-        """Run a sequence file of the library once, within a program.
+        """Run a sequence file from the library once, within a program.
 
         Args:
-            place: place of the program, for the progress.
+            place: place in the program, for the progress.
 
         Raises:
             CobotError: the file is not valid, or a step has failed. The message begins with the place.
@@ -159,7 +161,7 @@ class Interpreter:
             raise Jump(number)
 
     def _move(self, first: int, chain: Sequence[Target], here: Where) -> None:
-        """Move to the last target of a chain, through the others without a stop."""
+        """Move to the last target of a chain. The arm passes the other targets without a stop."""
         text = f"{self._prefix}{here}"
         content: dict[str, Any] = {"target": chain[-1].model_dump(by_alias=True, exclude={"comment"})}
         if len(chain) > 1:
@@ -174,7 +176,9 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_motion(self, text: str, here: Where, content: dict[str, Any]) -> Iterator[dict[str, Any]]:
-        """A context for a motion. Its start and end are reported, and its error gets the place."""
+        """A context for a motion. The start and the end of the motion are reported, and the place is added to
+        its error.
+        """
         self._log(f"{text}: start")
         event = {**self._place, "step": str(here), **content}
         self._report({"event": "start", **event})
@@ -188,7 +192,7 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_step(self, step: Step, here: Where, doing: str) -> Iterator[None]:
-        """A context for another step. The step is logged and reported, and its place is added to errors."""
+        """A context for any other step. The step is logged and reported, and its place is added to errors."""
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
         event = {
@@ -204,8 +208,9 @@ class Interpreter:
         self._report({"event": "done", **event})
 
     def _error_at(self, error: CobotError, text: str, here: Where) -> CobotError:
-        """The error of a step, with its place. The details have its number in the file that was started, and
-        the step's own sentence."""
+        """The error of a step, with the place of the step. The details contain its number in the file that
+        was started, and the step's own sentence.
+        """
         placed = error.with_message(f"{text}: {error}")
         number = str(self._place["waypoint"] or "") if here.caller else ".".join(here.numbers)
         placed.details = {**error.details, "step": number, "message": str(error)}
@@ -272,7 +277,7 @@ class Interpreter:
         grid = step.pallet
         origin, offsets = grid.origin.model_dump(), [each.model_dump() for each in grid.offsets]
         outer = here.frames.get(grid.origin.frame_id)
-        if outer is not None:  # the pallet is at a place of another one
+        if outer is not None:  # the pallet is at a place of a different pallet
             origin, offsets = outer.resolve(origin), [outer.turn(each) for each in offsets]
         found = list(places(origin, grid.counts, offsets))
         for place in found:

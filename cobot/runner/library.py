@@ -27,7 +27,7 @@ class Library:
         """Read the sequence in a file below the folder.
 
         Raises:
-            InputError: the name leads elsewhere, or the file is not a valid sequence.
+            InputError: the name leads out of the folder, or the file is not a valid sequence.
         """
         path = self._path(name)
         if path not in self._sequences:
@@ -45,13 +45,13 @@ class Library:
             name: name of the sequence's file.
 
         Raises:
-            InputError: a called file is missing or invalid, or files call each other in a circle or too
+            InputError: a called file is missing or invalid, or files call each other in a cycle or too
                 deeply. The message begins with the file and the step.
         """
         self._depth(sequence, {self._folder.resolve() / name: name})
 
     def _depth(self, sequence: Sequence, callers: Mapping[Path, str]) -> int:
-        """The nesting depth of lists of steps, including those of called files."""
+        """The nesting depth of lists of steps, including the lists in called files."""
         deepest = 1
         for place, depth, step in walk(sequence.items, f"{sequence.word}s"):
             if isinstance(step, CallStep):

@@ -1,4 +1,4 @@
-"""The functions that a Lua program can call: those of the REST API."""
+"""The functions that a Lua program can call. They use the REST API."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ Report = Callable[[dict[str, Any]], None]
 MAX_LINE = 10_000
 MAX_SLEEP_S = 1e9
 POSE = ("x", "y", "z", "c", "b", "a")
-"""The fields for [x, y, z, rx, ry, rz]. Turning about fixed axes, x first, equals KUKA's ABC in reverse
-order."""
+"""The fields for [x, y, z, rx, ry, rz]. Turning about fixed axes, x first, is the same as turning by KUKA's
+ABC angles in reverse order.
+"""
 TO_JOINTS, TO_POSE = JointMotion.model_fields.keys(), TcpMotion.model_fields.keys()
 """The options of motions to joint angles, and of motions along a path of the TCP."""
 
@@ -41,7 +42,7 @@ class Program:
     """One run of one program.
 
     Attributes:
-        watch: the object that ends the program.
+        watch: the object that tells the program to end.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class Program:
                         log: called with the output of the program.
             report: called at the start and the end of each motion and each other step.
             call: runs a sequence file.
-            paused_s: total time for which the program has been paused.
+            paused_s: function that returns the total time for which the program has been paused, s.
         """
         self.watch = ProgramWatch(limits.instructions)
         self._client = client
@@ -90,8 +91,8 @@ class Program:
             self._bridge.close()
 
     def _functions(self) -> dict[str, Function]:
-        """The host functions for `sandbox.lua`, which gives the program each function named program_NAME as
-        NAME.
+        """The host functions for `sandbox.lua`. It provides each function named program_NAME to the program
+        as NAME.
         """
         bridge = self._bridge
         return {
@@ -176,7 +177,7 @@ class Program:
             if not name.isidentifier():
                 raise InputError(f"{shown(name)} is not the name of a class or a method")
         fields = {} if arguments is None else plain(arguments, "the arguments")
-        if fields == []:  # an empty table is both
+        if fields == []:  # an empty table is a list and an object
             fields = {}
         if not isinstance(fields, dict):
             raise InputError("the arguments must be a table with their names: {q = {...}, v = 0.5}")
@@ -184,7 +185,7 @@ class Program:
             self._robot = str(self._run_in_thread(self._client.health)["robot"]["name"])
         try:
             answer = self._run_in_thread(lambda: self._client.call_service(self._robot, *names, fields))
-        except CobotError as exc:  # rejected before the service looked at it, by its role for example
+        except CobotError as exc:  # rejected before the service processed it, for example because of its role
             raise exc.with_message(f"{'/'.join(names)}: {exc}") from exc
         if answer["code"] != 0:
             raise ExecutionError(f"{'/'.join(names)}: {answer['message']} (code {answer['code']})")
@@ -205,8 +206,8 @@ class Program:
         program must end, the thread is abandoned.
 
         Raises:
-            CobotError: the error of the function. Its text has the code, because a program that catches it
-                gets only the text.
+            CobotError: the error of the function. Its text contains the code, because a program that catches
+                the error gets only the text.
         """
         results: list[Result] = []
         problems: list[Exception] = []
@@ -232,13 +233,13 @@ class Program:
 
 
 def _options(speed: Any, scale: Any, valid: Set[str]) -> dict[str, Any]:
-    """The options `speed` and `accel_scale`, if given; or a table with these and other valid options, which
-    the service checks.
+    """The options `speed` and `accel_scale` if they are given, or a table with these and other valid options.
+    The service checks the options.
     """
     given = {"speed": speed, "accel_scale": scale}
     if lua_type(speed) == "table":
         given = plain(speed, "the options")
-        if given == []:  # an empty table is both
+        if given == []:  # an empty table is a list and an object
             given = {}
         if not isinstance(given, dict) or not given.keys() <= valid:
             raise InputError(f"the options are: {', '.join(valid)}")

@@ -1,10 +1,10 @@
-"""Runs a Lua program in a sandbox: plain Lua 5.3 without access to the system, with limits, and ended on
-request.
+"""Runs a Lua program in a sandbox: plain Lua 5.3 without access to the system and with limits. It can be
+ended on request.
 
 The program sees only values, tables and Lua functions, which `sandbox.lua` defines. `sandbox.lua` also
-ensures that a program that catches errors does not catch the request to end. A program inside one long
-function of Lua itself (a hostile string pattern) executes no instructions, so it does not notice a request to
-end. Code that ends a program must not wait for it for ever.
+ensures that a program that catches errors does not catch the request to end. While a program is inside one
+long function of Lua itself (for example for a hostile string pattern), it executes no instructions, so it
+does not notice a request to end. Code that ends a program must therefore not wait for it for ever.
 """
 
 from __future__ import annotations
@@ -23,9 +23,11 @@ from cobot.foreign import plain_error
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
-"""Number of instructions between two checks of the limits: about a millisecond."""
+"""Number of instructions between two checks of the limits. They take about a millisecond."""
 END_S = 0.3
-"""Maximum wait for a program that must end, s. It notices the request within milliseconds, or never."""
+"""Maximum time to wait for a program that must end, s. The program notices the request within milliseconds,
+or never.
+"""
 MAX_ERROR_BYTES = 10_000
 HOST_ERROR = "the runner has failed: {}; this is an error in cobot"
 
@@ -38,8 +40,8 @@ class LuaLimits:
 
     Attributes:
         memory_bytes: maximum size of Lua's heap.
-        instructions: maximum number of instructions between two calls that wait (sleep, motion, topic); 0 for
-            any number.
+        instructions: maximum number of instructions between two calls that wait (sleep, motion, topic); 0
+            means any number.
     """
 
     memory_bytes: int = 64 << 20
@@ -55,7 +57,7 @@ class ProgramWatch:
 
     Attributes:
         reason: the reason why the program must end; "" while it may continue.
-        told: whether it must end because of a request, not because of a limit.
+        told: whether it must end because of a request and not because of a limit.
     """
 
     def __init__(self, instructions: int) -> None:
@@ -76,7 +78,7 @@ class ProgramWatch:
             self._changed.notify_all()
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
-        """Wait until `ready` returns true. Returns whether it did within the time.
+        """Wait until `ready` returns true. Returns whether this happened within the time.
 
         Raises:
             Stopping: the program must end.
@@ -89,7 +91,7 @@ class ProgramWatch:
         return ready()
 
     def sleep(self, seconds: float) -> None:
-        """Wait.
+        """Wait for a time, s.
 
         Raises:
             Stopping: the program must end.
@@ -98,7 +100,7 @@ class ProgramWatch:
         self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
 
     def poll(self, instructions: int) -> tuple[bytes, bool] | None:
-        """Count instructions. Returns None, or the reason why the program must end, and whether the message
+        """Count instructions. Returns None, or the reason why the program must end and whether its message
         needs the line.
         """
         if self.reason:
@@ -114,14 +116,14 @@ class Sandbox:
     """A Lua runtime for one run of one program.
 
     Attributes:
-        failure: the latest `CobotError` that was reported to the program; None for none.
+        failure: the latest `CobotError` that was reported to the program; None if there was none.
     """
 
     def __init__(self, functions: Mapping[str, Function], watch: ProgramWatch, limits: LuaLimits) -> None:
         self.failure: CobotError | None = None
         self._watch = watch
         self._lua = LuaRuntime(
-            encoding=None,  # strings are bytes: messages are binary
+            encoding=None,  # strings are bytes, because messages are binary
             unpack_returned_tuples=True,
             register_eval=False,
             register_builtins=False,
@@ -141,12 +143,12 @@ class Sandbox:
 
         Raises:
             Stopping: the program was told to end.
-            InputError: the text is not valid Lua, or the program failed; the message has the line.
+            InputError: the text is not valid Lua, or the program has failed; the message names the line.
             CobotError: an error that the program did not catch.
         """
         try:
             ended = self._run(source, b"@" + name.encode())
-        except LuaError as exc:  # no memory even for the end
+        except LuaError as exc:  # there is no memory even for the end
             raise InputError(f"{name}: {exc}") from exc
         if ended is True:
             return
@@ -157,12 +159,13 @@ class Sandbox:
         raise InputError(_message(ended[1]))
 
     def table(self, items: Mapping[Any, Any] | list[Any]) -> Any:
-        """A Lua table."""
+        """Convert items to a Lua table."""
         return self._lua.table_from(items)
 
     def _protect(self, function: Function) -> Function:
-        """Wrap a function for the prelude, so that no exception, which is a Python object, reaches the
-        program."""
+        """Wrap a function for `sandbox.lua`, so that no exception reaches the program, because exceptions are
+        Python objects.
+        """
 
         def call(*arguments: Any) -> tuple[Any, ...]:
             try:
@@ -180,14 +183,16 @@ class Sandbox:
 
 
 def _bytes(error: Exception) -> bytes:
-    """The text of an error for the program. A text from the service may have characters that UTF-8 cannot
-    encode."""
+    """The text of an error for the program. A text from the service may contain characters that UTF-8 cannot
+    encode.
+    """
     return str(error).encode("utf-8", "backslashreplace")
 
 
 def _message(text: bytes) -> str:
-    """The text of an error that ends the program. It is cut, because it may be as large as the program's
-    memory."""
+    """The text of an error that ends the program. It is cut off, because it may be as large as the program's
+    memory.
+    """
     shown = text[:MAX_ERROR_BYTES].decode("utf-8", "replace")
     return shown if len(text) <= MAX_ERROR_BYTES else f"{shown}... ({len(text)} bytes)"
 
@@ -200,7 +205,7 @@ def require_lua(source: bytes, name: str) -> None:
     """Check the syntax of a Lua program without running it.
 
     Raises:
-        InputError: the syntax is invalid; the message has the line.
+        InputError: the syntax is invalid; the message names the line.
     """
     try:
         LuaRuntime(encoding=None).compile(source, name=b"@" + name.encode(), mode=b"t")

@@ -1,4 +1,4 @@
-"""The steps of sequences as Lua functions, under the same names: docs/programs.md."""
+"""The steps of sequences as Lua functions with the same names, see docs/programs.md."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from cobot.strict import sentences
 
 
 class WatchedCall(Protocol):
-    """Calls a function that waits for the service; see `Program`."""
+    """Calls a function that waits for the service. See `Program`."""
 
     def __call__(self, work: Callable[[], Any]) -> Any: ...
 
@@ -59,9 +59,9 @@ class LuaSteps:
         unless_ended: calls a function that waits for the service, unless the program must end.
         report: called at the start and the end of each step. It may wait until a step is permitted.
         table: converts JSON to a Lua value.
-        failure: returns the latest error that the program got.
+        failure: returns the latest error that was reported to the program.
         call: runs a sequence file.
-        paused_s: total time for which the program has been paused.
+        paused_s: function that returns the total time for which the program has been paused, s.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class LuaSteps:
         self._report({"event": "done", "content": what})
 
     def _places(self, origin: object = None, counts: object = None, offsets: object = None) -> Any:
-        """The places of a pallet, each as its pose and its number."""
+        """The places of a pallet. Each consists of its pose and its number."""
         given = {"origin": origin, "counts": counts, "offsets": offsets}
         try:
             grid = Grid.model_validate({name: plain(value, name) for name, value in given.items()})
@@ -179,7 +179,7 @@ class LuaSteps:
         return self._table([{**place.at(), "number": place.number} for place in found])
 
     def _place_at(self, pose: object = None, relative: object = None) -> Any:
-        """A target at a pose relative to a place."""
+        """A target whose pose is relative to a place."""
         fields = _fields(relative, "the pose", "at takes a table such as {z = -0.1}")
         for name in (*POSITION, *ANGLES):
             number(fields.get(name, 0.0), name)
@@ -201,10 +201,10 @@ def _fields(value: object, what: str, otherwise: str) -> dict[str, Any]:
     """Check that a value is a table with names.
 
     Raises:
-        InputError: the value is something else; the message is `otherwise`.
+        InputError: the value is not such a table; the message is `otherwise`.
     """
     fields = {} if value is None else plain(value, what)
-    if fields == []:  # an empty table is both
+    if fields == []:  # an empty table is a list and an object
         return {}
     if not isinstance(fields, dict):
         raise InputError(otherwise)

@@ -1,4 +1,6 @@
-"""Converts values between Lua and Python: atoms, strings as UTF-8, tables as lists and dictionaries."""
+"""Converts values between Lua and Python: single values, strings as UTF-8, and tables as lists and
+dictionaries.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ def text(value: object, name: str) -> str:
     """Convert a Lua string to text.
 
     Raises:
-        InputError: the value is something else, or not UTF-8.
+        InputError: the value is not a string, or not UTF-8.
     """
     if not isinstance(value, bytes):
         raise InputError(f"{name} must be a string, got {kind(value)}")
@@ -33,7 +35,7 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
     """Check that a value is a finite Lua number within [low, high].
 
     Raises:
-        InputError: something else.
+        InputError: the value is not such a number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{name} must be a number, got {kind(value)}")
@@ -46,7 +48,7 @@ def numbers(value: object, name: str, count: int | None = None) -> list[float]:
     """Convert a Lua table to a list of finite numbers.
 
     Raises:
-        InputError: the value is something else, or has another number of items.
+        InputError: the value is not a table of numbers, or has the wrong number of items.
     """
     items = plain(value, name)
     if not isinstance(items, list) or (count is not None and len(items) != count):
@@ -56,8 +58,8 @@ def numbers(value: object, name: str, count: int | None = None) -> list[float]:
 
 
 def plain(value: Any, name: str) -> Any:
-    """Convert a Lua value to JSON. A table with keys 1 to n becomes a list, one with texts as keys a
-    dictionary.
+    """Convert a Lua value to JSON. A table with the keys 1 to n becomes a list, and a table with texts as
+    keys becomes a dictionary.
 
     Raises:
         InputError: the value is a function, a table with other keys, or a table that contains itself.

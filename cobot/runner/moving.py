@@ -1,4 +1,4 @@
-"""Sends targets as requests: a single one, or several without a stop between them."""
+"""Sends targets as requests: a single target, or several targets without a stop between them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, Target
 def go(
     client: Client, chain: Sequence[Target], frames: Mapping[str, PalletPlace] | None = None
 ) -> dict[str, Any]:
-    """Move to the last target of a chain, through the others without a stop. Returns on arrival.
+    """Move to the last target of a chain. The arm passes the other targets without a stop. Returns when the
+    last target is reached.
 
     Args:
-        frames: places of pallets by `frame_id`. Targets may be relative to them.
+        frames: places of pallets by `frame_id`. Targets may be relative to these places.
 
     Raises:
-        CobotError: the service's, see `Client`.
+        CobotError: the error of the service, see `Client`.
     """
     bodies = [resolve(target.body(), frames or {}) for target in chain]
     if len(chain) > 1:
@@ -38,6 +39,8 @@ def go(
 
 
 def resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
-    """The body of a motion. If its `frame_id` is a place, its poses are converted from that place's frame."""
+    """The body of a motion request. If its `frame_id` is a place of a pallet, its poses are converted from
+    the frame of that place.
+    """
     place = frames.get(body.get("frame_id", ""))
     return body if place is None else place.resolve(body)

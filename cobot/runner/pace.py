@@ -1,4 +1,4 @@
-"""The maximum rate of steps: a loop without a motion must not keep the service busy."""
+"""Limits the rate of steps, because a loop without a motion must not keep the service busy."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from cobot.clock import SYSTEM, Clock
 
 MAX_STEPS_PER_S = 20.0
 BURST = 20
-"""Number of steps that may follow each other without delay, after a pause of the same number of intervals."""
+"""Number of steps that may follow each other without a delay. They are available after a pause of the same
+number of intervals.
+"""
 
 
 class StepPace:
-    """Delays steps that follow each other too fast."""
+    """Delays steps that would follow each other too fast."""
 
     def __init__(self, clock: Clock = SYSTEM, sleep: Callable[[float], object] | None = None) -> None:
         self._clock = clock

@@ -1,4 +1,6 @@
-"""The runner's progress reports to the service before each step, and the service's answers."""
+"""The reports about the progress that the runner sends to the service before each step, and the service's
+answers.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,15 @@ Report = dict[str, Any]
 
 
 class Progress:
-    """The pipes to the service that started the runner. A runner started by hand has none and never waits.
+    """The pipes to the service that has started the runner. A runner that was started by hand has no pipes
+    and never waits.
 
     Args:
         told: descriptor to which each step is reported as a line of JSON.
         answers: descriptor from which answers are read; None if the runner must not wait for answers.
 
     Attributes:
-        behind: step of the outermost list that was done last, 0 for none.
+        behind: number of the latest step of the outermost list that was completed; 0 if there is none.
     """
 
     def __init__(self, told: int | None, answers: int | None) -> None:
@@ -34,7 +37,7 @@ class Progress:
 
         Args:
             place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`; `step` and `share` of a sequence.
-            within: whether the report comes from `ask_paused_s`, which is called during a step.
+            within: whether the report is made by `ask_paused_s`, which is called during a step.
         """
         self._place = place
         self._write({**place, "behind": self.behind, "asking": asking, "within": within})
@@ -44,7 +47,7 @@ class Progress:
             return
         try:
             os.write(self._told, json.dumps(line).encode() + b"\n")
-        except BrokenPipeError:  # the service has ended, and the next request will report that
+        except BrokenPipeError:  # the service has ended, which the next request will report
             print("the service no longer reads the progress", file=sys.stderr)
 
     def fail(self, error: CobotError) -> None:
@@ -53,15 +56,17 @@ class Progress:
         self._write({"failed": failed, "checks": (error.explain or {}).get("checks", [])})
 
     def ask(self, place: Report) -> int | None:
-        """Report a step and wait until it is permitted. Returns the step with which to continue instead, if
-        any."""
+        """Report a step, and wait until the service permits it. If the program must continue at a different
+        step, returns that step.
+        """
         self.tell(place, asking=self._answers is not None)
         waypoint: int | None = self._answer().get("waypoint")
         return waypoint
 
     def ask_paused_s(self) -> float:
-        """The total time for which the program has been paused, in seconds. If it is paused now, waits until
-        it continues."""
+        """The total time for which the program has been paused, in seconds. If it is paused now, this waits
+        until it continues.
+        """
         self.tell(self._place, asking=self._answers is not None, within=True)
         return float(self._answer().get("paused_s", 0.0))
 

@@ -22,14 +22,15 @@ MOTION_EVENTS = "/motion_events"
 TOPICS = {JOINT_STATES: "sensor_msgs/msg/JointState", MOTION_EVENTS: "std_msgs/msg/String"}
 PERIOD_S = 0.02
 POLL_TIMEOUT_S = 0.5
-"""Timeout of a request, in seconds. It is short because the bag must be closed soon after SIGTERM, before the
-sender kills the process."""
+"""Timeout for a request, in seconds. It is short because after SIGTERM the bag must be closed before the
+process is killed.
+"""
 BAG_VERSION = 8
-"""Version of the bag's metadata. Of the two versions that rosbags writes, more tools read this older one."""
+"""Version of the bag's metadata. rosbags can write two versions; more tools can read this older one."""
 
 
 def parse_topics(text: str) -> list[str]:
-    """The topics of a comma-separated list. An empty list means all topics.
+    """The topics in a comma-separated list. An empty list means all topics.
 
     Raises:
         InputError: a topic does not exist. The error lists the valid ones.
@@ -44,9 +45,9 @@ def parse_topics(text: str) -> list[str]:
 class Recorder:
     """Writes a bag from `start` to `close`.
 
-    A thread of its own opens, writes and closes the bag, so that an exception raised by a signal in the main
-    thread cannot interrupt a record. The storage is MCAP, because rosbags' sqlite storage treats the path as
-    a URI, in which "%2e%2e" means "..".
+    A separate thread opens, writes and closes the bag, so that an exception that a signal raises in the main
+    thread cannot interrupt the writing of a record. The storage is MCAP, because rosbags' sqlite storage
+    treats the path as a URI, in which "%2e%2e" means "..".
 
     Attributes:
         topics: topics that are recorded.
@@ -68,7 +69,7 @@ class Recorder:
         """Create the bag and record until `close`.
 
         Raises:
-            InputError: the bag exists already or cannot be created.
+            InputError: the bag already exists or cannot be created.
         """
         self._thread.start()
         self._opened.result()
@@ -78,7 +79,7 @@ class Recorder:
         self._events.put((time.time_ns(), json.dumps(content)))
 
     def close(self) -> None:
-        """Finish the bag, so that it can be read."""
+        """Finish the bag, so that it is readable."""
         self._end.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -118,7 +119,7 @@ class Recorder:
             write(JOINT_STATES, now_ns, self._joint_state(state, now_ns))
 
         if JOINT_STATES in connections:
-            record_state()  # the state before the first motion: `start` returns after this
+            record_state()  # the state before the first motion, because `start` returns after this
         self._opened.set_result(None)
         due_s = time.monotonic()
         ended = False

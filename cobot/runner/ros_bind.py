@@ -1,4 +1,4 @@
-"""ROS topics for Lua programs through the service's rosbridge: the vendor manual's `ros_bind`.
+"""ROS topics for Lua programs, through the service's rosbridge. The vendor's manual calls this `ros_bind`.
 
 Source of the protocol: https://github.com/RobotWebTools/rosbridge_suite/blob/ros2/ROSBRIDGE_PROTOCOL.md
 """
@@ -33,7 +33,7 @@ BIGGEST_MESSAGE = 64 << 20
 STRING = "std_msgs/msg/String"
 _NUMBERS = ["Float32", "Float64", *(f"{sign}nt{bits}" for sign in ("I", "UI") for bits in (8, 16, 32, 64))]
 ATOMS = {f"std_msgs/msg/{name}" for name in ("Bool", "Byte", "Char", "String", *_NUMBERS)}
-"""Types of messages with one value, which a program sees as that value."""
+"""Types of messages that contain one value. A program sees such a message as that value."""
 
 
 @dataclass(slots=True)
@@ -41,7 +41,7 @@ class _Endpoint:
     """A topic that the program has opened.
 
     Attributes:
-        received: None for a publisher.
+        received: messages that have arrived; None for a publisher.
     """
 
     topic: str
@@ -52,7 +52,7 @@ class _Endpoint:
 
 @dataclass(slots=True)
 class _Answers:
-    """The service's answers, by the id of the request."""
+    """The service's answers, by the ids of the requests."""
 
     responses: dict[str, Any] = field(default_factory=dict)
     complaints: dict[str, str] = field(default_factory=dict)
@@ -61,10 +61,8 @@ class _Answers:
 class RosBridge:
     """A rosbridge client that connects when it is first needed.
 
-    Raises (every method):
-        Stopping: the program must end.
-        InputError: an argument is invalid, with the reason.
-        UnavailableError: there is no connection, or it was closed.
+    Raises (every method): Stopping: the program must end. InputError: an argument is invalid; gives the
+        reason. UnavailableError: there is no connection, or it was closed.
     """
 
     def __init__(self, url: str, watch: ProgramWatch) -> None:
@@ -89,20 +87,22 @@ class RosBridge:
             self._open_connection.close()
 
     def advertise(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
-        """Open a topic for writing and return its handle."""
+        """Open a topic for writing, and return its handle."""
         endpoint = self._new_endpoint(topic, type_)
-        self._depth(keep_last)  # only checked: one ordered connection keeps all messages
+        self._depth(keep_last)  # only checked, because a single ordered connection keeps all messages
         return self._open(endpoint, {"op": "advertise"})
 
     def subscribe(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
-        """Open a topic for reading and return its handle; the newest `keep_last` unread messages are kept."""
+        """Open a topic for reading, and return its handle. The newest `keep_last` unread messages are
+        kept.
+        """
         endpoint = self._new_endpoint(topic, type_)
         depth = self._depth(keep_last)
         endpoint.received = deque(maxlen=depth)
         return self._open(endpoint, {"op": "subscribe", "queue_length": depth})
 
     def publish(self, handle: int, value: object = None) -> bool:
-        """Publish a value, or a message as the bytes of its CDR; returns True."""
+        """Publish a value, or a message that is given as its CDR bytes. Returns True."""
         endpoint = self._endpoint(handle)
         self._send({"op": "publish", "topic": endpoint.topic, "msg": self._message(endpoint.type, value)})
         return True
@@ -111,11 +111,11 @@ class RosBridge:
         """The oldest unread message as (True, value), or (False, None) after the timeout.
 
         Args:
-            timeout_ms: None waits forever.
+            timeout_ms: timeout in ms; with None, the call waits for ever.
         """
         endpoint = self._endpoint(handle)
         received = endpoint.received
-        assert received is not None  # sandbox.lua gives `take` to subscribers only
+        assert received is not None  # sandbox.lua calls `take` only for subscribers
         timeout_s = None if timeout_ms is None else number(timeout_ms, "the timeout in ms", 0.0, 1e9) / 1000.0
         self._watch.wait(lambda: bool(received) or bool(self._problem), timeout_s)
         if received:
@@ -124,7 +124,7 @@ class RosBridge:
         return False, None
 
     def finish(self, handle: int) -> None:
-        """Close a topic; may be called again."""
+        """Close a topic. This may be called again."""
         endpoint = self._endpoints[handle]
         if not endpoint.closed:
             endpoint.closed = True
@@ -148,7 +148,9 @@ class RosBridge:
         return endpoint
 
     def _open(self, endpoint: _Endpoint, request: dict[str, Any]) -> int:
-        """Send a request and wait until it is done: the answer to a later request confirms that."""
+        """Send a request, and wait until it has been processed. The answer to a later request confirms
+        this.
+        """
         handle = len(self._endpoints) + 1
         self._endpoints[handle] = endpoint
         name = f"lua:{handle}"
@@ -237,7 +239,7 @@ class RosBridge:
                 raise InputError(f"a {type_} must be a string with its CDR, got {kind(value)}")
             return self._messages.from_cdr(type_, value)
         data = text(value, f"a {type_}") if type_ == STRING else plain(value, f"a {type_}")
-        if isinstance(data, list | dict):  # an empty list would be a missing field, and so a 0
+        if isinstance(data, list | dict):  # an empty list would count as a missing field, and so as 0
             raise InputError(f"a {type_} must be one value, got {kind(value)}")
         return self._messages.checked(type_, {"data": data})
 

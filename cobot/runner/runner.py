@@ -22,7 +22,7 @@ from cobot.runner.lua_sandbox import LuaLimits, run_apart
 from cobot.runner.progress import Progress
 from cobot.runner.schema import Sequence, read_file, read_sequence
 
-if TYPE_CHECKING:  # imported only by runs that record: it takes longer than all other imports
+if TYPE_CHECKING:  # imported only by runs that record, because this import takes longer than all others
     from cobot.runner.recorder import Recorder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
@@ -30,7 +30,9 @@ Event = dict[str, Any]
 
 
 class ReturnCode(IntEnum):
-    """Exit status of a run. As in a shell, a run that a signal ends has 128 plus the signal's number."""
+    """Exit status of a run. As in a shell, the exit status of a run that a signal ends is 128 plus the
+    signal's number.
+    """
 
     DONE = 0
     BAD_INPUT = 2
@@ -39,7 +41,9 @@ class ReturnCode(IntEnum):
 
 
 class Ended(BaseException):
-    """A signal ended the runner. Not an Exception, so that no handler of ordinary errors catches it."""
+    """A signal has ended the runner. This is not an Exception, so that code that handles ordinary errors does
+    not catch it.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -54,10 +58,10 @@ class RunSettings:
         name: name of the file, for messages.
         folder: folder of the sequences that are called.
         lua: limits of a Lua program; None for a sequence file.
-        motion_token: the service's token, by which it recognises the sequence's requests; None for a manual
-            start.
+        motion_token: token from the service, by which the service recognises the requests of the sequence;
+            None for a manual start.
         from_service: whether the service started the run.
-        progress: consulted before each step.
+        progress: the object to which each step is reported before it begins.
     """
 
     file: Path
@@ -106,7 +110,7 @@ def run(order: RunSettings) -> int:
         log(f"error: {exc}" if order.lua or order.name == "-" else f"error: {order.name}: {exc}")
         return _return_code(exc)
     finally:
-        _ignore_signals()  # so that the bag is closed
+        _ignore_signals()  # the bag must be closed
         if recorder is not None:
             recorder.close()
             if recorder.problem:
@@ -122,7 +126,7 @@ def _return_code(error: CobotError) -> ReturnCode:
 
 
 def _recorder(order: RunSettings) -> Recorder | None:
-    """The recorder of the bag; None if nothing is recorded.
+    """The recorder that writes the bag; None if nothing is recorded.
 
     Raises:
         InputError: a topic does not exist.
@@ -136,14 +140,15 @@ def _recorder(order: RunSettings) -> Recorder | None:
 
 
 def log(text: str) -> None:
-    """Print a line with its time, unbuffered. Further lines are indented, so that none looks like a log
-    line."""
+    """Print a line with its time, without buffering. Further lines of the text are indented, so that none
+    looks like a log line.
+    """
     lines = plain_lines(text, "    | ")
     print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {lines}", flush=True)
 
 
 def say(text: str) -> None:
-    """Print a line of a program, marked as such, so that it does not look like the runner's own."""
+    """Print a line of a program. It is marked, so that it does not look like a line from the runner."""
     log(f"program: {text}")
 
 

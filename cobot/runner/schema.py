@@ -20,7 +20,9 @@ from cobot.strict import sentences, without_repetition
 
 SCHEMA_FILE = shipped.FOLDER / "sequences" / "sequence.schema.json"
 MAX_JSON_DEPTH = 2 * MAX_DEPTH + 20
-"""Maximum depth of a document: each list of steps adds two levels, and a waypoint has some of its own."""
+"""Maximum depth of a document. Each list of steps adds two levels, and a waypoint has some additional
+levels.
+"""
 Waypoints = Annotated[list[AnyTarget], Field(min_length=1, max_length=MAX_STEPS)]
 
 
@@ -74,7 +76,7 @@ class Sequence(RequestModel):
         return groups([self.home, *self.items], first=0)
 
     def groups_from(self, number: int) -> list[list[Numbered]]:
-        """The groups of an iteration that begins with this step, which may be in the middle of a group.
+        """The groups of an iteration that begins with this step. The step may be in the middle of a group.
 
         Raises:
             InputError: there is no such step.
@@ -102,7 +104,7 @@ def read_sequence(path: Path) -> Sequence:
     """Read and validate a sequence file; "-" is standard input.
 
     Raises:
-        InputError: names each place, its value and what is valid.
+        InputError: the file is not valid; names each place, its value and the valid values.
     """
     raw = read_file(path)
     try:
@@ -140,7 +142,7 @@ def sequence_of(content: Any) -> Sequence:
     """Validate a sequence from a file or a program.
 
     Raises:
-        InputError: names each place, its value and what is valid.
+        InputError: the content is not valid; names each place, its value and the valid values.
     """
     _require_flat(content)
     try:

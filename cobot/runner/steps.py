@@ -37,7 +37,7 @@ MAX_DEPTH = 20
 """Maximum nesting depth of lists of steps. A called sequence counts as one level."""
 MAX_ROUNDS = 1_000_000_000
 FIXED_FRAMES = ("", "base", "world", TOOL_FRAME)
-"""Names that a pallet cannot give to its places."""
+"""Names of frames that a pallet cannot use for its places."""
 
 Seconds = Annotated[Finite, Field(ge=0.0, le=MAX_TIME_S)]
 
@@ -261,7 +261,7 @@ A_STEP = f"must be a step with one of {', '.join(TAGS)}, or a waypoint with join
 
 
 def _kind(value: Any) -> str | None:
-    """The tag of a step; None for an object that is neither a step nor a waypoint."""
+    """The tag of the kind of a step; None for an object that is neither a step nor a waypoint."""
     if isinstance(value, BaseModel):
         return next((TAGS[key] for key, kind in _KINDS.items() if isinstance(value, kind)), kind_of(value))
     if not isinstance(value, dict):

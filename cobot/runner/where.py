@@ -1,4 +1,4 @@
-"""The place of a sequence, for the log, the status and errors."""
+"""The place in a sequence that is being executed, for the log, the status and errors."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Where:
     Attributes:
         word: name of an entry of the outermost list: step or waypoint.
         total: number of steps of the outermost list of the file.
-        numbers: numbers of the nested steps, such as `3`, `2` for the second step in the third one.
-        notes: rounds and places, from the outermost one on.
-        caller: place of the call of the file, with a comma; empty for the file that was started.
+        numbers: numbers of the nested steps, such as `3`, `2` for the second step inside the third step.
+        notes: rounds and pallet places, from the outermost one on.
+        caller: place from which the file is called, with a comma; empty for the file that was started.
         frames: places of pallets, by the names that the steps give them.
         begin: share of an iteration before this place, 0 to 1.
         width: share of an iteration for this place.
@@ -33,9 +33,10 @@ class Where:
     width: float = 1.0
 
     def at(self, number: int, of: int) -> Where:
-        """The place of a step of this list.
+        """The place of a step in this list.
 
         Args:
+            number: number of the step.
             of: number of steps in the list.
         """
         width = self.width / of
@@ -47,7 +48,7 @@ class Where:
         return replace(self, numbers=(*self.numbers, name))
 
     def in_round(self, name: str, number: int, of: int | None) -> Where:
-        """The place of one round of this step. Without `of` the number of rounds is unknown."""
+        """The place of one round of this step. If `of` is not given, the number of rounds is unknown."""
         note = f"{name} {number}" if of is None else f"{name} {number} of {of}"
         width = 0.0 if of is None else self.width / of
         begin = self.begin + (number - 1) * width

@@ -1,4 +1,6 @@
-"""Reads the fields of a servo message from JSON. For a rejected field there is a reason and a sentence."""
+"""Reads the fields of a servo message from JSON. If a field is rejected, the error gives a reason and a
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -17,22 +19,22 @@ class Refusal(StrEnum):
     MALFORMED = "malformed"  # not a JSON object, or too long
     TYPE = "type"  # an unknown `type`
     COMMAND = "command"  # an unknown `command`
-    MODE = "mode"  # a mode that does not exist
+    MODE = "mode"  # the mode does not exist
     VALUE = "value"  # a field of the wrong kind, not finite, or out of its range
-    NOT_ACTIVE = "not_active"  # a point without a session
+    NOT_ACTIVE = "not_active"  # a point was sent without a session
     NO_POINT_ID = "no_point_id"
-    POINT_ID = "point_id"  # not greater than that of the last accepted point
-    SESSION_ID = "session_id"  # not the one that the session is locked to
+    POINT_ID = "point_id"  # not greater than the id of the last accepted point
+    SESSION_ID = "session_id"  # not the id to which the session is locked
     POINT_TYPE = "point_type"
     DIMENSION = "dimension"  # wrong number of values in the position
-    LIMIT = "limit"  # a joint beyond its position limits
+    LIMIT = "limit"  # a joint is beyond its position limits
     INVERSE_KINEMATICS = "inverse_kinematics"  # no solution that continues the motion
     OVERRUN = "overrun"  # the buffer is full
     REJECTED = "rejected"  # the session could not start: another client moves the arm, e-stop, ...
 
 
 class BrokenRule(Exception):
-    """The error for a rejected message, with the reason and a sentence."""
+    """The error for a rejected message. It contains the reason and a sentence."""
 
     def __init__(self, kind: Refusal, sentence: str) -> None:
         super().__init__(sentence)
@@ -73,7 +75,7 @@ def number(fields: dict[str, Any], name: str, default: float) -> float:
 
 
 def as_number(value: object, name: str) -> float:
-    """A value as a finite number. true is not a number."""
+    """Check that a value is a finite number. true does not count as a number."""
     if type(value) is float and isfinite(value):
         return value
     if type(value) is int and abs(value) <= MAX_INTEGER:
@@ -82,14 +84,14 @@ def as_number(value: object, name: str) -> float:
 
 
 def within(value: float, longest: float, name: str) -> float:
-    """A duration in seconds, which is rejected if it exceeds the limit."""
+    """Check a duration in seconds. It is rejected if it exceeds the limit."""
     if value > longest:
         raise BrokenRule(Refusal.VALUE, f"{name} must be at most {longest:g} s, got {value:g}")
     return value
 
 
 def shown(value: object) -> str:
-    """A short text of a value for people, whatever its size."""
+    """A short text for a value of any size, for people."""
     if isinstance(value, list | dict):
         return f"{'a list' if isinstance(value, list) else 'an object'} of {len(value)}"
     if isinstance(value, int) and abs(value) > MAX_INTEGER:

@@ -1,8 +1,8 @@
-"""The servo protocol: messages of clients to /{robot}/joint_cmd, and the rules for their points.
+"""The servo protocol: messages that clients send to /{robot}/joint_cmd, and the rules for the points in them.
 
-The rules are those of chapter 7 of the vendor manual. A message that violates one changes nothing. Rejections
-are counted by reason, and the newest one's sentence is kept. No message raises an error to the client, and
-nothing in this module moves an arm.
+Chapter 7 of the vendor's manual defines the rules. A message that violates a rule changes nothing. Rejections
+are counted by reason, and the sentence of the newest rejection is kept. No message raises an error to the
+client, and nothing in this module moves an arm.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ MAX_PERIOD_S = 1.0
 MAX_TIME_S = 10.0
 LOOKAHEAD_S = (0.03, 0.2)
 GAIN = (100.0, 2000.0)
-"""Ranges of the lookahead time, s, and of the gain of UR's servoj."""
+"""Ranges for the lookahead time, s, and for the gain, as in UR's servoj."""
 DEFAULT_LOOKAHEAD_S, DEFAULT_GAIN = 0.1, 300.0
-"""Defaults if only one of the two is given, as for UR's servoj."""
+"""Defaults that are used if only one of the two is given, as in UR's servoj."""
 POSITION_TOLERANCE_RAD = 1e-6
 POINT_TYPES = {"joint": False, "cartesian": True, 0: False, 1: True}
 
@@ -49,10 +49,11 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class FjtControl:
-    """How FollowJointTrajectory goals are executed; None for fields that the message lacks.
+    """Settings for the execution of FollowJointTrajectory goals. Fields that are missing in the message are
+    None.
 
     Attributes:
-        time_s, send_period_s: 0 for the default.
+        time_s, send_period_s: times in s; 0 means the default.
     """
 
     enable: bool | None = None
@@ -67,7 +68,7 @@ class Point:
 
     Attributes:
         cartesian: whether the position is x, y, z, rx, ry, rz (m, rad, fixed axes) instead of joints (rad).
-        lookahead_s, gain: parameters of the servo law; both are 0 without one.
+        lookahead_s, gain: parameters of the servo law; both are 0 if none is used.
     """
 
     session_id: int | None
@@ -83,13 +84,13 @@ Message = SetMode | Stop | FjtControl | Point
 
 
 class ServoRules:
-    """The protocol's state for one robot.
+    """The state of the protocol for one robot.
 
     Attributes:
         active: whether points are accepted.
         mode, send_period_s, watchdog_s: settings of the current or last session.
-        owner: the only sender whose points are accepted; "" for any.
-        session_id: the id that the session is locked to; None until a point gives one.
+        owner: the only sender whose points are accepted; "" if any sender is accepted.
+        session_id: the id to which the session is locked; None until a point contains one.
         point_id: id of the last accepted point.
         received, accepted: number of points since the session began.
         refused: number of rejected messages since the session began, by reason.
@@ -153,7 +154,7 @@ class ServoRules:
             return None
 
     def accept(self, point: Point) -> None:
-        """Register a point that was passed on: the next one must have a higher id and the same session."""
+        """Register a point that was passed on. The next point must have a higher id and the same session."""
         self.accepted += 1
         if self.session_id is None:
             self.session_id = point.session_id
@@ -161,7 +162,8 @@ class ServoRules:
             self.point_id = point.point_id
 
     def request(self, mode: int, watchdog_s: float, send_period_s: float) -> SetMode:
-        """A checked session request. A watchdog of 0 means the default, a period of 0 the control period.
+        """Make a checked session request. A watchdog of 0 means the default, and a period of 0 means the
+        control period.
 
         Raises:
             BrokenRule: the mode does not exist, or a value is out of range.
@@ -188,10 +190,10 @@ class ServoRules:
         gain: float,
         owner: str = "",
     ) -> Point:
-        """A checked point from numbers, without session and id. 0 means the default for each parameter.
+        """Make a checked point from numbers, without session and id. For each parameter, 0 means the default.
 
         Args:
-            owner: the sender, if the session accepts only its points.
+            owner: the sender, if the session accepts only points from this sender.
 
         Raises:
             BrokenRule: there is no session, or a value is invalid.

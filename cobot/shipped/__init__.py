@@ -1,7 +1,7 @@
-"""Files that users read, and that ship with cobot: the settings and robots of `config/`, and `sequences/`.
+"""Files that users read and that are part of cobot: the settings and robots in `config/`, and `sequences/`.
 
-In a clone they are folders at its top, and this folder has links to them. An installed cobot has the files
-here.
+In a clone, these are folders at its top, and this folder contains links to them. In an installed cobot, this
+folder contains the files.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`cobot teleop`."""
+"""The command `cobot teleop`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAD_HELP = (
 
 
 class _Answering:
-    """A connection with a timeout."""
+    """A connection that limits the time of each answer."""
 
     def __init__(self, url: str, chosen: argparse.Namespace) -> None:
         self._url = url

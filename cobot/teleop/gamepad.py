@@ -1,9 +1,9 @@
 """A gamepad, through the joystick interface of Linux: /dev/input/js0, events of eight bytes.
 
-Nothing moves unless a dead-man button is held: the left shoulder button for half speed, the right one for
-full. The left stick moves the TCP in the plane. The right stick moves it up and down and turns it about
-the vertical. The cross turns it about the two other axes. The numbers are those of the kernel's driver for
-Xbox pads, which other drivers follow.
+The arm moves only while a dead-man button is held: the left shoulder button for half speed, the right one for
+full speed. The left stick moves the TCP horizontally. The right stick moves it up and down and turns it about
+the vertical axis. The cross turns it about the two other axes. The numbers of buttons and sticks are those of
+the kernel's driver for Xbox pads, which other drivers also use.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from cobot.errors import InputError, UnavailableError
 from cobot.teleop.hand import JogVelocity
 
 EVENT = struct.Struct("<IhBB")
-"""An event: time in ms, value, kind, number."""
+"""An event: time in ms, value, kind and number."""
 GET_VERSION = 0x80046A01
-"""The request JSIOCGVERSION of linux/joystick.h, which only joysticks answer."""
+"""The request JSIOCGVERSION in linux/joystick.h. Only joysticks answer it."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767
 DEAD_ZONE = 0.15
 """Largest reading of an untouched stick, as a fraction of its range."""
 SLOW, FAST, TOOL, END = 4, 5, 0, 7
-"""Buttons: left and right shoulder, A, start."""
+"""Numbers of the buttons: left shoulder, right shoulder, A, start."""
 SLOW_SHARE = 0.5
 LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, CROSS_X, CROSS_Y = 0, 1, 3, 4, 6, 7
 FOLDER = Path("/dev/input")
@@ -81,7 +81,7 @@ class Gamepad:
         return beyond if value > 0.0 else -beyond
 
     def _read(self) -> None:
-        """Read the available events. An incomplete event waits for its rest."""
+        """Read the available events. An incomplete event is kept until its remaining bytes arrive."""
         while True:
             try:
                 content = os.read(self._file, 64 * EVENT.size)
@@ -105,14 +105,16 @@ class Gamepad:
         elif kind & ~INITIAL == BUTTON:
             self._buttons[number] = (
                 bool(value) and not kind & INITIAL
-            )  # a button held before the start does not count
+            )  # a button that was held before the start does not count
             if value and not kind & INITIAL:
                 self._tool ^= number == TOOL
                 self._ended |= number == END
 
 
 def _has_events(descriptor: int) -> bool:
-    """Whether the file gives joystick events: a joystick of the kernel, or a pipe from another program."""
+    """Whether the file provides joystick events. It may be a joystick of the kernel, or a pipe from a
+    different program.
+    """
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
         return True
     try:

@@ -8,7 +8,9 @@ from typing import Protocol
 from cobot.errors import InputError
 
 MAX_LINEAR, MAX_ANGULAR, MAX_JOINT = 0.25, 0.5, 0.5
-"""Velocities at full deflection, m/s, rad/s, rad/s. The service reduces them to the permitted ones."""
+"""Velocities at full deflection, m/s, rad/s and rad/s. The service reduces them to the permitted
+velocities.
+"""
 JOINTS = 16
 
 
@@ -18,7 +20,7 @@ class JogVelocity:
 
     Attributes:
         twist: velocity of the TCP along x, y, z and about x, y, z, as shares of the maximum, −1 to 1.
-        joint: number of the joint to move instead, from 0 on; None: the TCP moves.
+        joint: number of the joint that moves instead of the TCP, from 0 on; None if the TCP moves.
         share: velocity of the joint as a share of its maximum, −1 to 1.
         frame: frame of the twist, base or tool.
     """
@@ -32,7 +34,7 @@ class JogVelocity:
         """The velocity as a `jog` frame (docs/stream-protocol.md).
 
         Raises:
-            InputError: there is no such joint.
+            InputError: the joint does not exist.
         """
         if self.joint is not None:
             if self.joint >= dof:
@@ -49,10 +51,10 @@ class HandDevice(Protocol):
     """Interface of an input device."""
 
     def read_velocity(self, now_s: float) -> JogVelocity | None:
-        """The requested velocity; None if nothing is held. Never waits.
+        """The requested velocity; None if nothing is held. The call never waits.
 
         Raises:
-            UnavailableError: the device is gone, so nothing is held any more.
+            UnavailableError: the device is gone, so nothing is held.
         """
         ...
 

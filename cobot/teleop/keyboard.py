@@ -1,5 +1,6 @@
-"""The keyboard of a terminal. A key counts as held while it repeats, because a terminal does not report its
-release."""
+"""The keyboard of a terminal. A key counts as held while it repeats, because a terminal does not report when
+a key is released.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ TWISTS = {
 }
 WAYS = {"+": 1.0, "=": 1.0, "-": -1.0}
 END = "\x1bq\x03\x04"
-"""Escape, q, Ctrl-C, Ctrl-D."""
+"""The keys Escape, q, Ctrl-C and Ctrl-D."""
 HELP = """\
 w s  forward, back    a d  left, right    r f  up, down
 u o  about x          i k  about y        j l  about z
@@ -89,4 +90,4 @@ class Keyboard:
             velocity = JogVelocity(TWISTS[key], frame=self._frame)
         elif key in WAYS and self._joint is not None:
             velocity = replace(JogVelocity(), joint=self._joint, share=WAYS[key])
-        self._velocity, self._until_s = velocity, now_s + HELD_S  # any other key lets go
+        self._velocity, self._until_s = velocity, now_s + HELD_S  # any other key ends the motion

@@ -1,8 +1,8 @@
-"""The loop between a device and the arm. While something is held, it sends a `jog` frame twenty times per
-second.
+"""The loop between an input device and the arm. While a key or a button is held, it sends a `jog` frame
+twenty times per second.
 
-After each frame the service moves the arm for at most 0.2 s. So the arm stops if everything is released, the
-device is unplugged, the program ends or hangs, or the network is lost.
+After each frame the service moves the arm for at most 0.2 s. So the arm stops if everything is released, if
+the device is unplugged, if the program ends or hangs, or if the network is lost.
 """
 
 from __future__ import annotations
@@ -31,10 +31,9 @@ class FrameSocket(Protocol):
 class Teleoperation:
     """
     Args:
-        socket: connection from which `hello` has not been read yet.
-                device: the input device.
-                speed: share of the maximum velocities, above 0 to 1.
-                say: shows a line to the user, with the reason why the arm moves slower or not at all.
+        socket: connection from which `hello` has not been read yet. device: the input device. speed: share of
+                the maximum velocities, above 0 to 1. say: shows the user a line that gives the reason why the
+                arm moves slower or not at all.
     """
 
     def __init__(
