@@ -31,9 +31,8 @@ class GripperError(Exception):
 
 
 class HeldObject(StrEnum):
-    """How the fingers hold an object. INSIDE: the object is between the fingers, which close on it. OUTSIDE:
-    the fingers are inside a hollow object, and open.
-    """
+    """The object in the fingers. INSIDE: the fingers close on it; OUTSIDE: they open inside a hollow
+    object."""
 
     NONE = "none"
     HELD_INSIDE = "held_inside"

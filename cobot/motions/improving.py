@@ -15,7 +15,7 @@ class PlanQuality(StrEnum):
     """How far a motion has been improved.
 
     FIRST: the first motion that has passed all checks.
-    IMPROVED: a motion that is faster than the first. Further planning time may find an even faster one.
+    IMPROVED: a faster one than the first; further planning time may find a faster one still.
     FINAL: further planning time finds no motion that is noticeably faster.
     """
 
