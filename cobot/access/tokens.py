@@ -91,8 +91,8 @@ def hashed(token: str) -> str:
 class TokenFile:
     """The file of all tokens. A missing file counts as an empty one.
 
-    Every method raises: ConfigError: the file cannot be read or written, is invalid, or may be changed by
-        other users.
+    Every method raises:
+        ConfigError: the file cannot be read or written, is invalid, or may be changed by other users.
     """
 
     def __init__(self, path: Path) -> None:

@@ -47,8 +47,9 @@ class Client(ForceMoves, Steps, EventConnection):
     Raises (constructor):
         InputError: the URL is invalid.
 
-    Every method raises: UnavailableError: the service or the robot behind it does not answer. CobotError: the
-        error that the service reports; its `code` determines the class.
+    Every method raises:
+        UnavailableError: the service or the robot behind it does not answer.
+        CobotError: the error that the service reports; its `code` determines the class.
     """
 
     @property
@@ -82,9 +83,10 @@ class Client(ForceMoves, Steps, EventConnection):
     def positions(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The named positions.
 
-        Args (of every list): limit: maximum number of entries; None: all of them, or as many as the service
-            sends by default. after: id or name of an entry in an earlier answer; the list continues after
-            this entry.
+        Args (of every list):
+            limit: maximum number of entries; None means all of them, or as many as the service sends by
+                default.
+            after: id or name of an entry in an earlier answer; the list continues after this entry.
         """
         return list(self._page("/robot/positions", limit, after))
 

@@ -58,8 +58,9 @@ class GpioIo:
     """An `ArmIo` that uses a GPIO controller."""
 
     def __init__(self, node: DdsNode, controller: str, interfaces: Collection[str], timeout_s: float) -> None:
-        """Args:
-        timeout_s: time within which the controller must report a value that was set, s.
+        """
+        Args:
+            timeout_s: time within which the controller must report a value that was set, s.
         """
         self.values: dict[str, float] = {}
         self.heard_s, self.problem = -math.inf, ""

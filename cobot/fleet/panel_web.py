@@ -1,8 +1,9 @@
 """The cells' panels at the hub, on a separate port.
 
 The scripts of a panel come from the cell. The separate port gives them a different origin than the fleet
-page. So a cell whose software has been changed cannot use the rights that the person has at the hub. An
-address is https://HUB:PORT/SECRET/PATH, where PATH is the path in the cell. The panel uses only addresses
+page. So a cell whose software has been changed cannot use the rights that the person has at the hub.
+
+An address is https://HUB:PORT/SECRET/PATH, where PATH is the path in the cell. The panel uses only addresses
 relative to its own.
 """
 

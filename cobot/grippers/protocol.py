@@ -77,8 +77,9 @@ class GripperCapabilities:
     hardware: bool = True
 
     def __post_init__(self) -> None:
-        """Raises:
-        ValueError: a range is empty or contains values below 0.
+        """
+        Raises:
+            ValueError: a range is empty or contains values below 0.
         """
         for name in ("width_m", "force_n", "speed_m_s"):
             bounds = getattr(self, name)
@@ -124,9 +125,10 @@ class GripperState:
     ages_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        """Raises:
-        TypeError: a value has the wrong type.
-        ValueError: a number is not finite, or too large for a measured value.
+        """
+        Raises:
+            TypeError: a value has the wrong type.
+            ValueError: a number is not finite, or too large for a measured value.
         """
         for name in ("width", "commanded_width", "force", "temperature"):
             if getattr(self, name) is not None:

@@ -50,14 +50,13 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
     angle, rad. For a robot with a gripper, one more number is the width between the fingers: from −1 (closed)
     to 1 (open), or with `absolute` control in m.
 
-    Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
-        tcp_pose (m, and a quaternion w, x, y, z), the observations of the task, and `camera_NAME` for each
-        camera. With a
-    gripper: gripper_width and gripper_commanded_width (m), gripper_force (N), each shape (1,), and
-        gripper_object, the number of a `cobot.ipc.layout.GripperObject`.
+    Observations contain position (rad), velocity (rad/s), effort and external_effort (N·m), shape (dof,)
+    each; tcp_pose (m, and a quaternion w, x, y, z); the observations of the task; and `camera_NAME` for each
+    camera. With a gripper, they also contain gripper_width and gripper_commanded_width (m), gripper_force
+    (N), shape (1,) each, and gripper_object, the number of a `cobot.ipc.layout.GripperObject`.
 
-    `info`: time_s of the robot, interventions since the last step by kind (docs/streaming.md), and `reason`
-    if the session has ended, which truncates the episode.
+    `info` contains time_s of the robot, interventions since the last step by kind (docs/streaming.md), and
+    `reason` if the session has ended, which truncates the episode.
 
     Args:
         config: settings file of the robot; by default the shipped one.

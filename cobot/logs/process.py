@@ -40,8 +40,9 @@ class ProcessLog(logging.Handler):
     """Passes log lines to a thread that writes them to a descriptor."""
 
     def __init__(self, process: str, form: str, descriptor: int) -> None:
-        """Args:
-        form: a form of `Line`: "text", "json" or "wire".
+        """
+        Args:
+            form: a form of `Line`: "text", "json" or "wire".
         """
         super().__init__()
         self._process = process

@@ -38,7 +38,8 @@ class RecordingFile:
         size: number of bytes in the file so far.
         cycles: number of cycles in the file so far.
 
-    Raises (also its methods): OSError: the disk is full or cannot be written.
+    Raises (also its methods):
+        OSError: the disk is full or cannot be written.
     """
 
     def __init__(

@@ -27,8 +27,9 @@ class SentOutputs:
     """The newest value that was sent to each output, until the device reports it."""
 
     def __init__(self, timeout_s: float) -> None:
-        """Args:
-        timeout_s: time within which the device must report a value, s.
+        """
+        Args:
+            timeout_s: time within which the device must report a value, s.
         """
         self._timeout_s = timeout_s
         self._sent: dict[str, SentOutput] = {}

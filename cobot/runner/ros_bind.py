@@ -61,8 +61,10 @@ class _Answers:
 class RosBridge:
     """A rosbridge client that connects when it is first needed.
 
-    Raises (every method): Stopping: the program must end. InputError: an argument is invalid; gives the
-        reason. UnavailableError: there is no connection, or it was closed.
+    Raises (every method):
+        Stopping: the program must end.
+        InputError: an argument is invalid; gives the reason.
+        UnavailableError: there is no connection, or it was closed.
     """
 
     def __init__(self, url: str, watch: ProgramWatch) -> None:

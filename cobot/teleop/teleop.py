@@ -31,9 +31,10 @@ class FrameSocket(Protocol):
 class Teleoperation:
     """
     Args:
-        socket: connection from which `hello` has not been read yet. device: the input device. speed: share of
-                the maximum velocities, above 0 to 1. say: shows the user a line that gives the reason why the
-                arm moves slower or not at all.
+        socket: connection from which `hello` has not been read yet.
+        device: the input device.
+        speed: share of the maximum velocities, above 0 to 1.
+        say: shows the user a line that gives the reason why the arm moves slower or not at all.
     """
 
     def __init__(

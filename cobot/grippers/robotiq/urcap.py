@@ -2,7 +2,9 @@
 
 A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `ack`. The answer to GET is the
 name and the value, such as `POS 3`. The answer to anything else is `?`. Some controllers end answers with a
-newline, others do not. Source: the URCap's manual, chapter on the socket of the gripper.
+newline, others do not.
+
+Source: the URCap's manual, chapter on the socket of the gripper.
 """
 
 from __future__ import annotations
