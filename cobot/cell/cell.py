@@ -276,7 +276,7 @@ class Distance(CellEntry):
 
 
 class Output(CellEntry):
-    """An output that has no effect in the simulation, such as that of a lamp."""
+    """An output that has no effect in the simulation, for example an output that switches a lamp."""
 
     kind: Annotated[IoKind, Field(strict=False)]
 

@@ -218,7 +218,7 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) == LoopMode.FAULT
 
     def busy(self) -> bool:
-        """Whether a plan, a primitive or another planned motion is running."""
+        """Whether a plan, a primitive or any other planned motion is running."""
         return self._plan.running or int(self._state()["mode"]) == LoopMode.TRAJECTORY
 
     def stopped(self) -> bool:

@@ -18,7 +18,7 @@ from cobot.fleet.asking import ask, headers
 EXIT_OK = 0
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
-"""HTTP status for the rest of a file, and for a file of which nothing is left."""
+"""HTTP status for the remaining part of a file, and for a file of which nothing is left."""
 
 
 def pull(chosen: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def pull(chosen: argparse.Namespace) -> int:
 
 
 def _plain(name: str) -> str:
-    """Check that a name is that of a file or folder, without a path.
+    """Check that a name is the name of a file or folder, without a path.
 
     Raises:
         InputError: the name would lead to a different folder.

@@ -37,7 +37,9 @@ PRESSING_N, PRESSING_SHARE = 1.0, 0.5
 the commanded width, they hold something.
 """
 REPORT_S = 1.0
-"""If the cell does not report a command within this time, another client has changed its outputs, s."""
+"""Time in which the cell must report a command, s. If it does not, a different client has changed the outputs
+of the cell.
+"""
 
 
 class SimulatedOptions(GripperOptions):

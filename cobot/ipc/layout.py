@@ -122,7 +122,7 @@ class Interpolation(IntEnum):
 
 
 class ServoMode(IntEnum):
-    """How rtloop follows the points of a servo session. The numbers are those of the vendor's manual."""
+    """How rtloop follows the points of a servo session. The vendor's manual defines the numbers."""
 
     NONE = 0  # no servo session
     REPLANNED = 1  # to the newest point at once, jerk-limited
@@ -166,7 +166,7 @@ STATISTICS = np.dtype(
 ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
 HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
 REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8"), ("fast_stops", "u8")], align=True)
-"""Counters of requested stops; fast_stops counts those of category 1."""
+"""Counters of requested stops. `fast_stops` counts the category 1 stops."""
 HEAD = np.dtype([("id", "u8")], align=True)
 COMMAND = np.dtype(
     [

@@ -188,8 +188,8 @@ def _stop(chosen: argparse.Namespace) -> int:
 
 
 def _running(robots: Sequence[str]) -> list[Settings]:
-    """The settings of this user's running cobots that have one of these robots. If `robots` is empty, those
-    of all running cobots.
+    """The settings of this user's running cobots that have one of these robots. If `robots` is empty, the
+    settings of all running cobots.
     """
     from cobot.launch.running_config import RunningConfig
 

@@ -1,6 +1,6 @@
 """Episodes as MCAP files, with the arm's states, its commands, camera pictures and the task.
 
-The messages are those of ROS 2 (JointState, CompressedImage), which Foxglove and rosbags read. A file is
+The messages are ROS 2 messages (JointState, CompressedImage), which Foxglove and rosbags can read. A file is
 named NAME.mcap.part until its episode has ended.
 """
 

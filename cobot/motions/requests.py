@@ -54,7 +54,7 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class TcpSpeed:
-    """Maximum speed of the TCP along a path; None: as fast as the limits permit."""
+    """Maximum speed of the TCP along a path. None means as fast as the limits permit."""
 
     linear_m_s: float | None = None
     angular_rad_s: float | None = None

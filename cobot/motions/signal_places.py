@@ -162,7 +162,7 @@ def _path_time_s(
 def rest_of(
     signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay
 ) -> PathSignals:
-    """The signals for the rest of an interrupted motion. Its actions keep their places on the path.
+    """The signals for the remaining part of an interrupted motion. Its actions keep their places on the path.
 
     Args:
         times_s: the path time of each action.

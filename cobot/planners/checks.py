@@ -23,7 +23,7 @@ def validate(
     An arm that was pushed beyond a limit may move back, but not further out.
 
     Raises:
-        LimitError: as `check_limits` and `check_efforts`.
+        LimitError: see `check_limits` and `check_efforts`.
         CollisionError: the arm touches itself or its surroundings; see the collision checker.
     """
     check_limits(trajectory, limits.including(trajectory.start), labels, TOLERANCE)

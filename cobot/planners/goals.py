@@ -41,8 +41,8 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
     """Further collision-free configurations at a pose, shape (n, dof), possibly none. A higher `number`
     returns more.
 
-    An arm with more joints than the pose needs has infinitely many configurations, and possibly no free path
-    leads to the known ones.
+    An arm with more joints than the pose needs has infinitely many configurations at it, and possibly no
+    collision-free path leads to the known ones.
     """
     assert isinstance(request.goal, Pose)
     seed = request.seed + 1009 * number

@@ -33,7 +33,9 @@ MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
 """Planners that first try the direct motion of all joints."""
 
 GENTLE = 0.7
-"""Share of the acceleration limits with which the arm slows down; the rest is for the new motion."""
+"""Share of the acceleration limits with which the arm slows down. The remaining part is for the new
+motion.
+"""
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest. The new motion begins after the first of these shares at which the sum keeps
 the limits.
@@ -66,8 +68,8 @@ def retarget(
         from_s: path time of the change.
 
     Raises:
-        PlanningError: the new goal is out of reach from there, or the way to it is not free.
-        InputError: as `cobot.planners.plan`.
+        PlanningError: the new goal is out of reach from there, or the way to it is not free of collisions.
+        InputError: see `cobot.planners.plan`.
     """
     from_s = min(from_s, under_way.duration_s)
     state = np.array([under_way.sample([from_s], order)[0] for order in range(3)])
@@ -84,7 +86,8 @@ def retarget(
 
 def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) -> Trajectory | None:
     """The fastest motion of all joints from a moving state, shape (3, dof), to the goal; None if the request
-    needs another path, if its limits are below the current velocities, or if this motion is not free.
+    needs a different path, if its limits are below the current velocities, or if this motion is not free of
+    collisions.
     """
     limits = request.scaled_limits(robot)
     direct = request.planner in MOVING_ON and request.synchronization is Synchronization.TIME

@@ -26,7 +26,7 @@ def keep(path: Path, content: bytes, what: str) -> None:
     new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        new.unlink(missing_ok=True)  # left by a killed process, or another user's file
+        new.unlink(missing_ok=True)  # left by a killed process, or a file of a different user
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(new, flags, 0o600), "wb") as file:
             file.write(content)

@@ -1,4 +1,4 @@
-"""ROS messages as dicts and as CDR. The types are those of ROS 2 Humble and the project's own types."""
+"""ROS messages as dicts and as CDR. The types are defined by ROS 2 Humble and by this project."""
 
 from __future__ import annotations
 

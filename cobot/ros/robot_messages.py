@@ -27,7 +27,8 @@ MEASURED = ("position", "velocity", "effort")
 
 
 class RobotMessages:
-    """Creates messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; SI units.
+    """Creates messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; all values
+    are in SI units.
 
     The names of frames are those of the model's bodies. The TCP has the name of its site, and the model's
     world is called `world`.

@@ -129,8 +129,9 @@ class Program:
             raise InputError(f"from_json: not valid JSON: {exc}") from exc
 
     def _move(self, *targets: object) -> None:
-        """Move through waypoints like those of a sequence file. The arm passes waypoints with a radius
-        without a stop."""
+        """Move through waypoints, as in a sequence file. The arm passes waypoints with a radius without a
+        stop.
+        """
         sequence = sequence_of({"waypoints": [plain(target, "the target") for target in targets]})
         for chain in groups(sequence.waypoints):
             motion = [target for _, target in chain if isinstance(target, Target)]

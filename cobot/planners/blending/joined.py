@@ -36,7 +36,9 @@ BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 only.
 """
 INSIDE = 0.998
-"""Share of the radius that samples of the blend may reach; the rest is for the curve between them."""
+"""Share of the radius within which the samples of the blend must be. The remaining part is for the curve
+between the samples.
+"""
 SAMPLES = 400
 MIN_RADIUS_M = 1e-6
 """A smaller blend radius counts as 0: no arm is that accurate, and rounding would decide the blend."""
@@ -162,9 +164,11 @@ def _corner(
     free: tuple[float, float],
     helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
-    """The largest blend of `SHARES` within the radius and the limits that is free of collisions and keeps the
-    constraints. The first half keeps the constraints of the first motion, the second half those of the second
-    motion.
+    """The largest blend of `SHARES` that is within the radius and the limits, is free of collisions and keeps
+    the constraints.
+
+    The first half of the blend keeps the constraints of the first motion, and the second half keeps those of
+    the second motion.
     """
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]

@@ -40,7 +40,7 @@ def begin_stretch(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequenc
         radii_m: blend radius at the end of each leg, the last one included.
 
     Raises:
-        InputError: as `joined`.
+        InputError: see `joined`.
     """
     check_radii(legs, radii_m[:-1])
     return _following(robot, None, legs, radii_m)

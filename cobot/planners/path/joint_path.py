@@ -18,7 +18,9 @@ from cobot.types import Array, JointLimits
 MAX_DEVIATION_M = 5e-5
 MAX_DEVIATION_RAD = np.radians(0.01)
 PATH_SHARE = 0.4
-"""Share of the allowed deviation that the joint path may use; the rest is for the time parameterization."""
+"""Share of the allowed deviation that the joint path may use. The remaining part is for the time
+parameterization.
+"""
 POSE_SHARE = 0.5 * PATH_SHARE
 """Share of the allowed deviation at the places themselves, for an arm that reaches most poses
 approximately."""

@@ -18,7 +18,7 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
     """The straight line from the current pose of the TCP to the goal pose; None if the TCP is already there.
 
     Raises:
-        PlanningError: as `follow` and `end_of`.
+        PlanningError: see `follow` and `end_of`.
     """
     assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)

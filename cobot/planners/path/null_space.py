@@ -1,8 +1,8 @@
 """Joint paths along a TCP path, for redundant arms for which no arm angle is defined.
 
 A particle filter carries a set of configurations along the path. At each place, neighbours are drawn from
-their null space. Those that are free and near a configuration of the previous place are kept, each with the
-cheapest way to it (dynamic programming). The cheapest way to the end is then smoothed.
+their null space. Those that are collision-free and near a configuration at the previous place are kept, each
+with the cheapest way to it (dynamic programming). The cheapest way to the end is then smoothed.
 """
 
 from __future__ import annotations

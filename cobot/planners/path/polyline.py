@@ -27,7 +27,7 @@ METRES_PER_RAD = 0.3
 PLACES_PER_CORNER = 12
 MAX_PLACES = 400
 MAX_SHARE = 0.5
-"""Largest share of a leg that a blend may take; the rest is for the other corner."""
+"""Largest share of a leg that a blend may use. The remaining part is for the blend at the other end."""
 
 
 def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:

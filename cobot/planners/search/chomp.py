@@ -103,7 +103,7 @@ def _optimise(
     obstacle.
 
     Raises:
-        PlanningTimeout: as `plan_chomp`.
+        PlanningTimeout: see `plan_chomp`.
     """
     ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
     margin_m = robot.collision.margin_m

@@ -160,7 +160,7 @@ class _Steps:
         return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
     def _shorten(self, way: list[Array]) -> list[Array]:
-        """Shorten a path wherever steps lead straight from one place to another."""
+        """Shorten a path wherever steps lead straight from one of its places to a later one."""
         for _ in range(SHORTCUTS):
             if len(way) < 3:
                 break
@@ -190,7 +190,7 @@ class _Steps:
         return rows
 
     def _toward(self, here: Array, target: Array) -> tuple[list[Array], bool]:
-        """Steps from one configuration towards another, as far as they are possible, and whether the last
+        """Steps from one configuration towards a target, as far as they are possible, and whether the last
         step reaches it.
         """
         places: list[Array] = []

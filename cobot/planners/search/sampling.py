@@ -1,4 +1,5 @@
-"""Planner ompl: a free polyline in joint space by sampling, for goals that no direct motion reaches.
+"""Planner ompl: finds a collision-free polyline in joint space by sampling, for goals that no direct motion
+reaches.
 
 RRTConnect is compiled in this project. The other planners are those of the OMPL library. They call compiled
 checks through the library's Python binding. A motion between two configurations is proven collision-free as a
@@ -36,7 +37,7 @@ FIRST_ATTEMPTS = 1000
 number grows by a half.
 """
 DIRECT = 1.25
-"""A path is not improved if its length is at most this factor times that of the direct way."""
+"""A path is not improved if its length is at most this multiple of the length of the direct way."""
 ROUNDS, PATHS = 6, 2
 """Number of rounds that improve a longer path, and number of paths whose detours each round
 removes together.

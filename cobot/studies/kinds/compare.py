@@ -57,7 +57,7 @@ class CompareStudy(Study):
 
     @cached_property
     def _ends(self) -> dict[str, int]:
-        """For each variant, the number after that of its last task."""
+        """For each variant, the number that follows the number of its last task."""
         ends = np.cumsum([study.tasks for study in self.each.values()])
         return dict(zip(self.each, ends.tolist(), strict=True))
 
