@@ -30,7 +30,7 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     by an angle about an axis.
 
     Raises:
-        PlanningError: the request defines no circle; also as `follow` and `end_of`.
+        PlanningError: the request defines no circle; see also `follow` and `end_of`.
     """
     assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)

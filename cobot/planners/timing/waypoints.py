@@ -47,7 +47,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     Raises:
         InputError: the points do not define a motion; see `through`.
         LimitError: a limit is exceeded; names the points, or the place of an excessive effort.
-        CollisionError: as `CollisionChecker.check_trajectory`.
+        CollisionError: see `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits
     labels = labels_of(request.points, limits.dof)
