@@ -60,8 +60,8 @@ class GripperCapabilities:
     Attributes:
         width_m: the smallest and the largest width between the fingers, m. None means that the gripper has no
             width, such as a suction cup, and only grasps and releases.
-        force_n: the forces that can be commanded, N; None: the force is fixed.
-        speed_m_s: the speeds that can be commanded, m/s; None: the speed is fixed.
+        force_n: the forces that can be commanded, N; None means that the force is fixed.
+        speed_m_s: the speeds that can be commanded, m/s; None means that the speed is fixed.
         object_detection: whether `GripperState.object` is known.
         continuous: whether any width within `width_m` can be commanded; otherwise only its two ends.
         on_power_loss: the reaction of the fingers if the gripper loses its power.

@@ -87,13 +87,13 @@ class MotionRequest:
         synchronization: synchronization of the joints.
         arc: definition of the arc, which replaces `via`. If it gives an angle, the goal is ignored.
         through: poses on the way to the goal.
-        radius_m: blend radius at these poses; 0: the TCP stops there.
+        radius_m: blend radius at these poses; 0 means that the TCP stops there.
         tcp_speed: maximum speed of the TCP.
-        constraints: path constraints; None: only the limits apply.
+        constraints: path constraints; None means that only the limits apply.
         free_axes: axes of the TCP about which its rotation is free: none, one or all three.
         cyclic: whether a closed path of the TCP ends at the joint angles at which it began. With None, full
             circles do so if possible, and other paths end at the joint angles that follow from the path.
-        end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None: any.
+        end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None means any.
         signals: actions on the path, and conditions. Planners do not use them.
         in_tool: whether all poses and points are in the TCP's frame at the start instead of the base frame.
 
@@ -158,10 +158,11 @@ class WaypointRequest:
             always checked.
         retime: whether the motion is slowed down until it keeps the rate limits, instead of being rejected.
         corridor_rad: maximum deviation of each joint from the curve through the points if it violates the
-            limits, shape (dof,) or one value for all joints. 0: the curve is kept, and the whole motion is
-            slowed down.
+            limits, shape (dof,) or one value for all joints. 0 means that the curve is kept, and the whole
+            motion is slowed down.
         longest_s: maximum duration after `retime`, s, without `approach`.
-        approach: scaling of a ptp motion to the first point; None: the first point must be at `start`.
+        approach: scaling of a ptp motion to the first point; None means that the first point must be at
+            `start`.
         ways: advice for error messages.
     """
 

@@ -83,7 +83,7 @@ class Condition:
         name: name of the input or of the joint.
         low, high: bounds of the value, exclusive. The value of a force or torque is its magnitude.
         edge: whether the condition holds only once the value has entered the bounds from outside.
-        direction: direction of a force or torque, unit length; None: the magnitude in any direction.
+        direction: direction of a force or torque, unit length; None means the magnitude in any direction.
         in_tool: whether the direction turns with the tool.
         joint: index of the joint.
         zero: value that is subtracted from the measured value: force and torque at the TCP, shape (6,), or

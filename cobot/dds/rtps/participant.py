@@ -51,8 +51,8 @@ _DEFAULT_LIMITS = ParticipantLimits()
 class Participant:
     """A member of a DDS domain.
 
-    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all except loopback, also
-        those that come up later.
+    interfaces: names or IPv4 addresses of the interfaces to use and announce; None means all except loopback,
+    including interfaces that come up later.
     localhost_only: whether to communicate only on this computer, as with ROS_LOCALHOST_ONLY.
     peers: IPv4 addresses of computers that multicast does not reach; their first participants get
         announcements.

@@ -47,7 +47,8 @@ def follow(
     """Plan a motion whose TCP stays within `MAX_DEVIATION_*` of the path; None if the path is a point.
 
     Args:
-        end: joints at the end of the motion, shape (dof,), with the TCP at the end of the path; None: any.
+        end: joints at the end of the motion, shape (dof,), with the TCP at the end of the path; None means
+            any.
 
     Raises:
         UnreachableError: a joint cannot follow the path; names the joint and the share of the path.

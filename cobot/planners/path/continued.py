@@ -41,7 +41,7 @@ def continued(
     or the reason why the joints cannot continue.
 
     Args:
-        end: joints at the end, shape (dof,), with the TCP at the end of the path; None: any.
+        end: joints at the end, shape (dof,), with the TCP at the end of the path; None means any.
     """
     try:
         shares, rows = _chain(robot, start, path)

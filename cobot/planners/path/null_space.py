@@ -62,7 +62,7 @@ class Particles:
         Args:
             count: number of configurations.
             factor: factor for the number of places.
-            end: joints in which all ways end, shape (dof,); None: any.
+            end: joints in which all ways end, shape (dof,); None means any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)

@@ -119,7 +119,7 @@ class RedundancyGraph:
     ) -> None:
         """
         Args:
-            end: joints in which all paths end, shape (dof,), at the end of the TCP path; None: any.
+            end: joints in which all paths end, shape (dof,), at the end of the TCP path; None means any.
             leading_on: leave out nodes that cannot be reached from the start.
         """
         arm = robot.model.inverse_kinematics.arm_angle

@@ -128,7 +128,8 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
         heights: shape (rows, columns), m; rows along y, columns along x; NaN: no column.
         resolution_m: edge of a cell; the corner of the first cell is the origin.
         floor_m: bottom of all columns; columns that are not higher are ignored.
-        step_m: heights are rounded up to multiples of this above the floor; 0: they are not rounded.
+        step_m: heights are rounded up to multiples of this above the floor; 0 means that they are not
+            rounded.
 
     Returns:
         Middle and edges of each box, shape (k, 6), m.

@@ -63,7 +63,7 @@ class LocalPool(Executor):
     """Processes on this computer.
 
     Args:
-        workers: number of processes; None: one per core that this process may use.
+        workers: number of processes; None means one per core that this process may use.
         niceness: niceness of the workers, 0 to 19.
 
     Raises:
