@@ -48,8 +48,8 @@ class Pose:
     the pose of B in A, and `a_in_b.apply(point_in_a)` is the point in B.
 
     Attributes:
-        position: shape (3,), m.
-        quaternion: shape (4,), (w, x, y, z), normalised at construction.
+        position: position of the origin of the first frame, shape (3,), m.
+        quaternion: orientation as (w, x, y, z), shape (4,), normalised at construction.
 
     Raises:
         InputError: a value is not finite, or the quaternion is zero.

@@ -34,7 +34,7 @@ READY_S = 0.2
 
 
 class ActionClient:
-    """See the module."""
+    """The client of the action, see the module."""
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._joint = settings["joint"]

@@ -105,7 +105,7 @@ class Goal:
 
 
 class ArmClient:
-    """See the module."""
+    """The client of the controller, see the module."""
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._settings, self._node = settings, node

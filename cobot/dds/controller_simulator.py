@@ -43,7 +43,7 @@ GPIO_CONTROLLER = "gpio_command_controller"
 
 
 class SimulatedControllers:
-    """See the module.
+    """The simulated controllers, see the module.
 
     Args:
         joints: names of the joints, with their prefix.

@@ -12,10 +12,10 @@ class Cone:
     """Keeps an axis of the tool near a direction.
 
     Attributes:
-        axis: shape (3,), unit length, in the TCP's frame.
+        axis: direction of the axis in the TCP's frame, unit length, shape (3,).
         within_rad: the largest angle between axis and direction.
-        direction: shape (3,), unit length, in the base frame; None means the direction that the axis has at
-            the start.
+        direction: direction in the base frame, unit length, shape (3,); None means the direction that the
+            axis has at the start.
     """
 
     axis: Array

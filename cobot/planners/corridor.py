@@ -37,7 +37,7 @@ class AskedCurve:
     Attributes:
         step_s: step of the fitted motion that this table is made for.
         interval_s: time between two rows.
-        positions: shape (m, dof), rad.
+        positions: joint positions, shape (m, dof), rad.
         centres: averages of the positions over one step before and after; the centre of the fit's corridor.
         directions: velocities of the smoothed curve, shape (m, dof), rad/s.
         given: times, shape (k,), and positions, shape (k, dof), that the motion must pass.

@@ -41,7 +41,7 @@ def without_detours(
     Args:
         paths: at least one collision-free path. All begin at the same start and end at one of the goals;
             shape (n, dof) each.
-        goals: shape (k, dof).
+        goals: joint angles of the goals, shape (k, dof).
         bounds: the lowest and the highest allowed joint angles, shape (dof,) each.
     """
     random = np.random.default_rng(seed)

@@ -96,10 +96,10 @@ class _Unit:
 
     Attributes:
         greville: the Greville abscissae, shape (count,).
-        breakpoints: shape (n + 1,).
+        breakpoints: parameters at which the pieces begin and end, shape (n + 1,).
         windows: indices of the control points of each piece, shape (n, degree + 1).
-        powers, bezier: a piece's coefficients and its Bezier control points by these, (n, degree + 1,
-            degree + 1).
+        powers, bezier: matrices that convert the control points of a piece to its coefficients and to its
+            Bezier control points, shape (n, degree + 1, degree + 1) each.
     """
 
     greville: Array

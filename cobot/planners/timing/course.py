@@ -32,7 +32,7 @@ class WaypointCourse:
     """The points as arrays. The current position is one of them if it had to be added.
 
     Attributes:
-        times_s, positions: shape (n,), and (n, dof), rad.
+        times_s, positions: times, shape (n,), and joint positions, shape (n, dof), rad, of the points.
         labels: name of each point for error messages.
         points: the points of the request, which may specify velocities and accelerations.
         changes: the offset that was blended out.

@@ -40,8 +40,8 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
     """The points without their rounding; the first and the last one stay where they are.
 
     Args:
-        times_s: shape (n,), increasing.
-        positions: shape (n, dof), rad; the motion is at rest at both ends.
+        times_s: increasing times of the points, shape (n,).
+        positions: joint positions of the points, shape (n, dof), rad. The motion is at rest at both ends.
 
     Returns:
         Positions of the same shape, which differ from the given ones by at most one unit of the last decimal,

@@ -36,8 +36,8 @@ def parts(
     """The convex solids of a mesh.
 
     Args:
-        vertices: shape (n, 3), m.
-        triangles: shape (m, 3), indices of vertices.
+        vertices: coordinates of the vertices, shape (n, 3), m.
+        triangles: indices of the vertices of each triangle, shape (m, 3).
         most: maximum number of solids.
 
     Returns:

@@ -58,7 +58,7 @@ class Facets:
     """Triangles in the base frame.
 
     Attributes:
-        corners: shape (n, 3, 3), m.
+        corners: coordinates of the three corners of each triangle, shape (n, 3, 3), m.
         colors: red, green and blue of each triangle, 0 to 1, shape (n, 3).
     """
 

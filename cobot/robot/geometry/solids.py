@@ -33,7 +33,7 @@ def cloud(points: Array, voxel_m: float) -> Array:
     """The voxels that contain points, joined to boxes.
 
     Args:
-        points: shape (n, 3), m.
+        points: coordinates of the points, shape (n, 3), m.
         voxel_m: edge of a voxel; the grid begins at the origin.
 
     Returns:
@@ -125,7 +125,8 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
     """Convert a grid of heights to columns. Neighbours of the same height are joined.
 
     Args:
-        heights: shape (rows, columns), m; rows along y, columns along x; NaN: no column.
+        heights: heights, shape (rows, columns), m. Rows are along y, columns along x. NaN means that there is
+            no column.
         resolution_m: edge of a cell; the corner of the first cell is the origin.
         floor_m: bottom of all columns; columns that are not higher are ignored.
         step_m: heights are rounded up to multiples of this above the floor; 0 means that they are not
