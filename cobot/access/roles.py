@@ -1,4 +1,4 @@
-"""Roles, and the identity behind a request."""
+"""Roles, and the identity of the client that has sent a request."""
 
 from __future__ import annotations
 

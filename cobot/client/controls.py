@@ -246,7 +246,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
         """Call `move_to_pose` and wait until the motion ends.
 
         Args:
-            timeout_sec: 0 for no timeout.
+            timeout_sec: timeout in seconds; 0 means no timeout.
 
         Returns:
             Whether the motion has ended within the timeout.

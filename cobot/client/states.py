@@ -136,7 +136,7 @@ class RobotStates:
 
 
 def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
-    """Convert a record of `cobot.ipc.layout.info_dtype`."""
+    """Read the facts about a robot from a record of `cobot.ipc.layout.info_dtype`."""
     return RobotInfo(
         serial_num=robot,
         model_name=text(info["model"]),
@@ -151,7 +151,7 @@ def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
 
 
 def joint_state(state: np.ndarray) -> JointState:
-    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
+    """Read the state of the joints from a record of `cobot.ipc.state_fields.state_dtype`."""
     return JointState(
         state["position"].tolist(),
         state["velocity"].tolist(),
@@ -163,7 +163,9 @@ def joint_state(state: np.ndarray) -> JointState:
 
 
 def gripper_reading(state: np.ndarray) -> GripperReading | None:
-    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
+    """Read the state of the gripper from a record of `cobot.ipc.state_fields.state_dtype`; None if there is
+    no reading.
+    """
     found = GripperObject(int(state["gripper_object"]))
     if found is GripperObject.ABSENT:
         return None
@@ -174,7 +176,7 @@ def gripper_reading(state: np.ndarray) -> GripperReading | None:
 
 
 def cartesian_state(state: np.ndarray) -> CartesianState:
-    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
+    """Read the state of the TCP from a record of `cobot.ipc.state_fields.state_dtype`."""
     pose, wrench = state["tcp"].tolist(), state["wrench"].tolist()
     return CartesianState(
         tcp_pose=pose,
@@ -188,7 +190,7 @@ def cartesian_state(state: np.ndarray) -> CartesianState:
 
 
 def robot_states(state: np.ndarray, flange_in_tcp: Pose) -> RobotStates:
-    """Convert a record of `cobot.ipc.state_fields.state_dtype`."""
+    """Read all measured values from a record of `cobot.ipc.state_fields.state_dtype`."""
     joints, tcp = joint_state(state), cartesian_state(state)
     return RobotStates(
         q=joints.q,

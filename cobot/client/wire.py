@@ -40,7 +40,7 @@ _DTYPES = {
 
 
 def packed(kind: FrameKind, sequence: int, record: np.ndarray | None = None) -> bytes:
-    """A binary frame: the header and a record."""
+    """Make a binary frame, which consists of the header and a record."""
     return _HEADER.pack(kind, LAYOUT_VERSION, sequence) + (b"" if record is None else record.tobytes())
 
 

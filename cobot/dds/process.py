@@ -97,7 +97,7 @@ async def _serve(settings: Settings, url: str, participant_record: int | None) -
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.freeze()
-        gc.enable()  # `cobot.dds.__main__` had disabled it
+        gc.enable()  # `cobot.dds.__main__` has disabled it
         work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]
         if gateway is not None:
             work.append(asyncio.create_task(gateway.run()))

@@ -91,7 +91,7 @@ class GripperObject(IntEnum):
     known.
     """
 
-    ABSENT = 0  # no gripper, or it has not been read yet
+    ABSENT = 0  # there is no gripper, or it has not been read yet
     UNKNOWN = 1  # the gripper does not detect objects
     NONE = 2
     HELD_INSIDE = 3
@@ -124,7 +124,7 @@ class Interpolation(IntEnum):
 class ServoMode(IntEnum):
     """How rtloop follows the points of a servo session. The vendor's manual defines the numbers."""
 
-    NONE = 0  # no servo session
+    NONE = 0  # there is no servo session
     REPLANNED = 1  # to the newest point at once, jerk-limited
     DIRECT = 2  # the newest point is the reference
     BUFFERED = 3  # one point after the other, each in its own time
@@ -433,7 +433,7 @@ def chunk_dtype(dof: int) -> np.dtype:
             ("number", "u8"),
             ("count", "u8"),
             ("times_s", "f8", (CHUNK_POINTS,)),  # on the robot's clock
-            ("points", "f8", (CHUNK_POINTS, max(dof, 7))),  # joints, or poses
+            ("points", "f8", (CHUNK_POINTS, max(dof, 7))),  # joint positions, or poses
         ]
     )
 

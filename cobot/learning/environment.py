@@ -268,7 +268,8 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
 
     def _send_target(self) -> str:
         """Send the target. Returns the reason why the arm does not follow the first target of an episode; ""
-        if it does."""
+        if the arm follows it.
+        """
         try:
             self._arm.control.set_target_joints(self._target.tolist())
         except InputError as exc:

@@ -125,7 +125,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
     root.handlers[:] = [made]
     logging.captureWarnings(True)
     with contextlib.suppress(OSError, ValueError):
-        faulthandler.enable(2)  # bypasses Python's streams and never blocks: see `Child.start`
+        faulthandler.enable(2)  # it does not use Python's streams and never blocks: see `Child.start`
     sys.stdout, sys.stderr = _Printed("stdout", logging.INFO, 1), _Printed("stderr", logging.WARNING, 2)
     sys.excepthook = _uncaught
     threading.excepthook = _uncaught_in_thread

@@ -15,7 +15,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 PARTS = 5
-"""Rows of the curve's table per step."""
+"""Number of rows in the curve's table for each step."""
 CALM_STEPS, CALM_TIMES = 1, 4
 """Number of steps on each side over which the curve is averaged, and number of times that the average is
 taken. This smooths the curve before its direction is computed: the direction of noise is random.

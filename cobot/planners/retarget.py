@@ -203,7 +203,7 @@ def _joined(
             continue
         return whole
     try:
-        validate(robot, whole, limits)  # the error names the place in the whole motion
+        validate(robot, whole, limits)  # an error names the place in the whole motion
     except (LimitError, PlanningError) as exc:
         kind = CollisionError if isinstance(exc, CollisionError) else PlanningError
         said = f"the way from the current motion to the new goal: {exc}"

@@ -77,7 +77,7 @@ def require_room(what: str, size: int) -> None:
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
-    """The position and the length of each chunk."""
+    """The position and the length of each chunk in the file."""
     at = MAGIC_BYTES
     while at + _RECORD.size <= size - MAGIC_BYTES:
         length = _length_at(file, at, size)

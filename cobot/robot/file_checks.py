@@ -34,11 +34,11 @@ def check_names(model: mujoco.MjModel) -> None:
 def require_inertials(file: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
     """Check that MuJoCo has not invented the mass of a moving link.
 
-    For a URDF link without `<inertial>` it silently computes a mass from the collision shapes, at 1000 kg/m³.
-    `cobot new-robot` assumes masses too, but reports each.
+    For a URDF link without `<inertial>`, MuJoCo silently computes a mass from the collision shapes, with a
+    density of 1000 kg/m³. `cobot new-robot` also assumes masses, but reports each of them.
 
     Args:
-        model: compiled from `spec`.
+        model: the model that was compiled from `spec`.
 
     Raises:
         ConfigError: a mass is invented; names the link and a remedy.

@@ -141,7 +141,7 @@ class ServoRules:
         self.active = False
 
     def refuse(self, kind: Refusal, sentence: str, count: int = 1) -> None:
-        """Count rejected messages."""
+        """Count rejected messages by the kind of rejection, and store the sentence of the latest one."""
         self.refused[kind] += count
         self.last_refusal = sentence
 

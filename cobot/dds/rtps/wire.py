@@ -193,7 +193,7 @@ class Wire:
         for _ in range(_DATAGRAMS_AT_ONCE):
             try:
                 size, address = receiver.recvfrom_into(buffer)
-            except OSError:  # nothing left, or an ICMP error for an earlier datagram
+            except OSError:  # there is nothing left to read, or an ICMP error for an earlier datagram
                 return
             with self.lock:
                 self.statistics.datagrams_received += 1

@@ -139,7 +139,9 @@ class Slave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """The answer of the device to these bytes, which may be a part of a request or several requests."""
+        """The answer of the device to these bytes, which may be a part of a request or contain several
+        requests.
+        """
         self._buffer = (self._buffer + data)[-512:]
         answers = b""
         while frame := self._next():

@@ -40,7 +40,7 @@ in different units, such as kg·mm².
 """
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MASSLESS_KG = 1e-6
-"""Some files give this mass to frames, for programs that need a mass for each link."""
+"""Mass that some files give to frames, kg, for programs that need a mass for each link."""
 
 
 @dataclass(frozen=True, slots=True)

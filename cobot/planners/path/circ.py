@@ -138,7 +138,7 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
 
 
 def _arc_finding(quantity: str, value: float, limit: float, unit: str = "m") -> Finding:
-    """The finding for points that define no arc."""
+    """The finding for an error about points that define no arc."""
     return Finding("path", quantity, float(value), limit, unit)
 
 

@@ -61,7 +61,7 @@ def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Arra
         if not arm.redundant:
             joint = int(np.abs(drift).argmax())
             raise _other_end_error(path, robot.limits, joint, float(rows[-1, joint]), float(end[joint]))
-        weights = shares**3 * (10.0 + shares * (6.0 * shares - 15.0))  # at rest at both ends
+        weights = shares**3 * (10.0 + shares * (6.0 * shares - 15.0))  # the motion is at rest at both ends
         guesses = rows + weights[:, None] * drift
         poses = path.poses(shares)
         rows = rows.copy()

@@ -58,7 +58,9 @@ def least_turn(robot: RobotDescription) -> float:
 
 
 def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaternion.SMALL_RAD) -> Array:
-    """The quaternions, shape (n, 4), after shares of a rotation vector from `start`: slerp."""
+    """The quaternions, shape (n, 4), after each share of a rotation that begins at the orientation `start`.
+    The rotation is given by its rotation vector (slerp).
+    """
     angle = math.sqrt(turn @ turn)
     if angle < least_rad:
         return start[None].repeat(len(shares), axis=0)

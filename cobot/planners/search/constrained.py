@@ -31,8 +31,9 @@ PROGRESS = 0.2
 SIDESTEP = 3.0
 """A projected step may be longer than the requested one by at most this factor."""
 NEARBY, NEARBY_RAD = 0.5, 0.25
-"""Share of the targets that are near a node of the tree, and their standard deviation. The other targets may
-be anywhere."""
+"""Share of the targets that are near a node of the tree, and the standard deviation of these targets. All
+other targets may be anywhere.
+"""
 SEARCHES = 4
 MUCH_WORK = 100_000
 """No search begins after this many collision checks. This is a count and not a time, so that the same

@@ -145,7 +145,11 @@ class _Tcp:
     def __init__(
         self, speeds: Array, bends: Array, still: bool, velocity: float, acceleration: float, jerk: float
     ) -> None:
-        """speeds, bends: shape (n,), per s and s², at some places of the path; see `speeds_and_bends`."""
+        """
+        Args:
+            speeds, bends: values at some places of the path, per s and per s², shape (n,) each; see
+                `speeds_and_bends`.
+        """
         bend = bends * (velocity / np.maximum(speeds, 1e-12)) ** 2
         straight = still or bend.max() < NEARLY_STRAIGHT * acceleration
         self.directions = np.zeros(0 if still else 1) if straight else DIRECTIONS

@@ -264,7 +264,9 @@ def _colour_pixels(image: Array, points: Array, colors: Array, width: int, heigh
 
 @lru_cache(16)
 def _lattice(number: int) -> Array:
-    """Barycentric coordinates of points in a triangle, `number` steps along each edge, shape (n, 3)."""
+    """Barycentric coordinates of evenly spaced points in a triangle, with `number` steps along each edge,
+    shape (n, 3).
+    """
     first, second = np.meshgrid(np.arange(number + 1), np.arange(number + 1), indexing="ij")
     inside = first + second <= number
     a, b = first[inside] / number, second[inside] / number

@@ -24,7 +24,7 @@ would take too long.
 MIN_M = 1e-6
 """Minimum height of a column. Lower columns are ignored."""
 MAX_M = 200.0
-"""Coarsest resolution that is tried when searching for one that fits."""
+"""Coarsest resolution that is tried in the search for a resolution that fits, m."""
 TRIES = 4
 """Number of bisections between the last resolution that did not fit and the first one that did."""
 

@@ -35,7 +35,7 @@ from cobot.studies.study_file import study_of
 
 MANIFEST, CHUNKS, ANSWER, LOCK = "manifest.json", "chunks", "answer.json", ".lock"
 FILES = (ANSWER, SQLITE, PARQUET, "map.png", "map.html")
-"""Files that a run replaces."""
+"""Files that a run of a study replaces."""
 LOCK_FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 FORMAT = 1
 _NAME = re.compile(r"(\d{9})-(\d{9})-([0-9a-f]{32})\.npz")
@@ -223,7 +223,7 @@ def _unwritable(path: Path, exc: OSError) -> UnavailableError:
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """The first key of the documents or contents that differs."""
+    """The first key that differs between the two documents or contents."""
     for part in ("document", "contents"):
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)
