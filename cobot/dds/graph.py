@@ -1,4 +1,4 @@
-"""The assignment of endpoints to nodes, which `ros2 node list` and `ros2 node info` read.
+"""The assignment of endpoints to nodes. `ros2 node list` and `ros2 node info` read it.
 
 Each participant publishes it as one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on
 the topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so each size has its own

@@ -46,7 +46,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 class NodePublisher:
-    """Publishes on a topic. Made by `DdsNode.publisher`; thread safe."""
+    """Publishes on a topic. Made by `DdsNode.publisher`. Thread safe."""
 
     def __init__(self, node: DdsNode, topic: str, type_: str, qos: Qos, lifespan_s: float = math.inf) -> None:
         self.topic = topic

@@ -25,7 +25,7 @@ MAX_COMMANDS = 1000
 MAX_MESSAGES = 20_000
 """Maximum number of other messages that are remembered until their deadline."""
 ANSWER_S = 20.0
-"""Longest wait of a retry for the answer to the first try."""
+"""Maximum time for which a retry waits for the answer to the first try, s."""
 AHEAD_S = 1.0
 """Maximum difference by which the issue time of a command may be later than the hub's time as this cell knows
 it, s.

@@ -87,7 +87,9 @@ def _client_tls(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _rights(keys: FleetKeys, cells: Sequence[str]) -> dict[str, Any]:
-    """Zenoh's access control: a cell may publish and reply only under its own name, and query the time."""
+    """Settings of Zenoh's access control. A cell may publish and reply only under its own name, and may query
+    the time.
+    """
     out, into = ["egress"], ["ingress"]
 
     def rule(name: str, flows: list[str], messages: list[str], *allowed: str) -> dict[str, Any]:

@@ -200,7 +200,9 @@ class FleetRecordingStore:
 
     @staticmethod
     def _forget(folder: Path, listed: set[str]) -> None:
-        """Remove unfinished files and names of fetched recordings that the cell no longer has."""
+        """Remove unfinished files, and names of fetched recordings, if the cell no longer has these
+        recordings.
+        """
         for part in folder.glob(f"*{SUFFIX}{PART}"):
             if part.name.removesuffix(PART) not in listed:
                 part.unlink(missing_ok=True)

@@ -52,7 +52,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One line of the report. `remedy` is the command that solves the problem."""
+    """One line of the report of `cobot doctor`. `remedy` is the command that solves the problem."""
 
     item: str
     verdict: Severity

@@ -13,7 +13,7 @@ class Closest:
     """The shortest distance between two bodies along a motion, m.
 
     Attributes:
-        share: time at which it occurs, as a share of the duration.
+        share: time at which the shortest distance occurs, as a share of the duration.
         points: the nearest points of the first and of the second body, in the base frame, m.
     """
 

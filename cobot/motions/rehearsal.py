@@ -14,7 +14,7 @@ class Flaw:
     """The first problem of a dry run.
 
     Attributes:
-        time_s: time since the motion began.
+        time_s: time of the problem since the motion began, s.
         joint: the affected joint; None if it affects no single joint.
         says: description of the problem.
     """

@@ -22,7 +22,7 @@ LOOK_M = 0.03
 """During the escape, pairs of bodies that are nearer than the margin plus this distance are kept apart."""
 STEPS = 40
 STEP_RAD = 0.2
-"""Largest joint step of the search, because distances are not linear in the joints."""
+"""Largest joint step of the search. It is limited because distances are not linear in the joints."""
 DEEPER_M = 1e-4
 """Depth by which a contact may become deeper on the way, because distances are not linear along a straight
 motion.

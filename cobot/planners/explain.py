@@ -258,7 +258,7 @@ def _as_written(pose: Pose) -> Pose:
 
 
 def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
-    """For a line: its part before the failure."""
+    """For a line that fails at a point: the part of the line before this point."""
     shares = [found.share for found in error.findings if found.share]
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return

@@ -1,4 +1,4 @@
-"""Path constraints: how far a configuration violates them, and the nearest one that keeps them."""
+"""Path constraints: how far a configuration violates them, and the nearest configuration that keeps them."""
 
 from __future__ import annotations
 

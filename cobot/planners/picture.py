@@ -69,8 +69,9 @@ def _dense(points: Array) -> Array:
 
 
 def _draw(image: Array, away: Array, view: Array) -> None:
-    """Colour the pixels of points, which are given relative to the camera. Points behind the arm are visible
-    too."""
+    """Colour the pixels of points. The points are given relative to the camera. Points behind the arm are
+    also visible.
+    """
     across, down, ahead = view @ away.T
     half = np.tan(VIEW_RAD / 2)
     columns = np.rint((across / ahead / half * HEIGHT / WIDTH + 1.0) / 2.0 * (WIDTH - 1)).astype(int)

@@ -91,7 +91,7 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 
 def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajectory:
-    """Ruckig's per-joint profiles of one motion from rest, as one trajectory of cubics."""
+    """One trajectory of cubics, made from Ruckig's profiles of all joints for a motion from rest."""
     # For each joint, the start times, positions, velocities, accelerations and jerks of its pieces, shape
     # (dof, 5, 8).
     rows = np.array([[[0.0, *each.t], each.p, each.v, each.a, [*each.j, 0.0]] for each in profiles])

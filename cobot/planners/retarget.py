@@ -258,7 +258,7 @@ def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajecto
 
 
 def _until(motion: Trajectory, end_s: float) -> Trajectory:
-    """A motion up to a time; its polynomials stay the same, bit for bit."""
+    """The part of a motion up to a time. Its polynomials stay the same, bit for bit."""
     count = int(np.searchsorted(motion.breakpoints_s, end_s - SAME_S, side="right"))
     count = min(max(count, 1), motion.segments)
     times = np.append(motion.breakpoints_s[:count], max(end_s, motion.breakpoints_s[count - 1] + SAME_S))

@@ -24,7 +24,9 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 RESOLUTION_M = 5e-4
-"""A motion that passes the check keeps at least the margin minus this distance from everything."""
+"""Accuracy of the check, m. A motion that passes it stays at least the margin minus this distance away from
+everything.
+"""
 
 MAX_TRAVEL_RAD = 20_000.0
 """Maximum length of a motion that is checked; the check takes some seconds. A longer motion is a mistake."""

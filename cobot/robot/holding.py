@@ -91,7 +91,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
 
 
 def attach_tool_and_objects(robot: RobotDescription, settings: Settings) -> None:
-    """Attach to the model the tool and the objects with which the service would start.
+    """Attach the tool and the objects with which the service would start to the model.
 
     Raises:
         ConfigError: a file is invalid.

@@ -31,5 +31,5 @@ def _library() -> Path:
 # symbols visible to all modules.
 LIBRARY = ctypes.CDLL(str(_library()), mode=ctypes.RTLD_GLOBAL)
 
-# Without a handler MuJoCo appends its warnings to a file in the current folder.
+# Without this handler, MuJoCo would append its warnings to a file in the current folder.
 mujoco.set_mju_user_warning(lambda text: log.warning("MuJoCo: %s", text))

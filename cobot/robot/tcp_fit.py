@@ -26,7 +26,7 @@ class TcpFit:
     """A TCP that fits poses of the flange.
 
     Attributes:
-        tcp: position in the flange's frame, shape (3,), m.
+        tcp: position of the TCP in the flange's frame, shape (3,), m.
         point: the touched point in the base frame, shape (3,), m.
         errors_m: distance of the tip from that point in each pose, m.
     """

@@ -59,7 +59,7 @@ class Tool:
         return symmetric(self.inertia or (0.0,) * 6)
 
     def mounted(self, scene: Scene) -> Scene:
-        """The scene with the tool's shapes attached; their poses remain relative to the flange."""
+        """The scene with the tool's shapes attached. Their poses remain relative to the flange."""
         if not self.shapes:
             return scene
         shapes = {name: replace(each, attached=True) for name, each in self.shapes.items()}

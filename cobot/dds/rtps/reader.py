@@ -56,7 +56,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
         """
         return True
 
-    # What writers say; called by the participant with the lock held
+    # Messages from writers; the participant calls these with the lock held
 
     def match(self, guid: bytes, address: Address, qos: Qos, vendor: int) -> None:
         """Register a discovered writer, or a new address of a known one."""

@@ -23,7 +23,9 @@ SAMPLES = 500
 """Number of random positions that are checked for self-collision."""
 MARGIN_M = 0.005
 NEAR_SHARE = 0.8
-"""Distance that streams keep, as a share of the distance between links that are always close."""
+"""Distance that streams keep between links, as a share of the distance between links that are always close to
+each other.
+"""
 VELOCITY = {False: 1.0, True: 0.25}
 """Guessed velocity of a rotary joint, rad/s, and of a linear joint, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0

@@ -177,7 +177,7 @@ def _corner(
         for path, places in ((first, first.length - along[0]), (second, along[1]))
     ]
     ways = [_within(*each, INSIDE * radius_m) for each in zip(along, away, strict=True)]
-    if min(ways) <= 0.0:  # rounding put the ends of the motions farther apart than the radius
+    if min(ways) <= 0.0:  # because of rounding, the ends of the motions are farther apart than the radius
         return None
     for share in SHARES:
         before, after = share * ways[0], share * ways[1]

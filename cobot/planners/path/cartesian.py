@@ -87,8 +87,9 @@ def follow(
 
 
 def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
-    """The error if neither the simple way nor, for a redundant arm, any other configuration reaches the
-    end."""
+    """The error if the simple way does not reach the end and, for a redundant arm, no other configuration
+    does either.
+    """
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
     if arm.arm_angle is not None:

@@ -70,8 +70,9 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple
 def follow_or_relax(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array, required: bool
 ) -> Trajectory | None:
-    """The result of `follow`. If the end joints are impossible and not required, the motion ends in other
-    joints."""
+    """The result of `follow`. If the motion cannot end in the end joints and these are not required, it ends
+    in different joints.
+    """
     if required:
         return follow(robot, request, path, end)
     try:

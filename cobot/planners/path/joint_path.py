@@ -27,8 +27,8 @@ approximately."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
 """Places within each interval at which the deviation is checked, as shares of the interval."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
-"""Additional places that are checked: from the path's beginning in the first interval, and from its end in
-the last one. A spline overshoots there first.
+"""Additional places that are checked, because a spline overshoots there first. They are measured from the
+path's beginning in the first interval, and from its end in the last one.
 """
 EVEN_STEP_RAD = 0.25
 """If the joints turn further than this between even places, the parameter is the joints' distance instead."""

@@ -33,8 +33,8 @@ limit from start to end, s².
 """
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
-"""Weights of the curvature of the arm angle, relative to its distance from the path through the graph. They
-are tried in this order.
+"""Weights of the curvature of the arm angle, relative to the weight of its distance from the path through the
+graph. They are tried in this order.
 """
 PULLS, EDGE, HELD = 8, 0.15, 1e9
 """Three values for smoothing: the number of rounds in which points outside the corridor are moved back into

@@ -1,7 +1,7 @@
 """Removal of detours: a shorter path from several that a search has found.
 
-A search returns a path through the first gap that it finds, which often passes obstacles at a large distance.
-Cuts shorten the path only within that gap. Here the corners of several paths form one roadmap, and its
+A search returns a path through the first gap that it finds. This path often passes obstacles at a large
+distance. Cuts shorten it only within that gap. Here the corners of several paths form one roadmap, and its
 shortest path combines the best part of each. Then configurations are sampled around that path and added to
 the next roadmap, until the path no longer improves.
 """
@@ -25,7 +25,7 @@ DRAWS, FINE_RAD = 100, 0.2
 which they are drawn.
 """
 SPREADS_RAD = (0.6, 0.4, 0.2)
-"""Standard deviation of each joint for drawing, round by round."""
+"""Standard deviation of each joint when configurations are drawn. Each round uses the next value."""
 STALLS = 2
 """The search ends after this many rounds with a relative gain below `GAIN`."""
 GAIN = 0.01

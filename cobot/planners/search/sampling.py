@@ -104,8 +104,10 @@ def _search(
 def _connect(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
-    """The first path if it is close to the direct way; otherwise the shortest of several and of their
-    combination, see `without_detours`. A round whose searches find no path is the last one.
+    """The first path if it is close to the direct way. Otherwise the shortest of several paths and of their
+    combination, see `without_detours`.
+
+    If the searches of a round find no path, this round is the last one.
     """
     bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s

@@ -18,21 +18,23 @@ import numpy as np
 from cobot.types import Array
 
 DECIMALS = range(4, 10)
-"""Numbers of decimals that can be recognised. With fewer decimals the correction would be too large; with
-more, there is nothing to correct.
+"""Numbers of decimals that can be recognised as rounding. With fewer decimals the correction would be too
+large. With more decimals, there is nothing to correct.
 """
 MIN_POINTS = 100
 MAX_STEP_S = 0.02
 """Maximum time step for which points count as samples of a curve and are smoothed, s."""
 UNEVEN = 0.01
-"""Share by which time steps may differ."""
+"""Share by which the time steps between points may differ and still count as equal."""
 WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)
 """Numbers of points over which the curve is smoothed. The largest number that keeps the curve within the
 rounding is used.
 """
 ORDER = 4
 REST = 1e4
-"""Weight of starting and ending at rest, relative to the differences."""
+"""Weight of the condition that the motion starts and ends at rest, relative to the weight of the
+differences.
+"""
 DIFFERENCE = np.array([(-1) ** k * math.comb(ORDER, k) for k in range(ORDER + 1)], dtype=np.float64)
 
 

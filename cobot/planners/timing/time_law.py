@@ -46,7 +46,7 @@ changes within a few cells of the first size.
 PLACES = 100
 """Minimum number of places of a path that the first timing checks."""
 GAP = 5e-4
-"""The optimisation ends when at most this share of the duration is left to gain."""
+"""The optimisation ends if at most this share of the duration could still be gained."""
 ITERATIONS = 60
 MAX_DURATION_S = 1e9
 """Longest duration, about thirty years, because powers of longer times overflow."""

@@ -177,7 +177,8 @@ class _Fitting:
             slowness = self._slower(slowness, grid_s, belongs_s, needed)
 
     def _clock(self, grid_s: Array, slowness: Array) -> tuple[Array, float]:
-        """The time on the curve that corresponds to each control point, shape (n,), and their step.
+        """The time on the curve that corresponds to each control point, shape (n,), and the time step between
+        them.
 
         Args:
             slowness: factor by which the motion is slower than the curve at each of its times `grid_s`.

@@ -95,8 +95,8 @@ class Geometry:
 
     Attributes:
         base: index of the body in whose frame all poses of the API are.
-        tcp: index of the body that carries the TCP, and the pose of the TCP in that body's frame.
-        meshes: vertices, shape (n, 3), m, and triangles, shape (k, 3), of each mesh.
+        tcp: index of the body that carries the TCP, and the pose of the TCP in the frame of this body.
+        meshes: for each mesh, the vertices, shape (n, 3), m, and the triangles, shape (k, 3).
     """
 
     bodies: list[Body]

@@ -46,7 +46,7 @@ class Axes:
         projections = [np.eye(3) - np.outer(self.directions[j], self.directions[j]) for j in joints]
         feet = sum(projection @ self.points[j] for projection, j in zip(projections, joints, strict=True))
         matrix = np.sum(projections, axis=0)
-        if np.linalg.eigvalsh(matrix)[0] < 1e-6:  # parallel
+        if np.linalg.eigvalsh(matrix)[0] < 1e-6:  # the axes are parallel
             return None
         point: Array = np.linalg.solve(matrix, feet)
         off = max(

@@ -202,7 +202,7 @@ def out_of_reach(
 def missing(
     model: RobotModel, distance_m: float, angle_rad: float, to: str, share: float, of: tuple[str, ...] = ()
 ) -> list[Finding]:
-    """How far the TCP is from the goal or the path."""
+    """Findings that report how far the TCP is from the goal or the path."""
     most_m, most_rad = (NEAR_M, NEAR_RAD) if model.inverse_kinematics.lacking else (0.0, 0.0)
     return [
         Finding("reach", f"distance to the {to}", float(distance_m), most_m, "m", share, of),
