@@ -1,4 +1,4 @@
-"""Backend for Universal Robots, with e-Series, UR-Series and CB3 controllers."""
+"""Backend for Universal Robots arms with e-Series, UR-Series and CB3 controllers."""
 
 from rtloop.backends.ur.backend import UrBackend
 

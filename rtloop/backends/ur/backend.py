@@ -1,7 +1,6 @@
-"""Universal Robots over RTDE, with a program of cobot on the controller that follows joint positions or
-torques.
+"""Universal Robots arms over RTDE. A cobot program on the controller follows joint positions or torques.
 
-This module is long because it has all the functions that the cycle calls.
+This module is long because it contains all methods that the cycle calls on this device.
 """
 
 from __future__ import annotations
@@ -71,21 +70,25 @@ USEFUL = (
     *(each for each in READ if "analog" in each),
 )
 REST_S = 2.0
-"""Timeout for coming to rest at the start, s."""
+"""Timeout for the arm to come to rest at the start, s."""
 ENDED_PACKAGES = 3
-"""Packages after the end of cobot's program until it is a fault. The program ends just before the first
-package that has the cause, such as an emergency stop.
+"""Number of packages after which the end of cobot's program is a fault. A few are needed because the program
+ends just before the first package that contains the cause, such as an emergency stop.
 """
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
 POSE_S = 0.1
-"""Time until the controller reports its pose with the TCP that the program has set, s."""
+"""Time until the controller reports the pose of the TCP that the program has set, s."""
 HALF_TURN = (0.0, 0.0, 0.0, 1.0)
-"""Rotation between the controller's base frame and `base_link` of the maker's descriptions, (w, x, y, z)."""
+"""Rotation between the controller's base frame and `base_link` in the manufacturer's robot descriptions, (w,
+x, y, z).
+"""
 
 
 class _Hand(Enum):
-    """Hand guiding. After it, commands do not count until rtloop has seen the arm at rest."""
+    """The state of hand guiding. After guiding, commands are ignored until rtloop has seen the arm at
+    rest.
+    """
 
     OFF = auto()
     GUIDES = auto()
@@ -93,9 +96,9 @@ class _Hand(Enum):
 
 
 class UrBackend:
-    """An externally clocked `Backend` for the controller: `Paced`, `Reporting`, `Stepwise`, `CarriesTool`,
-    `GuidedByHand` and `HasIo`. With the option `torque` it is also `ImpedanceControlled`: only then it has
-    the attributes of that protocol.
+    """An externally clocked `Backend` for the controller. It also implements `Paced`, `Reporting`,
+    `Stepwise`, `CarriesTool`, `GuidedByHand` and `HasIo`. Only with the option `torque` it has the attributes
+    of `ImpedanceControlled`.
     """
 
     set_impedance: Callable[[Impedance | None], None]
@@ -118,7 +121,7 @@ class UrBackend:
     ) -> None:
         """
         Args:
-            transport: replacement of the network and its clock, for tests.
+            transport: replacement for the network and its clock, for tests.
         """
         if limits.dof != AXES:
             raise BackendError(
@@ -157,9 +160,9 @@ class UrBackend:
         self._answered = True
         self._periods = 1
         self._begun = False
-        self._unconnected = 0  # packages since the program has ended
+        self._unconnected = 0  # packages since the program ended
         self._hand = _Hand.OFF
-        self._begins_at_rest = False  # after torques, where the arm is
+        self._begins_at_rest = False  # position of the arm after torques
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
@@ -181,8 +184,8 @@ class UrBackend:
         self._await_rest()
 
     def enable(self) -> None:
-        """Enable the arm. If this fails at the start, the first command raises the reason, and a reset tries
-        again.
+        """Enable the arm. If this fails at the start, the first command raises an error with the reason, and
+        a reset tries again.
         """
         starts = not self._begun
         self._begun = True
@@ -276,7 +279,9 @@ class UrBackend:
         self._periods = 0
 
     def disable(self) -> None:
-        """End the program. The controller holds the arm; its drives are switched off at the teach pendant."""
+        """End the program. The controller holds the arm. A person switches its drives off at the teach
+        pendant.
+        """
         self._enabled = False
         self._abandon()
 
@@ -288,7 +293,9 @@ class UrBackend:
     # Paced, Reporting, CarriesTool, GuidedByHand, HasIo
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
+        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
+        lost or has accumulated.
+        """
         deadline_s = self._transport.clock() + timeout_s
         while not self._hear():
             left_s = deadline_s - self._transport.clock()
@@ -317,7 +324,7 @@ class UrBackend:
         )
 
     def set_tool(self, tool: Tool) -> None:
-        """Send mass and centre of mass to the controller, which compensates gravity by itself."""
+        """Send the mass and the centre of mass to the controller, which compensates gravity itself."""
         self._tool = tool
         if self._torques is not None:
             self._torques.robot.carry(tool)
@@ -329,7 +336,7 @@ class UrBackend:
             raise BackendError("robot.backend.freedrive is false: set it to true to guide this arm by hand")
         self._hand = _Hand.GUIDES
         self._transition.forget()
-        if self._torques is not None:  # the controller itself releases the arm, without springs
+        if self._torques is not None:  # the controller itself releases the arm without springs
             self._torques.is_on = False
 
     def end_guiding(self) -> None:
@@ -387,7 +394,7 @@ class UrBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """The backend and a simulated controller in one process."""
+        """Make a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.ur.simulator.lockstep import UrRig
 
         return UrRig(settings, limits)
@@ -418,7 +425,7 @@ class UrBackend:
         self._program.send_tool(self._tool)
 
     def _abandon(self) -> None:
-        """End the program, and any attempt to start it."""
+        """End the program, or any attempt to start it."""
         if self._steps is not None:
             self._steps.close()
             self._steps = None
@@ -430,8 +437,9 @@ class UrBackend:
             self._torques.is_on = False
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
-        """Begin at the position in which the controller holds the arm, if the first command is near it. After
-        torques the arm is at rest, and the controller's target becomes valid only now.
+        """Begin commands at the position at which the controller holds the arm, if the first command is near
+        it. If the arm was under torque control before, it is at rest, and the controller's target becomes
+        valid only now.
         """
         here = self._beat.position if self._begins_at_rest else np.array(data["target_q"])
         self._begins_at_rest = False
@@ -505,8 +513,9 @@ class UrBackend:
         return check_version(version, self._link.version_text, has_torque=MOTOR_TORQUE in self._newest)
 
     def _check_pose(self, data: Mapping[str, Any]) -> Accepted | Rejected:
-        """Whether the controller's flange is where the model has it, in a base frame that may be turned by
-        half a turn about z."""
+        """Check whether the controller reports its flange at the same pose as the model, in a base frame that
+        may be rotated by half a turn about z.
+        """
         pose = data.get("actual_TCP_pose")
         if pose is None or self._model is None or not np.isfinite(pose).all():
             return ACCEPTED
@@ -522,7 +531,7 @@ class UrBackend:
         return result
 
     def _in_base(self, wrench: tuple[float, ...]) -> Array:
-        """A wrench of the controller along the axes of the model's base."""
+        """Convert a wrench from the controller to the axes of the model's base."""
         found = np.array(wrench)
         if self._turned:
             found[[0, 1, 3, 4]] *= -1.0
@@ -555,7 +564,9 @@ class UrBackend:
         return self._beat.newest
 
     def _hear(self) -> bool:
-        """Read the packages that have arrived, unless a cycle is due already. Returns whether one is due."""
+        """Read the packages that have arrived, unless a cycle is already due. Return whether a cycle is
+        due.
+        """
         if not self._beat.due:
             for data in self._link.poll():
                 self._take(data)
@@ -572,13 +583,13 @@ class UrBackend:
 
 
 def _speed_scaling(data: Mapping[str, Any]) -> float:
-    """The fraction of the speed of motions: the slider, times the controller's own reduction."""
+    """Return the share of the motion speed: the speed slider times the controller's own reduction."""
     share = data["speed_scaling"] * data["target_speed_fraction"]
     return min(max(float(share), 0.0), 1.0) if math.isfinite(share) else 0.0
 
 
 def _from_rotation_vector(turn: tuple[float, ...]) -> Array:
-    """Quaternion (w, x, y, z) of a rotation vector, rad."""
+    """Convert a rotation vector, rad, to a quaternion (w, x, y, z)."""
     vector = np.array(turn)
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
@@ -587,6 +598,6 @@ def _from_rotation_vector(turn: tuple[float, ...]) -> Array:
 
 
 def _half_turned(pose: Pose) -> Pose:
-    """The pose in a base that is turned by half a turn about z."""
+    """Convert a pose to a base frame that is rotated by half a turn about z."""
     x, y, z = pose.position
     return Pose(np.array([-x, -y, z]), np.array(product(HALF_TURN, pose.quaternion.tolist())))

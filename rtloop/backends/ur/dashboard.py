@@ -1,4 +1,4 @@
-"""The dashboard server of a controller: one line of text for each request and each answer."""
+"""A client for a controller's dashboard server. Each request and each answer is one line of text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ MAX_LINE = 65_536
 
 
 class Dashboard:
-    """Sends one request at a time. Nothing here waits: `poll` is called until it has the answer."""
+    """Sends one request at a time. No method waits: `poll` is called repeatedly until it returns the
+    answer.
+    """
 
     def __init__(self, transport: UrTransport, address: str) -> None:
         self._transport, self._address = transport, address
@@ -22,7 +24,7 @@ class Dashboard:
         self._since_s = 0.0
 
     def ask(self, request: str) -> None:
-        """Begin a request; connects first if necessary."""
+        """Begin a request. If necessary, connect first."""
         self._request, self._since_s = request, self._transport.clock()
         try:
             if self._stream is None:
@@ -34,10 +36,10 @@ class Dashboard:
             raise self._make_error(exc.strerror or str(exc)) from exc
 
     def poll(self) -> str | None:
-        """The answer to the last request; None before it has come.
+        """Return the answer to the last request; None until it has arrived.
 
         Raises:
-            BackendError: the dashboard server does not answer, with the reason.
+            BackendError: the dashboard server does not answer; the error gives the reason.
         """
         if self._stream is None:
             raise self._make_error("it is not connected")

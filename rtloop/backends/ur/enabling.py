@@ -1,4 +1,6 @@
-"""Making the arm ready for commands: its power and brakes, then cobot's program on the controller."""
+"""Makes the arm ready for commands: switches on the power, releases the brakes, and starts cobot's program on
+the controller.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,9 @@ from rtloop.backends.ur.words import LOCAL, SWITCH_ON, UNLOCKABLE, hindrance, mo
 
 PRIMARY_PORT = 30001
 POLYSCOPE_X = (10,)
-"""First version of its software, which has no dashboard server."""
+"""First software version of PolyScope X, which has no dashboard server."""
 SAFETY_S = 2.0
-"""Time for a safety mode to end after its cause has been reset."""
+"""Timeout for a safety mode to end after its cause has been reset, s."""
 MIN_REMOTE = (5, 6)
 """First version of the dashboard server that reports remote control."""
 _ROBOT_MESSAGE, _ERROR_CODE, _KEY, _EXCEPTION = 20, 6, 7, 10
@@ -45,12 +47,12 @@ class Enabling:
     ) -> Generator[None, None, None]:
         """
         Args:
-            state: the newest data of RTDE.
+            state: the newest RTDE data.
             version: version of the controller's software.
             local: address of this computer on the connection.
 
         Raises:
-            BackendError: the arm cannot be made ready, with the reason.
+            BackendError: the arm cannot be made ready; the error gives the reason.
         """
         try:
             self._operator = self._operator_of(version)
@@ -63,7 +65,7 @@ class Enabling:
             self.close()
 
     def _operator_of(self, version: tuple[int, ...]) -> Dashboard | RobotApi | None:
-        """The interface of this version that switches the arm on; None if a person does so."""
+        """Return the interface that switches the arm on for this version; None if a person does so."""
         options = self._options
         if not options.dashboard or POLYSCOPE_X <= version[:2] < MIN_VERSION:
             return None
@@ -87,7 +89,9 @@ class Enabling:
         self._answer = answer
 
     def _until(self, happened: Callable[[], bool], timeout_s: float) -> Generator[None, None, None]:
-        """Wait for something; `self._in_time` is whether it has happened."""
+        """Wait until something has happened or the timeout has passed. `self._in_time` then states whether it
+        has happened.
+        """
         until_s = self._transport.clock() + timeout_s
         while not happened() and self._transport.clock() < until_s:
             yield
@@ -139,8 +143,8 @@ class Enabling:
             raise BackendError(SWITCH_ON.get(mode) or f"the robot mode: {mode_in_words(mode)}")
 
     def _end_programs(self, state: State) -> Generator[None, None, None]:
-        """Wait until no program runs. A program of cobot that is still running is ended; another program is
-        an error.
+        """Wait until no program runs. If a cobot program is still running, it is ended. Any other running
+        program is an error.
         """
 
         def stopped() -> bool:
@@ -202,7 +206,7 @@ class Enabling:
 
     @property
     def _said(self) -> str:
-        """The controller's error messages since the upload."""
+        """Return the controller's error messages since the upload."""
         return "".join(f"; it reports: {each}" for each in error_messages(self._heard))
 
 
@@ -215,8 +219,8 @@ def _hindered(state: Mapping[str, Any]) -> str:
 
 
 def error_messages(stream: bytes) -> list[str]:
-    """The last errors in the bytes from the primary interface: compiler errors, errors of a running program,
-    and error codes.
+    """Return the last errors in the bytes from the primary interface: compiler errors, errors of a running
+    program, and error codes.
     """
     found, begin = [], 0
     while len(stream) - begin >= 5:

@@ -1,4 +1,4 @@
-"""Variables of RTDE and values of its states, from Universal Robots' RTDE guide."""
+"""RTDE variables and the values of states, from Universal Robots' RTDE guide."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class UrRobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """Values of `safety_mode`, and from 12 on those that only `safety_status` has."""
+    """Values of `safety_mode`. Values from 12 on occur only in `safety_status`."""
 
     NORMAL = 1
     REDUCED = 2
@@ -48,7 +48,7 @@ class RuntimeState(IntEnum):
 
 
 FREEDRIVE_BUTTON = 1 << 2
-"""Bit of `robot_status_bits`: the button for hand guiding is pressed."""
+"""Bit of `robot_status_bits` that is set while the button for hand guiding is pressed."""
 
 _D, _V6, _V3, _U32, _U8 = "DOUBLE", "VECTOR6D", "VECTOR3D", "UINT32", "UINT8"
 
@@ -143,4 +143,4 @@ INPUTS: dict[str, str] = {
 """Variables that a client may set, with their types."""
 
 ANSWERED = ("NOT_FOUND", "IN_USE")
-"""Answers of a controller in place of a type."""
+"""Answers that a controller gives instead of a type."""

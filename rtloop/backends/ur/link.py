@@ -1,4 +1,4 @@
-"""The connection to the RTDE server of a controller. It is set up again after it was lost."""
+"""The connection to a controller's RTDE server. If it is lost, it is set up again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ REPLY_S = 2.0
 """Timeout for the controller's answer to each step of the set-up, s."""
 RETRY_S = 0.5
 DEAD_S = 1.0
-"""Time without data after which the connection is closed, s: the other end may not have closed it."""
+"""Time without data after which the connection is closed, s. This is needed because the other end may not
+have closed it.
+"""
 _VERSION = struct.Struct(">4I")
 
 
@@ -46,7 +48,7 @@ class RtdeLink:
     """
     Attributes:
         version: version of the controller's software, four numbers; None before it is known.
-        inputs: recipes of the groups of variables that can be set, by the first variable of each.
+        inputs: recipes for the groups of variables that can be set, by the first variable of each group.
         problem: the reason why no data arrive; "" while they arrive.
         lasting: whether another attempt would fail for the same reason.
         malformed: number of data packages that could not be decoded.
@@ -63,8 +65,8 @@ class RtdeLink:
     ) -> None:
         """
         Args:
-            needed, useful: variables that are read; a controller may lack the useful ones.
-            groups: variables that are set together.
+            needed, useful: variables that are read. A controller may lack those in `useful`.
+            groups: groups of variables that are set together.
         """
         self._transport, self._address, self._frequency_hz = transport, address, frequency_hz
         self._needed, self._useful, self._groups = tuple(needed), tuple(useful), [tuple(g) for g in groups]
@@ -95,7 +97,9 @@ class RtdeLink:
         return self._stream.local if self._stream is not None else ""
 
     def poll(self) -> list[dict[str, Any]]:
-        """Continue as far as possible without waiting, and return the data packages that have arrived."""
+        """Continue the set-up as far as possible without waiting, and return the data packages that have
+        arrived.
+        """
         now_s = self._transport.clock()
         try:
             if self._step is _Step.AWAY:
@@ -110,7 +114,7 @@ class RtdeLink:
         return []
 
     def send(self, group: str, values: Mapping[str, Any]) -> bool:
-        """Set the variables of a group. Returns whether they were sent."""
+        """Set the variables of a group. Return whether they were sent."""
         recipe = self.inputs.get(group)
         if recipe is None or self._stream is None or not self.is_streaming:
             return False
@@ -190,7 +194,7 @@ class RtdeLink:
         step, payload = self._step, package.payload
         expected = _ANSWERS[step]
         if package.kind == Kind.DATA:
-            return  # of an earlier start
+            return  # from an earlier start
         if package.kind != expected:
             raise RtdeError(
                 f"the controller has answered {expected.name} with a package of type {package.kind}"

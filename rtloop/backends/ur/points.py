@@ -14,14 +14,16 @@ from rtloop.backends import BackendError
 log = logging.getLogger("cobot.rtloop")
 
 ENFORCED_S = 1.0
-"""Time for which an output is repeated until the controller reports it."""
+"""Maximum time for which the value of an output is sent repeatedly until the controller reports it, s."""
 SLIDER = "speed_slider"
 DIGITAL = (("digital", 8, 0), ("configurable", 8, 8), ("tool", 2, 16))
-"""Names, numbers of points and first bits in `actual_digital_input_bits` and `.._output_bits`."""
+"""Groups of digital points: name, number of points, and first bit in `actual_digital_input_bits` and
+`actual_digital_output_bits`.
+"""
 MAX_VOLT = 10.0
 MIN_AMPERE, MAX_AMPERE = 0.004, 0.02
 _OUTPUT_DOMAIN = 2
-"""First bit of the outputs in `analog_io_types`: 0 for a current, 1 for a voltage."""
+"""Number of the first output's bit in `analog_io_types`. A bit is 0 for a current and 1 for a voltage."""
 GROUPS: tuple[tuple[str, ...], ...] = (
     ("speed_slider_mask", "speed_slider_fraction"),
     ("standard_digital_output_mask", "standard_digital_output"),
@@ -34,7 +36,7 @@ GROUPS: tuple[tuple[str, ...], ...] = (
         "standard_analog_output_1",
     ),
 )
-"""Variables of RTDE that are set together."""
+"""Groups of RTDE variables that are set together."""
 READ = (
     "actual_digital_input_bits",
     "actual_digital_output_bits",
@@ -45,7 +47,7 @@ READ = (
 
 
 def points(data: Mapping[str, Any]) -> list[IoPoint]:
-    """All points of a data package."""
+    """List all points in a data package."""
     found = []
     for way, bits in (
         ("in", data["actual_digital_input_bits"]),
@@ -74,9 +76,9 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        group: first of its variables.
-        values: values of the variables.
-        point: the point with the value that is to be reported.
+        group: first variable of the group to which the output belongs.
+        values: values of the group's variables.
+        point: the output with the value that the controller must report.
     """
 
     group: str
@@ -87,16 +89,17 @@ class _Wanted:
 
 
 class UrOutputs:
-    """Outputs to be set: enforced until the controller reports them, then released.
+    """The outputs that are to be set. Each is enforced until the controller reports its value, and then
+    released.
 
     Attributes:
-        problem: sentence about an output that was not set, or was set late; "" if none is known.
+        problem: sentence about an output that was not set or was set late; "" if there is none.
     """
 
     def __init__(self, send: Callable[[str, Mapping[str, Any]], bool]) -> None:
         """
         Args:
-            send: sets the variables of a group, and returns whether they were sent.
+            send: function that sets the variables of a group, and returns whether they were sent.
         """
         self._send = send
         self._wanted: dict[str, _Wanted] = {}
@@ -121,8 +124,8 @@ class UrOutputs:
     def follow(self, data: Mapping[str, Any], now_s: float) -> None:
         """Send waiting values, and release each output that has reached its value. Called once per cycle.
 
-        Only one output of a group is set at a time. If two packages arrive within one control period, the
-        second one replaces the first.
+        Only one output of a group is set at a time, because if two packages arrive within one control period,
+        the second one replaces the first.
         """
         if not self._sent and not self._wanted:
             return
@@ -159,7 +162,9 @@ def _request(point: IoPoint, value: float, data: Mapping[str, Any]) -> tuple[str
 
 
 def _analog(name: str, index: int, value: float, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The variables that set an analog output. The unit is V or A, as the controller uses the output now."""
+    """Return the variables that set an analog output. The unit is V or A, depending on how the controller
+    uses the output now.
+    """
     domain = data.get("analog_io_types", 0) >> _OUTPUT_DOMAIN + index & 1
     low, high, unit = (0.0, MAX_VOLT, "V") if domain else (MIN_AMPERE, MAX_AMPERE, "A")
     if not low <= value <= high:

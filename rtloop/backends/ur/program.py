@@ -15,23 +15,25 @@ from rtloop.backends.ur.torques import HELD_STEPS, SPEED_SHARE, TORQUE_PERIOD_S,
 from rtloop.backends.ur.transport import ByteListener, ByteStream, UrTransport
 
 MAGIC = 0x636F626F
-"""First number that the program sends. The second one identifies its upload."""
+"""First number that the program sends. Its second number identifies the upload."""
 SCALE = 1e8
-"""Integer value of one radian in a message."""
+"""Integer that represents one radian in a message."""
 FIRST_TIMEOUT_S = 3.0
-"""Time that the program waits for its first command, s."""
+"""Time for which the program waits for its first command, s."""
 _HELLO = struct.Struct(">ii")
 _MESSAGE = struct.Struct(">8i")
 TORQUE_SCALE = 1e6
-"""Integer value of 1 N·m in a message."""
+"""Integer that represents 1 N·m in a message."""
 END, POSITION, PAYLOAD, GUIDE, WAIT, EXERT = 0, 1, 2, 3, 4, 5
 PARTS = ("freedrive", "torque")
-"""Options without which lines of the program are left out; such a line ends with the option's name."""
+"""Options that control lines of the program. A line that ends with the name of one of them is left out if the
+option is off.
+"""
 MAX_PERIODS = 1000
 
 
 def script(options: UrOptions, limits: JointLimits, host: str, port: int, token: int, period_s: float) -> str:
-    """The text of the program."""
+    """Return the text of the program."""
     text = files("rtloop.backends.ur").joinpath("control.script").read_text(encoding="utf-8")
     values = {
         "HOST": host,
@@ -60,7 +62,7 @@ def script(options: UrOptions, limits: JointLimits, host: str, port: int, token:
 
 
 def encode_position(position: Sequence[float], periods: int) -> bytes:
-    """A message with a commanded position to the program.
+    """Encode a message to the program with a commanded position.
 
     Args:
         periods: number of periods since the previous message.
@@ -70,27 +72,27 @@ def encode_position(position: Sequence[float], periods: int) -> bytes:
 
 
 def encode_torque(torque: Sequence[float]) -> bytes:
-    """A message with joint torques, N·m, on top of gravity."""
+    """Encode a message with joint torques, N·m, in addition to gravity."""
     return _MESSAGE.pack(EXERT, *(round(TORQUE_SCALE * value) for value in torque), 0)
 
 
 def decode_torque(message: bytes) -> list[float] | None:
-    """The torques of a message, N·m; None if it is another message."""
+    """Return the torques in a message, N·m; None if the message contains none."""
     kind, *numbers = _MESSAGE.unpack(message)
     return [each / TORQUE_SCALE for each in numbers[:AXES]] if kind == EXERT else None
 
 
 def decode_position(message: bytes) -> list[float] | None:
-    """The joint positions of a message, rad; None if it is another message."""
+    """Return the joint positions in a message, rad; None if the message contains none."""
     kind, *numbers = _MESSAGE.unpack(message)
     return [each / SCALE for each in numbers[:AXES]] if kind == POSITION else None
 
 
 class MotionProgram:
-    """The program's connection.
+    """The connection to the program on the controller.
 
     Attributes:
-        started: whether a program of this process was uploaded and may still be on the controller.
+        started: whether this process has uploaded a program that may still be on the controller.
     """
 
     def __init__(self, transport: UrTransport, options: UrOptions, limits: JointLimits) -> None:
@@ -117,7 +119,9 @@ class MotionProgram:
             ) from exc
 
     def text(self, local: str, period_s: float) -> str:
-        """The text for the next upload. From now on, the connection of an earlier program is rejected."""
+        """Return the text for the next upload. From now on, the connection of an earlier program is
+        rejected.
+        """
         assert self._listener is not None
         self.drop()
         self._token = self._token % 1_000_000 + 1 + round(1e3 * self._transport.clock()) % 1_000_000
@@ -173,18 +177,18 @@ class MotionProgram:
         self._send(encode_torque(torque))
 
     def send_tool(self, tool: Tool) -> None:
-        """Send the payload: mass, and centre of mass in the frame of the flange."""
+        """Send the payload: the mass, and the centre of mass in the flange frame."""
         numbers = [round(1e3 * tool.mass), *(round(1e6 * float(value)) for value in tool.centre)]
         self._send(_MESSAGE.pack(PAYLOAD, *numbers, 0, 0, 0))
 
     def send_hand(self, *, guided: bool) -> None:
-        """Release the arm for hand guiding until the next message is due, or hold it and wait for a
-        position.
+        """Release the arm for hand guiding until the next message is due, or make the program hold it and
+        wait for a position.
         """
         self._send(_MESSAGE.pack(GUIDE if guided else WAIT, *[0] * 7))
 
     def drop(self) -> None:
-        """End the program, if it still runs."""
+        """End the program if it is still running."""
         if self._stream is not None:
             self._send(_MESSAGE.pack(END, *[0] * 7))
         self._lose()

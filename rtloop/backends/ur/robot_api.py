@@ -1,5 +1,5 @@
-"""The Robot API of PolyScope X: requests over HTTP. It replaces the dashboard server, so `RobotApi` takes the
-same requests and gives the same kind of answers as `Dashboard`.
+"""The Robot API of PolyScope X: requests over HTTP. It replaces the dashboard server, so `RobotApi` accepts
+the same requests and returns the same kind of answers as `Dashboard`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rtloop.backends.ur.words import LOCAL
 PORT = 80
 ROOT = "/universal-robots/robot-api"
 MIN_VERSION = (10, 11)
-"""First version of the software that has it."""
+"""First software version that provides the Robot API."""
 REPLY_S = 5.0
 MAX_BYTES = 65_536
 STATE, PROGRAM, CONTROL_MODE = "/robotstate/v1/state", "/program/v1/state", "/system/v1/controlmode"
@@ -27,14 +27,16 @@ REQUESTS: dict[str, tuple[str, str, str]] = {
     "brake release": ("PUT", STATE, "BRAKE_RELEASE"),
     "stop": ("PUT", PROGRAM, "stop"),
 }
-"""Method, path and action of each request of the dashboard server. The others are not needed here."""
+"""Method, path and action for each request to the dashboard server. Requests that are not listed are not
+needed here.
+"""
 FORBIDDEN = 403
-"""Status of each action in Local Control."""
+"""HTTP status of each action while the robot is in Local Control."""
 
 
 class RobotApi:
-    """Sends one request at a time, each over its own connection. Nothing here waits: `poll` is called until
-    it has the answer.
+    """Sends one request at a time, each over its own connection. No method waits: `poll` is called repeatedly
+    until it returns the answer.
     """
 
     def __init__(self, transport: UrTransport, address: str, port: int) -> None:
@@ -60,10 +62,10 @@ class RobotApi:
             raise self._make_error(exc.strerror or str(exc)) from exc
 
     def poll(self) -> str | None:
-        """The answer to the last request; None before it has come.
+        """Return the answer to the last request; None until it has arrived.
 
         Raises:
-            BackendError: the controller does not answer or is in Local Control, with the reason.
+            BackendError: the controller does not answer or is in Local Control; the error gives the reason.
         """
         if self._request not in REQUESTS:
             return ""
@@ -87,7 +89,7 @@ class RobotApi:
         self._stream = None
 
     def _exchange(self, stream: ByteStream) -> bool:
-        """Send the request and read what has arrived. Returns whether the answer is complete."""
+        """Send the request and read what has arrived. Return whether the answer is complete."""
         if not self._is_sent:
             if not stream.is_connected():
                 return False
@@ -128,7 +130,7 @@ class RobotApi:
         return b"".join(self._http.send(event) or b"" for event in events)
 
     def _answer(self) -> str:
-        """The answer as the dashboard server gives it."""
+        """Return the answer in the form that the dashboard server uses."""
         content = _json_object(self._body)
         if self._status == FORBIDDEN:
             raise BackendError(LOCAL)

@@ -1,4 +1,4 @@
-"""Packages of RTDE, version 2 of its protocol: a length, a type and a payload, highest byte first."""
+"""Packages of RTDE, protocol version 2: a length, a type and a payload, highest byte first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 PORT = 30004
 PROTOCOL = 2
 MAX_BUFFER = 1 << 20
-"""Bytes of an incomplete package that are kept; a package has at most 65,535."""
+"""Maximum number of bytes of incomplete packages that are kept. A package is at most 65,535 bytes long."""
 _HEADER = struct.Struct(">HB")
 _FORMATS = {
     "BOOL": ("?", 1),
@@ -45,7 +45,7 @@ _KINDS = frozenset(Kind)
 
 
 class RtdeError(Exception):
-    """The controller has sent bytes that are not RTDE, or a package that does not fit the session."""
+    """Raised if the controller sends bytes that are not RTDE, or a package that does not fit the session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +65,10 @@ class Splitter:
         self._buffer = bytearray()
 
     def split(self, received: bytes) -> list[Package]:
-        """The packages that are complete now.
+        """Add received bytes, and return the packages that are now complete.
 
         Raises:
-            RtdeError: a length or type that no package can have.
+            RtdeError: the length or the type of a package is invalid.
         """
         self._buffer += received
         found: list[Package] = []
@@ -91,14 +91,15 @@ class Recipe:
     """Names and types of the variables of a data package.
 
     Attributes:
-        number: number by which packages refer to it, 1 to 255; 0 was rejected.
+        number: number by which packages refer to the recipe, 1 to 255; 0 means that the controller rejected
+            it.
         names, types: names and types of the variables, in order.
     """
 
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
         """
         Raises:
-            RtdeError: other numbers of names and types, or an unknown type.
+            RtdeError: the numbers of names and types differ, or a type is unknown.
         """
         if len(names) != len(types):
             raise RtdeError(f"the controller reported {len(types)} types for {len(names)} variables")
@@ -121,10 +122,10 @@ class Recipe:
         return encode(Kind.DATA, self._struct.pack(self.number, *flat))
 
     def decode(self, payload: bytes) -> dict[str, Any]:
-        """The values of a data package; vectors are tuples.
+        """Decode the values of a data package. Vectors become tuples.
 
         Raises:
-            RtdeError: a package of another recipe or length.
+            RtdeError: the package belongs to a different recipe, or its length is wrong.
         """
         if len(payload) != self._struct.size:
             raise RtdeError(f"a data package has {len(payload)} bytes, but {self._struct.size} were agreed")
@@ -148,10 +149,10 @@ def encode_inputs_setup(names: Sequence[str]) -> bytes:
 
 
 def decode_setup(payload: bytes) -> tuple[int, list[str]]:
-    """Number of the recipe, and the types or `ANSWERED` of its variables.
+    """Return the number of the recipe, and for each variable its type or an entry of `ANSWERED`.
 
     Raises:
-        RtdeError: an empty answer.
+        RtdeError: the answer is empty.
     """
     if not payload:
         raise RtdeError("the answer to a recipe is empty")
@@ -159,13 +160,15 @@ def decode_setup(payload: bytes) -> tuple[int, list[str]]:
 
 
 def encode_text(message: str, source: str, level: int) -> bytes:
-    """A text message; level: 0 exception, 1 error, 2 warning, 3 information."""
+    """Encode a text message. The level is 0 for an exception, 1 for an error, 2 for a warning and 3 for
+    information.
+    """
     said, by = message.encode()[:255], source.encode()[:255]
     payload = bytes([len(said)]) + said + bytes([len(by)]) + by + bytes([level])
     return encode(Kind.TEXT_MESSAGE, payload)
 
 
 def decode_text(payload: bytes) -> str:
-    """The text of a message, as far as it can be read."""
+    """Return the text of a message, as far as it can be read."""
     length = payload[0] if payload else 0
     return payload[1 : 1 + length].decode(errors="replace")

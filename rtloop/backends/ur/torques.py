@@ -1,9 +1,10 @@
-"""Torques for the controller's `direct_torque`, which compensates gravity itself: springs around the command,
-and an estimate of the external efforts.
+"""Torques for the controller's `direct_torque`, which compensates gravity itself. They act as springs around
+the commanded position. This module also estimates the external efforts.
 
-Published facts (URScript manual of PolyScope 5.25): the function sets the target torques of one control step,
-500 times per second, and must be called in each. After a step without a call the controller is in position
-control again, to which a program returns with `stopj` or `speedj`. Torques do not include gravity.
+Published facts (URScript manual of PolyScope 5.25): the function sets the target torques for one control
+step, of which there are 500 per second, and must be called in each step. After a step without a call the
+controller is in position control again. A program returns to position control with `stopj` or `speedj`.
+Torques do not include gravity.
 """
 
 from __future__ import annotations
@@ -21,19 +22,23 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 TORQUE_PERIOD_S = 0.002
 """The control step of controllers with `direct_torque`, s."""
 MIN_POLYSCOPE, MIN_POLYSCOPE_X, POLYSCOPE_X = (5, 23), (10, 11), (10,)
-"""First versions of the software with `direct_torque` and `MOTOR_TORQUE`."""
+"""First software versions that support `direct_torque` and `MOTOR_TORQUE`."""
 MOTOR_TORQUE = "actual_current_as_torque"
-"""Variable of RTDE with the measured motor currents as torques, N·m."""
+"""RTDE variable with the measured motor currents, converted to torques, N·m."""
 HELD_STEPS = 4
-"""Control steps for which the newest torques stay while no message arrives. Then they fade out."""
+"""Number of control steps without a message for which the newest torques stay in effect. After that they fade
+out.
+"""
 SPEED_SHARE = 1.1
 """Share of a joint's velocity limit above which the program ends the torques and stops the arm."""
 RISE_S = 0.05
 """Minimum time in which the torque of a joint rises from 0 to its limit, s."""
 REST_RAD_S = 0.01
-"""Joint speed up to which the arm is at rest, rad/s."""
+"""Maximum joint speed at which the arm counts as at rest, rad/s."""
 MAX_REPEATED = 5
-"""Number of packages with the same values of a moving arm after which they count as frozen."""
+"""Number of consecutive packages with identical values from a moving arm after which the values count as
+frozen.
+"""
 MAX_CONSTANT = 10
 """Number of packages with the same values, motor currents too, after which those of an arm at rest count as
 frozen. The noise of measured currents never repeats.

@@ -1,1 +1,1 @@
-"""A controller of Universal Robots without a robot."""
+"""A simulated Universal Robots controller."""

@@ -1,4 +1,6 @@
-"""`cobot simulate ur`: a controller of Universal Robots with an arm, for any client of its interfaces."""
+"""`cobot simulate ur`: a simulated Universal Robots controller with an arm, for any client of its
+interfaces.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from rtloop.backends.ur.simulator.server import UrServer
 
 
 def main() -> int:
-    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or Ctrl-C. Returns the exit status: 0, or 2 if it could not start."""
     chosen = _parser().parse_args()
     return serve(
         "ur",

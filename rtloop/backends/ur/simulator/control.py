@@ -20,20 +20,20 @@ Exerted = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 
 
 class UrControlRequest(StrictModel):
-    """Changes from now on. Fields that are left out stay unchanged.
+    """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
-        loss: share of the data packages that the controller leaves out.
-        silent: whether it sends and takes nothing, as with a pulled cable.
-        delay_s: time by which it reads commands late.
-        spoil: how measured values are falsified on their way to the client.
+        loss: share of the data packages that the controller omits.
+        silent: whether the controller sends and receives nothing, as if the cable were disconnected.
+        delay_s: delay with which the controller reads commands, s.
+        spoil: how measured values are corrupted on their way to the client.
         safety: the safety mode.
-        blocked: the answer to an attempt to unlock a protective stop; "" if it succeeds.
-        remote: whether Remote Control is chosen.
+        blocked: the reason that answers an attempt to unlock a protective stop; "" if unlocking succeeds.
+        remote: whether Remote Control is selected.
         program: what a person does with the program at the teach pendant.
-        power: what a person does with the arm there.
+        power: what a person does with the arm at the teach pendant.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
-        inputs: digital inputs, bits 0 to 17.
+        inputs: digital inputs, as bits 0 to 17.
     """
 
     loss: Share | None = None
@@ -51,7 +51,7 @@ class UrControlRequest(StrictModel):
 
 
 class ControlSession:
-    """A `UrSession`."""
+    """A client of the control interface, as a `UrSession`."""
 
     def __init__(
         self,
@@ -61,7 +61,8 @@ class ControlSession:
     ) -> None:
         """
         Args:
-            more: executes the parts of a request that concern the server; returns data to add to the answer.
+            more: function that executes the parts of a request that concern the server, and returns data to
+                add to the answer.
         """
         self._controller, self._network, self._more = controller, network, more
         self.out, self.is_over = bytearray(), False
@@ -80,7 +81,7 @@ class ControlSession:
         """Do nothing: requested changes stay in effect."""
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Execute the request of a line; the state after it, or an error."""
+        """Execute the request in a line. Returns the state after it, or an error."""
         try:
             request = UrControlRequest.model_validate_json(line)
         except ValidationError as exc:

@@ -1,6 +1,6 @@
 """A simulated controller: its modes, its arm, its inputs and outputs, and the program that runs on it.
 
-Where the maker publishes no figure, docs/ur.md states what is simulated.
+docs/ur.md states the simulated behaviour for which Universal Robots publishes no figures.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from rtloop.backends.ur.transport import UrTransport
 from rtloop.results import Rejected
 
 START_S = 0.1
-"""Time until the arm is idle after `power on`, and until its brakes are released."""
+"""Time from `power on` until the arm is idle, and from then until its brakes are released, s."""
 BRAKE_RAD_S2 = 15.0
-"""Deceleration of stops of the controller itself."""
+"""Deceleration of stops that the controller itself executes, rad/s²."""
 CURRENT_NOISE_NM = 1e-3
 """Standard deviation of the measured motor currents, as torques, N·m."""
 MAX_EVENTS = 200
@@ -45,12 +45,12 @@ MOVING = {SafetyMode.NORMAL, SafetyMode.REDUCED}
 class UrController:
     """
     Attributes:
-        time_s: since it was switched on.
-        robot_mode, safety, runtime: as RTDE reports them.
+        time_s: time since the controller was switched on, s.
+        robot_mode, safety, runtime: modes and program state as RTDE reports them.
         events: descriptions of events, the newest last.
-        owners: sessions that have claimed inputs of RTDE, by name.
-        messages: error messages for the primary interface, not sent yet.
-        blocked: why a protective stop cannot be unlocked; "" if it can.
+        owners: sessions that have claimed RTDE inputs, by the names of these inputs.
+        messages: error messages that are still to be sent over the primary interface.
+        blocked: reason why a protective stop cannot be unlocked; "" if it can.
     """
 
     def __init__(self, arm: ControllerArm, options: UrControllerOptions, transport: UrTransport) -> None:
@@ -114,7 +114,7 @@ class UrController:
             self._next_mode = (self.time_s + START_S, UrRobotMode.RUNNING)
 
     def unlock(self) -> str:
-        """Unlock a protective stop. Returns the reason if that is impossible; "" if it is done."""
+        """Unlock a protective stop. Return "", or the reason if unlocking is impossible."""
         if self.safety == SafetyMode.PROTECTIVE_STOP:
             if self.blocked:
                 return self.blocked
@@ -122,7 +122,7 @@ class UrController:
         return ""
 
     def set_safety(self, safety: SafetyMode, why: str = "") -> None:
-        """Change the safety mode, as a button, a safeguard or the safety system does."""
+        """Change the safety mode, as a button, a safeguard or the safety system would."""
         if safety == self.safety:
             return
         self.safety = safety
@@ -157,7 +157,7 @@ class UrController:
         return True
 
     def upload(self, text: str) -> None:
-        """A program from the primary, secondary or real-time interface."""
+        """Take a program from the primary, secondary or real-time interface."""
         if not self.is_remote:
             self.events.append("a program was rejected: the controller is in Local Control")
             return
@@ -182,7 +182,7 @@ class UrController:
     # Its period
 
     def advance(self) -> None:
-        """One control period."""
+        """Run one control period."""
         self.steps += 1
         if self._next_mode is not None and self.time_s >= self._next_mode[0]:
             mode, self._next_mode = self._next_mode[1], None
@@ -230,12 +230,12 @@ class UrController:
             self.arm.hold()
 
     def _drift(self) -> None:
-        """Let a person move the arm, within the reflexes."""
+        """Simulate an arm that a person guides, within the limits of the reflexes."""
         self.arm.drift(round(1e3 * self.period_s))
         self._check_free_motion("was guided")
 
     def _exert(self, torque: Array) -> None:
-        """Exert torques, within the reflexes."""
+        """Exert torques, within the limits of the reflexes."""
         limits = self.arm.limits
         over = np.abs(torque) / limits.max_effort
         joint = int(over.argmax())
@@ -250,7 +250,7 @@ class UrController:
         self._check_free_motion("was moved by torques")
 
     def _check_free_motion(self, what: str) -> None:
-        """Take over the measured motion, and stop it beyond a limit."""
+        """Take the measured motion as the current one, and stop it if it exceeds a limit."""
         measured, limits = self.arm.measured, self.arm.limits
         self._velocity, self._acceleration = measured.velocity.copy(), np.zeros(AXES)
         past = np.maximum(limits.min_position - measured.position, measured.position - limits.max_position)
@@ -313,7 +313,7 @@ class UrController:
         self.analog_out[index] = 10.0 * share if domain else 0.004 + 0.016 * share
 
     def values(self) -> dict[str, Any]:
-        """The current value of each output of RTDE."""
+        """Return the current value of each RTDE output."""
         measured, arm = self.arm.measured, self.arm
         pose = self.pose()
         scaling = 1.0 if self.runtime == RuntimeState.PLAYING or not self.is_running else 0.0
@@ -379,7 +379,9 @@ class UrController:
         return bits.get(safety, 0) | (0 if safety in MOVING else 1 << 10)
 
     def pose(self) -> list[float]:
-        """Pose of the flange in the base: place in m, and a rotation vector in rad."""
+        """Return the pose of the flange in the base frame: the position in m, and a rotation vector in
+        rad.
+        """
         x, y, z, *turn = self.arm.pose()
         return [1e-3 * x, 1e-3 * y, 1e-3 * z, *_rotation_vector((turn[0], turn[1], turn[2], turn[3]))]
 
@@ -392,7 +394,7 @@ def _rotation_vector(turn: Quaternion) -> list[float]:
 
 
 def _place(error: ScriptError) -> tuple[int, int]:
-    """Line and column of an error."""
+    """Return the line and the column of an error."""
     words = str(error).split(":")[0].split()
     return (int(words[1]) if words[0] == "line" and len(words) > 1 and words[1].isdigit() else 1), 0
 

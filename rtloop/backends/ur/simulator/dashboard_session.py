@@ -1,4 +1,6 @@
-"""One client of a simulated controller's dashboard server, with its answers as the maker documents them."""
+"""One client of a simulated controller's dashboard server. The answers are those that Universal Robots
+documents.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ READING = (
 
 
 class DashboardSession:
-    """A `UrSession`."""
+    """A client of the dashboard server, as a `UrSession`."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller

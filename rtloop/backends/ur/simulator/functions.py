@@ -1,4 +1,4 @@
-"""Functions of URScript that a simulated controller has, and the state of one program."""
+"""The URScript functions that a simulated controller provides, and the state of one program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rtloop.backends.ur.simulator.controller import UrController
 
 OPEN_S = 2.0
-"""Timeout of `socket_open`, and the default of the reading functions."""
+"""Timeout of `socket_open`, and default timeout of the reading functions, s."""
 MAX_NUMBERS = 30
 STOP_RAD_S2 = 15.0
 AT_REST_RAD_S = 1e-6
@@ -37,8 +37,9 @@ class ProgramContext:
     """
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None for none.
-        torque: joint torques for this control period, shape (dof,), N·m, on top of gravity; None for none.
-        brake_rad_s2: deceleration while there is no goal.
+        torque: joint torques for this control period in addition to gravity, shape (dof,), N·m; None for
+            none.
+        brake_rad_s2: deceleration while there is no goal, rad/s².
         is_guided: whether the arm is in freedrive.
     """
 
@@ -157,7 +158,9 @@ class ProgramContext:
         lookahead_time: float = 0.1,
         gain: float = 300,
     ) -> Run:
-        """Reach a position in `t`; the simulated drives need neither lookahead time nor gain."""
+        """Reach a position in the time `t`. The simulated drives need neither the lookahead time nor the
+        gain.
+        """
         if len(q) != AXES or not 0.03 <= lookahead_time <= 0.2 or not 100 <= gain <= 2000:
             raise ValueError(
                 "servoj: 6 joints, lookahead_time 0.03 to 0.2 and gain 100 to 2000 are allowed, "
@@ -247,7 +250,9 @@ class ProgramContext:
         return True
 
     def _read_integers(self, number: int, socket_name: str = "socket_0", timeout: float = OPEN_S) -> Run:
-        """A list of how many numbers were read, all or none, and the numbers."""
+        """Return a list with the number of values that were read, which is all or none, followed by the
+        values.
+        """
         if not 0 < number <= MAX_NUMBERS:
             raise ValueError(f"socket_read_binary_integer: 1 to {MAX_NUMBERS} numbers, got {number}")
         nothing = [0] + [-1] * number

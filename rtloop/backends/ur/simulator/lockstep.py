@@ -27,16 +27,16 @@ from rtloop.backends.ur.transport import ByteListener, ByteStream
 from rtloop.contract import FAULTS
 
 SLIDER = 0.99
-"""Speed slider at the start: the contract raises it by one per cent."""
+"""Speed slider at the start. It is below 1 because the contract raises it by one per cent."""
 HERE = "127.0.0.1"
 TORQUE_SOFTWARE = (5, 25, 1, 0)
-"""Version of the controller of a backend with the option `torque`."""
+"""Version of the simulated controller's software for a backend with the option `torque`."""
 MESSAGE_BYTES = 32
 
 
 class _Pipe:
-    """One end of a connection in this process. Data wait while the cable is disconnected, unless the sender
-    gives the connection up.
+    """One end of a connection within this process. Data is kept while the cable is disconnected, unless the
+    sender gives up the connection.
     """
 
     def __init__(self, lock_step: UrLockStep) -> None:
@@ -98,15 +98,15 @@ class _Listener:
 
 
 class UrLockStep:
-    """The backend's `UrTransport`: each wait lets the controller take its next periods.
+    """The `UrTransport` for the backend. Each wait runs the controller's next periods.
 
     Attributes:
         controller: the simulated controller.
         network: network of the data packages.
         off: whether the cable is disconnected.
-        busy: whether one wait in `EVERY` finds two packages in place of one.
-        positions: joint positions that the program was sent.
-        torques: joint torques that the program was sent.
+        busy: whether every `EVERY`-th wait finds two packages instead of one, as on a busy computer.
+        positions: joint positions that were sent to the program.
+        torques: joint torques that were sent to the program.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class UrLockStep:
         return self._listener
 
     def call_back(self) -> ByteStream:
-        """The connection of a program on the controller to the backend."""
+        """Make the connection from a program on the controller to the backend."""
         if self._listener is None or self._listener.is_closed:
             raise ConnectionRefusedError("nothing listens there")
         here, there = _pipe(self)
@@ -164,7 +164,7 @@ class UrLockStep:
         return there
 
     def forget_clients(self) -> None:
-        """End all connections of a backend whose process was killed."""
+        """End all connections, as if the backend's process had been killed."""
         for session, pipe in self._sessions:
             session.close()
             pipe.close()
@@ -186,7 +186,7 @@ class UrLockStep:
                 return
 
     def pass_period(self) -> None:
-        """One control period of the controller."""
+        """Run one control period of the controller."""
         for session, pipe in list(self._sessions):
             try:
                 session.feed(pipe.receive())
@@ -209,7 +209,7 @@ class UrLockStep:
 
 
 class _ProgramSide:
-    """The `UrTransport` of programs on the controller."""
+    """The `UrTransport` for programs on the controller."""
 
     def __init__(self, lock_step: UrLockStep) -> None:
         self._lock_step = lock_step
@@ -228,7 +228,7 @@ class _ProgramSide:
 
 
 class _Later:
-    """The `UrTransport` of a controller that is made before its lock step is complete."""
+    """The `UrTransport` for a controller that is made before its lock step is complete."""
 
     def __init__(self, lock_step: UrLockStep) -> None:
         self._lock_step = lock_step
@@ -247,7 +247,7 @@ class _Later:
 
 
 def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:
-    """A controller with the arm of the settings, and the connection to it."""
+    """Make a controller with the arm in the settings, and the connection to it."""
     names = settings.robot
     start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
     arm = ControllerArm(settings, limits, np.array(start))
@@ -256,7 +256,9 @@ def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions
 
 
 class UrRig(LockStepRig[UrLockStep]):
-    """The backend `ur` and a simulated controller, a `ContractRig`. Its operation mode is not in RTDE."""
+    """A `ContractRig` with the `ur` backend and a simulated controller. It cannot simulate a change of the
+    operation mode, which RTDE does not report.
+    """
 
     faults = frozenset(FAULTS) - {"operation_mode"}
 
@@ -273,7 +275,7 @@ class UrRig(LockStepRig[UrLockStep]):
 
     @property
     def wire(self) -> list[Array]:
-        """The positions that were sent."""
+        """Return the positions that were sent."""
         return self._channel.positions
 
     def backend(self) -> UrBackend:

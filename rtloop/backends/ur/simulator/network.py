@@ -1,4 +1,4 @@
-"""Data packages that a controller omits, delays or falsifies. The same seed gives the same faults."""
+"""A network that omits, delays or corrupts data packages. The same seed gives the same faults."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SPOILED = ("actual_q", "actual_qd", "target_moment", "actual_TCP_force", "actual
 class DataNetwork:
     """
     Attributes:
-        loss: share of the packages that the controller leaves out, as a busy one does.
-        reorder: share of the packages that come after their successor, which TCP itself never does.
+        loss: share of the packages that the controller omits, as a busy one does.
+        reorder: share of the packages that arrive after their successor, which never happens with TCP itself.
         spoil: how the measured values are corrupted: "frozen", "nan", or "" for not at all.
-        lost: packages that were left out.
+        lost: number of packages that were omitted.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -28,7 +28,7 @@ class DataNetwork:
         self._late: Mapping[str, Any] | None = None
 
     def to_client(self, values: dict[str, Any]) -> list[Mapping[str, Any]]:
-        """The data package that is sent in this period."""
+        """Return the data package that is sent in this period."""
         if self.spoil:
             self._known = self._known or {name: values[name] for name in SPOILED}
             values.update(self._known)

@@ -12,18 +12,19 @@ SERIES = {
     "cb3": (0.008, (3, 15, 8, 106_339)),
     "x": (0.002, (10, 12, 0, 0)),
 }
-"""Control period, s, and version of the software of each series."""
+"""Control period, s, and software version of each series."""
 
 
 @dataclass(frozen=True, slots=True)
 class UrControllerOptions:
     """
     Attributes:
-        series: "e", "cb3", or "x" for PolyScope X, which has the Robot API instead of the dashboard server.
+        series: "e", "cb3", or "x" for PolyScope X, which provides the Robot API instead of the dashboard
+            server.
         is_on: whether the arm is switched on and its brakes are released at the start.
-        is_remote: whether Remote Control is chosen at the teach pendant.
-        slider: the speed slider, 0 to 1.
-        software: version of the software; None: that of the series.
+        is_remote: whether Remote Control is selected at the teach pendant.
+        slider: position of the speed slider, 0 to 1.
+        software: software version; None for the version in `SERIES`.
     """
 
     series: str = "e"
@@ -42,5 +43,5 @@ class UrControllerOptions:
 
     @property
     def has_torque(self) -> bool:
-        """Whether this version has `direct_torque` and `MOTOR_TORQUE`."""
+        """Whether this version supports `direct_torque` and `MOTOR_TORQUE`."""
         return check_version(self.version, "", has_torque=True) is ACCEPTED

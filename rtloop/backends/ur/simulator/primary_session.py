@@ -1,4 +1,6 @@
-"""One client of a simulated controller's primary or secondary interface: takes programs, sends its state."""
+"""One client of a simulated controller's primary or secondary interface, which receives programs and sends
+the state.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,12 @@ NOBODY = 253
 
 
 class PrimarySession:
-    """A `UrSession`."""
+    """A client of the primary or secondary interface, as a `UrSession`."""
 
     def __init__(self, controller: UrController, *, is_primary: bool = True) -> None:
         """
         Args:
-            is_primary: whether the client gets messages, in addition to the state.
+            is_primary: whether the client receives messages in addition to the state.
         """
         self._controller, self._is_primary = controller, is_primary
         self.out, self.is_over = bytearray(), False

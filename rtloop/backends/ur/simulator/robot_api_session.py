@@ -23,7 +23,7 @@ Answer = tuple[int, dict[str, str]]
 
 
 class RobotApiSession:
-    """A `UrSession`. Each connection has one request."""
+    """A client of the Robot API, as a `UrSession`. Each connection serves one request."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller

@@ -1,4 +1,4 @@
-"""One client of a simulated controller's RTDE."""
+"""One client of a simulated controller's RTDE server."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ERROR, INFO = 1, 3
 
 
 class RtdeSession:
-    """A `UrSession`."""
+    """A client of the RTDE server, as a `UrSession`."""
 
     def __init__(self, controller: UrController, network: DataNetwork) -> None:
         self._controller, self._network = controller, network

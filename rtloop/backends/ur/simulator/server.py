@@ -1,4 +1,4 @@
-"""A simulated controller on the network, with the period of its series."""
+"""A simulated controller on the network, which runs with the control period of its series."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ from rtloop.backends.ur.transport import TcpStream
 SECONDARY_PORT = 30002
 READ_BYTES = 65_536
 MAX_CLIENTS = 16
-"""Number of clients of each port; further ones are turned away."""
+"""Maximum number of clients per port. Further clients are rejected."""
 WAIT_S = 0.0002
 CATCH_UP_S = 0.05
-"""A server that is later than this drops time, so that it does not catch up in a burst."""
+"""Maximum delay that the server catches up with, s. It skips the time of a longer delay, to avoid a burst of
+periods.
+"""
 
 
 class ProgramStream(TcpStream):
     """A connection of a program on the controller, which the server can silence, delay and time.
 
     Attributes:
-        commands: number of times that something was received.
-        arrived_s: when what was not received yet has arrived; None if nothing has.
+        commands: number of times that data was received.
+        arrived_s: time at which the data that is still to be read arrived; None if there is none.
         is_closed: whether the program has closed it.
     """
 
@@ -89,8 +91,8 @@ class _Client:
 class UrServer:
     """
     Attributes:
-        silent: whether nothing is sent or taken, as with a pulled cable.
-        delay_s: time by which programs read late.
+        silent: whether nothing is sent or received, as if the cable were disconnected.
+        delay_s: delay with which programs read data, s.
     """
 
     def __init__(
@@ -104,7 +106,7 @@ class UrServer:
     ) -> None:
         """
         Args:
-            patience_s: how long the controller's time stands still for a late command.
+            patience_s: maximum time for which the controller's time stops to wait for a late command, s.
             robot_api_port: TCP port of the Robot API, for PolyScope X.
 
         Raises:
@@ -163,7 +165,7 @@ class UrServer:
     # The server
 
     def run(self, ending: list[str]) -> None:
-        """Serve until `ending` has an entry."""
+        """Serve until `ending` contains a reason."""
         period_s = self._controller.period_s
         due_s = time.monotonic() + period_s
         while not ending:
@@ -185,7 +187,7 @@ class UrServer:
         self._selector.close()
 
     def count_answer(self, now_s: float) -> None:
-        """A command has arrived."""
+        """Handle the arrival of a command."""
         if self._sent_s is not None:
             self._times.answers.add(now_s - self._sent_s)
             self._sent_s = None
@@ -211,7 +213,7 @@ class UrServer:
         return waits
 
     def watch(self, stream: ProgramStream) -> None:
-        """Wait for data on this stream too."""
+        """Also wait for data on this stream."""
         with contextlib.suppress(KeyError):
             self._selector.register(stream.socket, selectors.EVENT_READ, stream)
 
@@ -306,8 +308,9 @@ class UrServer:
         client.socket.close()
 
     def _more(self, request: UrControlRequest) -> dict[str, Any]:
-        """Times between a data package and the command after it, the number of packages without a command in
-        time, and delays of its own periods, s.
+        """Apply the changes that concern the server. Returns the times from a data package to the command
+        after it and the delays of the server's own periods, s, the number of packages without a command in
+        time, and the number of clients.
         """
         if request.silent is not None:
             self.silent = request.silent

@@ -8,7 +8,7 @@ from typing import Protocol
 class UrSession(Protocol):
     """
     Attributes:
-        out: bytes to be sent to the client, which the network takes from here.
+        out: bytes that are to be sent to the client. The network takes them from here.
         is_over: whether the connection is closed once they are sent.
     """
 
@@ -20,7 +20,7 @@ class UrSession(Protocol):
         ...
 
     def tick(self) -> None:
-        """A control period has passed."""
+        """Handle the end of a control period."""
         ...
 
     def close(self) -> None:

@@ -1,9 +1,10 @@
-"""A small interpreter of URScript. It has the parts that client programs for external control use.
+"""A small URScript interpreter. It supports the parts of the language that client programs for external
+control use.
 
-Blocks (def, thread, sec, if, elif, else, while, end), assignments (also global and local), return, break,
-continue, halt, run, join, kill, critical sections, arithmetic, comparisons, lists, poses as lists, calls with
-names of arguments. What it does not know is an error with its line. Other statements of the language, for
-example for loops and structs, are not part of it.
+It supports blocks (def, thread, sec, if, elif, else, while, end), assignments (also global and local),
+return, break, continue, halt, run, join, kill, critical sections, arithmetic, comparisons, lists, poses as
+lists, and calls with named arguments. Anything else, for example for loops and structs, raises an error that
+names the line.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 MAX_STEPS = 20_000
-"""Maximum number of statements that a thread executes within one control period. A thread with more is in an
-endless loop without a wait.
+"""Maximum number of statements that a thread executes within one control period. A thread that exceeds it is
+in an endless loop without a wait.
 """
 MAX_DEPTH = 50
 Run = Generator[None, None, Any]
@@ -34,8 +35,8 @@ class Function:
     """A function of the language.
 
     Attributes:
-        call: function that is called with the arguments; a generator function if it `waits`.
-        waits: whether it takes time.
+        call: function that is called with the arguments. It is a generator function if `waits` is true.
+        waits: whether the function takes time.
     """
 
     call: Callable[..., Any]
@@ -43,7 +44,7 @@ class Function:
 
 
 def is_complete(text: str) -> bool:
-    """Whether all blocks of a text are closed."""
+    """Whether all blocks in a text are closed."""
     depth = 0
     for line in text.splitlines():
         word = _bare(line)
@@ -66,7 +67,9 @@ def _bare(line: str) -> str:
 
 
 def _python(text: str) -> str:
-    """The same blocks and statements as text that Python's parser reads, line by line; it is never run."""
+    """Translate the blocks and statements line by line to text that Python's parser reads. The text is never
+    run as Python.
+    """
     lines, depth = [], 0
     for number, line in enumerate(text.splitlines(), 1):
         word = _bare(line)
@@ -152,14 +155,14 @@ class Script:
 
     Attributes:
         name: name of the program.
-        is_secondary: whether it runs next to another program.
+        is_secondary: whether it runs in addition to the main program.
         line: number of the line that runs now or has failed.
     """
 
     def __init__(self, text: str, functions: Mapping[str, Function]) -> None:
         """
         Raises:
-            ScriptError: the text is not a program.
+            ScriptError: the text is not a valid program.
         """
         first = next((word for word in map(_bare, text.splitlines()) if word), "")
         found = _DEF.match(first)
@@ -221,7 +224,7 @@ class Script:
         self._threads = [each for each in self._threads if each is main or not each.is_done]
         return not main.is_done
 
-    # Statements. What cannot wait is evaluated directly, the rest as generators.
+    # Statements. Those that cannot wait are evaluated directly, all others as generators.
 
     def _guard(self, block: Run) -> Run:
         try:
