@@ -1,4 +1,4 @@
-"""Command line and start of the real-time loop."""
+"""Command line and start of the control loop."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Plans that agents may run: those that an operator has approved and, if the settings permit it, those within
-a fence.
+"""Decides which plans agents may run: plans that an operator has approved and, if the settings permit it,
+plans within a fence.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ASK = "ask an operator to approve it: POST /robot/approve, or the panel"
 
 
 class Approvals:
-    """Approvals of plans. Each is for one run of one plan."""
+    """Keeps the approvals of plans. Each approval is valid for one run of one plan."""
 
     def __init__(
         self, robot: RobotDescription, clock: Clock, plans: PlanService, settings: McpSection
@@ -53,22 +53,25 @@ class Approvals:
         return plan
 
     def approved_by(self, plan_id: str) -> str | None:
-        """The client that approved a plan that has not run since; None if it is not approved."""
+        """Return the client that approved a plan that has not run since then; None if the plan is not
+        approved.
+        """
         return self._by.get(plan_id)
 
     async def execute(self, plan_id: str, caller: Caller) -> Outcome:
         """Run a plan for an agent; see `PlanService.execute`.
 
         Raises:
-            PermissionDenied: the plan is neither approved nor within the fence; the error has the reason.
+            PermissionDenied: the plan is neither approved nor within the fence; the error gives the reason.
         """
         fence = self.permit(self._plans.get(plan_id))
         if fence is None:
-            del self._by[plan_id]  # before any wait: an approval is valid for one run
+            del self._by[plan_id]  # before any wait, because an approval is valid for only one run
         return await self._plans.execute(plan_id, caller, fence)
 
     def permit(self, plan: Plan) -> Fence | None:
-        """The fence within which an agent may run a plan; None for one that an operator has approved.
+        """Return the fence within which an agent may run a plan; None for a plan that an operator has
+        approved.
 
         Raises:
             PermissionDenied: an agent may not run the plan.
@@ -87,7 +90,7 @@ class Approvals:
         return self._fence
 
     def _beyond(self, plan: Plan) -> str:
-        """The reason why a plan is outside the fence in the settings; "" if it is within."""
+        """Return the reason why a plan is outside the fence in the settings; "" if it is within the fence."""
         fence = self._settings
         others = sorted(plan.planners - set(fence.planners))
         if others:

@@ -1,4 +1,4 @@
-"""Control of a robot: reading, taking, releasing, and taking it over."""
+"""Control of a robot: reads who has it, takes it, releases it, and takes it over."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cobot.errors import CobotError, ConflictError
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """The current control of a robot.
+    """The state of a robot's control.
 
     Attributes:
         held: whether a client has control.
-        holder, address: the client's name and address. None if no client has control, or if a process that
-            streams through shared memory has it. For such a process only `what` is known.
+        holder, address: name and address of the client that has control. None if no client has control, or if
+            a process that streams through shared memory has it. For such a process only `what` is known.
         how: "explicit" with a lease, "implicit" with a running motion.
         what: the request that moves the arm now.
         since: time when control was taken, if known.
-        until: time when a lease ends, if nothing moves until then.
+        until: time when the lease ends, if nothing moves until then.
         speed_fraction: speed override, as a share of the planned speed.
     """
 
@@ -46,7 +46,7 @@ class Taken:
     Attributes:
         token: token of the lease.
         former: the client that had control until now; None if control was free.
-        stopped: the request of that client that was ended, in words.
+        stopped: description of that client's request, if one was ended.
     """
 
     token: str
@@ -55,7 +55,7 @@ class Taken:
 
 
 class ControlService:
-    """Control of one robot, for the client on whose behalf the current task runs."""
+    """Manages control of one robot, for the client on whose behalf the current task runs."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stopping: StopService) -> None:
         self._link = link
@@ -63,7 +63,7 @@ class ControlService:
         self._stopping = stopping
 
     def state(self) -> ControlStatus:
-        """The current holder of control."""
+        """Return the current state of control."""
         ownership = self._ownership
         lease, moving, what = ownership.lease.current, ownership.moving, ownership.owner
         client: RequestClient | None = None
@@ -84,12 +84,12 @@ class ControlService:
         )
 
     async def take(self, timeout_s: float = TIMEOUT_S, *, force: bool = False, stop_s: float = 8.0) -> Taken:
-        """Take control, or renew it.
+        """Take control, or renew the lease.
 
         Args:
-            timeout_s: the lease ends when nothing has moved for this time.
+            timeout_s: time without motion after which the lease ends, s.
             force: take control over. The current motion ends, and the former holder is notified.
-            stop_s: timeout for the arm to stop in that case, s.
+            stop_s: timeout for the arm to stop when control is taken over, s.
 
         Raises:
             ConflictError: another client has control, and `force` is not set. The error names the client.
@@ -102,7 +102,7 @@ class ControlService:
             self._require_free(client)
             return Taken(lease.take(client, timeout_s).token, None, [])
         former = self._former()
-        token = lease.take(client, timeout_s).token  # before the stop, so that no other client comes between
+        token = lease.take(client, timeout_s).token  # before the stop, to be ahead of other clients
         if not former and ownership.owner is None:
             return Taken(token, None, [])
         reason = StopReason(f"{client} has taken control", "taken_over")
@@ -118,12 +118,12 @@ class ControlService:
         """Release control. Does nothing if it is free.
 
         Raises:
-            ConflictError: another client has control, or this client has lost it; the error has the reason.
+            ConflictError: another client has control, or this client has lost it; the error gives the reason.
         """
         self._ownership.lease.release(CLIENT.get())
 
     async def set_control(self, wanted: bool) -> tuple[bool, str]:
-        """Take or release control. Returns whether this was possible, and the reason if not."""
+        """Take or release control. Return whether this was possible, and the reason if it was not."""
         try:
             if wanted:
                 await self.take()
@@ -149,7 +149,7 @@ class ControlService:
             lease.require(RequestClient(client.name, client.address))
 
     def _former(self) -> list[RequestClient]:
-        """The clients that have control, by a lease or by a motion, each listed once."""
+        """List the clients that have control by a lease or by a motion, each once."""
         lease, moving = self._ownership.lease.current, self._ownership.moving
         clients = [each.client for each in (lease, moving) if each is not None]
         return list({id(each): each for each in clients}.values())

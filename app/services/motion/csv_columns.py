@@ -1,4 +1,4 @@
-"""The columns of a CSV file with timed joint waypoints, by the names in its header."""
+"""Finds the columns of a CSV file with timed joint waypoints by the names in its header."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Columns:
 
 
 def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
-    """The columns of a header.
+    """Find the columns of a header.
 
     Args:
         joints: names of the robot's joints, from the base to the flange.
 
     Raises:
-        InputError: a column is unknown, occurs twice or is missing. The error has its name.
+        InputError: a column is unknown, occurs twice or is missing. The error gives its name.
     """
     names = [cell.strip() for cell in header]
     keys = _keys(names, joints)
@@ -73,7 +73,7 @@ class _Keys:
     numbered: bool
 
     def of(self, name: str) -> str:
-        """The key for a column's name; the name itself if it has no key."""
+        """Return the key for a column's name; the name itself if it has no key."""
         if name.lower() in TIME_NAMES:
             return TIME_NAMES[0]
         if self.numbered:
@@ -84,8 +84,8 @@ class _Keys:
 
 
 def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
-    """The column names with the robot's own joint names, if the header has one of them; otherwise those with
-    joint numbers.
+    """Return the column names with the robot's own joint names if the header contains one of them, otherwise
+    the column names with joint numbers.
 
     So for a robot with joints joint_0 to joint_5, `joint_1` is never mistaken for the first joint.
     """
@@ -101,5 +101,5 @@ def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
 
 
 def brief(text: str) -> str:
-    """A text from the file, cut to a readable length."""
+    """Cut a text from the file to a readable length."""
     return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

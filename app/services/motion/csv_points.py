@@ -1,4 +1,4 @@
-"""Timed joint waypoints from a CSV file, as spreadsheets and scripts write it."""
+"""Reads timed joint waypoints from CSV files as spreadsheets and scripts write them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""Ratio of a row's cells to the header's cells above which decimal commas must have split numbers."""
+"""Ratio of the number of cells in a row to that in the header. Above it, decimal commas must have split
+numbers.
+"""
 NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
@@ -43,8 +45,8 @@ class _Numbers:
         self._first: dict[str, str] = {}
 
     def read(self, cell: str, row: int, index: int) -> float:
-        """Raises InputError: the cell is not a number. The error has the cell, its content and what to
-        write.
+        """Convert a cell to a number. Raises InputError if it is not a number; the error gives the cell, its
+        content and what to write.
         """
         place = f"row {row}, column {self._names[index]}"
         if self._decimal_comma and ("," in cell or "." in cell):
@@ -64,8 +66,8 @@ class _Numbers:
         return value
 
     def _require_one_sign(self, cell: str, place: str) -> None:
-        """Require the same decimal sign in all cells. `1.234,5` is rejected at its first cell, other mixtures
-        at the first cell that differs.
+        """Check that all cells use the same decimal sign. A cell such as `1.234,5` is rejected itself;
+        otherwise the first cell that differs is rejected.
         """
         for sign in ",.":
             if sign in cell:
@@ -81,19 +83,22 @@ def read_points(
     joints: Sequence[str],
     check: Callable[[Waypoint], None] | None = None,
 ) -> list[Waypoint]:
-    """The waypoints of a CSV file, each labelled with its row; the header is row 1.
+    """Read the waypoints of a CSV file. Each is labelled with its row; the header is row 1.
 
-    Columns may be in any order and any case. Required: the robot's own joint names, or joint1 or joint_1 and
-    so on (rad); and one of t, time, time_from_start (s). Optional: velocity_NAME or velocity1 ... (rad/s) and
-    acceleration_NAME or acceleration1 ... (rad/s²). With ";" as separator numbers may have a decimal comma.
+    Columns may be in any order and in upper or lower case. Required columns are the positions (rad), named by
+    the robot's own joint names, or joint1 or joint_1 and so on; and one of t, time, time_from_start (s).
+    Optional columns are velocity_NAME or velocity1 and so on (rad/s), and acceleration_NAME or acceleration1
+    and so on (rad/s²). If the separator is ";", numbers may use a decimal comma.
 
     Args:
         joints: names of the robot's joints, from the base to the flange.
-        separator: None: the separator in the header (semicolons, tabs, commas, otherwise white space).
-        check: called with the first point, before the others are read. Its errors are passed on.
+        separator: separator of the cells. None: find it in the header (semicolon, tab, comma, otherwise white
+            space).
+        check: function that is called with the first point, before the others are read. Its errors are passed
+            on.
 
     Raises:
-        InputError: the file is invalid. The error has row, column and content.
+        InputError: the file is invalid. The error gives the row, the column and the content.
     """
     _require_few(file)
     if separator is None:
@@ -116,12 +121,12 @@ def _require_few(file: BinaryIO) -> None:
     them.
 
     Raises:
-        InputError: there are rows after the last permitted one.
+        InputError: the file has more rows than permitted.
     """
     ends = 0
     while (chunk := file.read(CHUNK_BYTES)) and b'"' not in chunk:
         here = chunk.count(b"\n")
-        if ends + here > MAX_ROWS:  # the header is a line, too
+        if ends + here > MAX_ROWS:  # the header is also a line
             behind = chunk.split(b"\n", max(MAX_ROWS + 1 - ends, 0))[-1]
             start = len(chunk) - len(behind)
             if digit := _DIGIT.search(chunk, start):
@@ -135,7 +140,7 @@ def _too_many(number: int) -> InputError:
 
 
 def _find_separator(file: BinaryIO) -> str:
-    """The separator of the column names, which none of them can contain."""
+    """Find the separator of the column names. No column name can contain it."""
     header = re.split(rb"[\r\n]", file.read(HEADER_BYTES), maxsplit=1)[0]
     file.seek(0)
     return next((each for each in SEPARATORS if each.encode() in header), WHITESPACE)
@@ -181,7 +186,7 @@ def _points(
 
 
 def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
-    """(line number, cells) of each row of a file with white space as separator."""
+    """Yield the line number and the cells of each row, for a file with white space as separator."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig")
     number = 0
     try:
@@ -194,7 +199,7 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
 
 
 def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
-    """(line number, cells) of each row. The file is read as a stream."""
+    """Yield the line number and the cells of each row. The file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
     # Spaces before a quote are not part of a value, unless they are the separator.
     reader = csv.reader(_lines(text), delimiter=separator, skipinitialspace=separator != " ", strict=True)
@@ -215,7 +220,7 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:
-    """The lines of a file. A line that would take too long to split is rejected."""
+    """Yield the lines of a file. A line that would take too long to split is rejected."""
     for number in itertools.count(1):
         line = text.readline(LINE_CHARACTERS + 1)
         if len(line) > LINE_CHARACTERS:

@@ -30,7 +30,7 @@ log = logging.getLogger("cobot.sync")
 
 @dataclass(frozen=True, slots=True)
 class RobotTarget:
-    """The target of a robot, rad, and the limits of its fastest joint: rad/s, rad/s².
+    """The target of one robot, rad, and the limits of its fastest joint, rad/s and rad/s².
 
     Attributes:
         stops: `RobotLink.stops` of this robot at the time of the request. A later stop ends the motion.
@@ -43,10 +43,10 @@ class RobotTarget:
 
 
 class EqualMotions:
-    """Plans motions of equal duration, starts them and follows them to their end.
+    """Plans motions of equal duration for several robots, starts them and follows them to their end.
 
     Args:
-        robots: the robots by name; read for each request.
+        robots: the robots by name. The mapping is read for each request.
     """
 
     def __init__(self, robots: dict[str, Services]) -> None:
@@ -60,12 +60,13 @@ class EqualMotions:
             await asyncio.wait(tasks)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
-        """Start a motion of several robots; all take as long as the slowest. Returns when all have begun.
+        """Start a motion of several robots. All take as long as the slowest one. Returns when all motions
+        have begun.
 
         Raises:
-            ConflictError, NotReadyError, UnavailableError: a robot cannot move; no robot has moved.
-            PlanningError: the motion of a robot cannot be planned; no robot has moved.
-            ExecutionError: a motion was rejected or stopped; all robots are stopped.
+            ConflictError, NotReadyError, UnavailableError: one robot cannot move. No robot has moved.
+            PlanningError: the motion of one robot cannot be planned. No robot has moved.
+            ExecutionError: one motion was rejected or stopped. All robots have been stopped.
         """
         for name, target in targets.items():
             if self._robots[name].link.stops != target.stops:
@@ -101,14 +102,14 @@ class EqualMotions:
 
     async def _ways(self, targets: dict[str, RobotTarget], claims: dict[str, Claim]) -> dict[str, Trajectory]:
         """Plan the motions of all robots that are not at their targets yet. Each motion is stretched to the
-        slowest one.
+        duration of the slowest one.
         """
         planned = await asyncio.gather(
             *(self._plan(name, targets[name], claim) for name, claim in claims.items())
         )
         ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
         while paused := [claim for claim in claims.values() if claim.speed_override.paused]:
-            # No robot goes ahead of a paused one.
+            # No robot starts while another one is paused.
             await paused[0].run_interruptibly(paused[0].speed_override.opened.wait())
         fractions = {name: claims[name].speed_override.fraction for name in ways}
         takes_s = {name: way.duration_s / fractions[name] for name, way in ways.items()}
@@ -132,7 +133,7 @@ class EqualMotions:
         return await services.motion.plan(claim, move, PLANNING_TIMEOUT_S)
 
     async def _follow(self, claims: dict[str, Claim], belongings: contextlib.ExitStack) -> None:
-        """Follow all motions to their end. If one does not arrive, the others are stopped."""
+        """Follow all motions to their end. If one does not reach its target, the others are stopped."""
 
         async def await_arrival(name: str, claim: Claim) -> None:
             try:

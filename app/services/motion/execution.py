@@ -1,4 +1,4 @@
-"""Execution of one motion: planning, transfer to rtloop, and following it until its end."""
+"""Executes one motion: plans it, sends it to rtloop, and follows it to its end."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName
 
 REST_TIMEOUT_S = 5.0
-"""Timeout for a motion to stop, s."""
+"""Timeout for the arm to come to rest when a motion is stopped, s."""
 STATE_TIMEOUT_S = 1.5
-"""Timeout for a new state from rtloop during a motion, s. It is less than two seconds, within which the
+"""Timeout for a new state from rtloop during a motion, s. It is less than the two seconds within which the
 client must be informed of a problem.
 """
 LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
-"""Maximum delay of the answer after the motion's timeout, s: the sum of all waits, and the time for
+"""Maximum delay of the answer after the motion's timeout, s. It is the sum of all waits and the time for
 sending.
 """
 MAX_BUDGET_SHARE = 0.5
@@ -67,8 +67,8 @@ class MotionService:
 
     Attributes:
         scene_changed_s: time of the last change of the scene, on the link's clock.
-        force_zero: the zero of forces and torques.
-        command_gripper: starts the gripper command of an action.
+        force_zero: the zero point of forces and torques.
+        command_gripper: function that starts the gripper command of an action.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, planning: PlanningService) -> None:
@@ -95,7 +95,7 @@ class MotionService:
         return state
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
-        """Plan for a claim. An interruption of the claim kills the planning process."""
+        """Plan a motion for a claim. An interruption of the claim kills the planning process."""
         try:
             work = partial(plan_motion, request=request)
             return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
@@ -105,8 +105,8 @@ class MotionService:
     async def plan_goal(
         self, claim: Claim, request: MotionRequest, timeout_s: float
     ) -> tuple[Trajectory | None, Planned]:
-        """Plan for a claim within the request's budget, see `plan_within_budget`. An interruption of the
-        claim ends planning, and what has been planned is lost.
+        """Plan a motion for a claim within the request's time budget, see `plan_within_budget`. An
+        interruption of the claim ends planning, and discards what has been planned so far.
         """
         budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
         if budget_s <= 0.0:
@@ -133,17 +133,17 @@ class MotionService:
         return place_signals(segments, ends_s, way)
 
     async def way(self, trajectory: Trajectory) -> TcpWay:
-        """The path of the TCP along a trajectory, with the current tool."""
+        """Return the path of the TCP along a trajectory, with the current tool."""
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
-        """A follower for the signals of a motion, or of a part of it."""
+        """Make a follower for the signals of a motion, or of a part of it."""
         name = "" if job is None else job.id
         return SignalFollower(self._link, signals, motion_id, self.command_gripper, name)
 
     def resting_leg(self, joints: Array) -> Leg:
-        """A motion of zero length for an arm that is already at the goal, so that actions and conditions have
-        a path.
+        """Make a motion of zero length for an arm that is already at the goal, so that actions and conditions
+        have a path.
         """
         return Leg(resting(joints), self._robot.limits, None)
 
@@ -155,21 +155,22 @@ class MotionService:
         signals: Placed = NO_PLACED,
         followed: Callable[[int], None] | None = None,
     ) -> SignalFollower | None:
-        """Start the motion in rtloop, which keeps the TCP within the fence and fires the actions. Returns the
-        follower of the motion's signals, unless there are none or the caller follows them itself.
+        """Start the motion in rtloop, which keeps the TCP within the fence and fires the actions. Returns a
+        follower for the motion's signals; None if there are no signals or the caller follows them itself.
 
         Args:
-            followed: given by a caller that follows the signals itself; called with the number of the motion.
+            followed: function for a caller that follows the signals itself. It is called with the number of
+                the motion.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.
-            CollisionError: the scene has changed since it was planned.
+            CollisionError: the scene has changed since the motion was planned, and the motion now collides.
             ConflictError: see `ForceZero.applied`.
         """
         signals = self.force_zero.applied(signals)
         if claim.speed_override.paused:
             await claim.run_interruptibly(claim.speed_override.opened.wait())
-        await self.require_free_since(claim.since_s, trajectory)  # it may have been planned before
+        await self.require_free_since(claim.since_s, trajectory)  # the motion may have been planned earlier
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while there is a claim
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence, signals)
@@ -194,15 +195,16 @@ class MotionService:
         planned_s: float,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Let the current motion continue with another trajectory, see `Commands.replace`.
+        """Make the current motion continue on a new trajectory, see `Commands.replace`.
 
         Args:
-            planned_s: time of planning, on the link's clock.
+            planned_s: time at which the trajectory was planned, on the link's clock.
             signals: actions and conditions on the trajectory.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.replace`.
-            CollisionError: the scene has changed since planning; the motion continues unchanged.
+            CollisionError: the scene has changed since planning, and the new trajectory collides. The motion
+                continues unchanged.
         """
         signals, checked_s = self.force_zero.applied(signals), planned_s
         if planned_s <= self.scene_changed_s:
@@ -235,14 +237,16 @@ class MotionService:
         await asyncio.to_thread(checker.check_trajectory, trajectory)
 
     async def arrival(self, claim: Claim, signals: FollowsSignals | None = None) -> None:
-        """Wait until the motion has ended, at its goal or by its condition `until`.
+        """Wait until the motion has ended at its goal, or has been ended by its condition `until`.
 
         Args:
             signals: signals of the motion.
 
         Raises:
-            ExecutionError: the arm did not arrive; the error's class and text have the reason.
-            ConditionNotMet: the arm arrived, although the condition `until` should have ended the motion.
+            ExecutionError: the arm did not reach the goal. The class and the text of the error give the
+                reason.
+            ConditionNotMet: the arm reached the goal, although the condition `until` should have ended the
+                motion earlier.
             UnavailableError: rtloop no longer publishes.
         """
         state, waits_for = await self._await_end(claim, signals)
@@ -271,13 +275,13 @@ class MotionService:
         fence: Fence | None = None,
         begin_s: float = 0.0,
     ) -> None:
-        """Move back along a motion that its condition `until` has ended, in a straight line.
+        """Move back in a straight line along a motion that has been ended by its condition `until`.
 
         Args:
             begin_s: path time of the trajectory at which the motion began.
 
         Raises:
-            ExecutionError: the retraction is not possible, or the arm has not arrived.
+            ExecutionError: the retraction is not possible, or the arm has not reached its end.
         """
         contact = signals.contact
         assert contact is not None
@@ -305,8 +309,8 @@ class MotionService:
         signals.note_retraction(contact_m - there_m)
 
     async def _await_end(self, claim: Claim, signals: FollowsSignals | None) -> tuple[RobotState, str]:
-        """Wait for the first state after the motion. Returns it with the condition for which the motion
-        waited. An interruption stops the motion.
+        """Wait for the first state after the motion. Returns this state and the condition for which the
+        motion waited. An interruption stops the motion.
         """
         clock, give_up_s = self._link.clock, math.inf
         begun_s, waits_for = clock.now_s(), ""
@@ -317,7 +321,7 @@ class MotionService:
                 self._link.request_stop()  # rtloop must not continue a motion that no client owns
                 raise
             if state.motion_id != claim.motion_id:
-                # A state of the cycle before the acknowledgement; or rtloop has died before it could publish
+                # The state is from the cycle before the acknowledgement, or rtloop has died before publishing
                 # one.
                 if state.published_s > begun_s:
                     raise ExecutionError("rtloop was restarted; the motion has not begun")

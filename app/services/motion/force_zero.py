@@ -1,4 +1,4 @@
-"""The zero of forces and torques: their measured values while nothing touches the arm."""
+"""The zero point of forces and torques: their measured values while nothing touches the arm."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, LoopMode
 
 SAMPLES, SAMPLE_S = 50, 0.004
-"""Number of measurements whose mean is the zero, and their interval, s."""
+"""Number of measurements whose mean is the zero point, and the interval between them, s."""
 STILL_RAD_S = 0.01
-"""Maximum velocity of a joint that counts as at rest, rad/s. The arm need not have settled, because a force
-may push it.
+"""Maximum velocity at which a joint counts as at rest, rad/s. The arm need not have settled, because a force
+may be pushing it.
 """
 ROWS = {Quantity.FORCE: "wrench", Quantity.TORQUE: "wrench", Quantity.JOINT: "external_effort"}
-"""The measured values that a condition on a quantity requires from the device."""
+"""For each quantity in a condition, the measured values that the device must report."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Zero:
     Attributes:
         wrench: wrench at the TCP in the base frame, shape (6,), N and N·m.
         torques: external torques of the joints, shape (dof,), N·m.
-        tool: version of the tool that the arm carried.
+        tool: version of the tool that the arm carried during the measurement.
     """
 
     wrench: Array
@@ -39,7 +39,7 @@ class Zero:
 
 
 class ForceZero:
-    """The zero of one robot. It is valid until it is set again or the service restarts."""
+    """Keeps the zero point of one robot. It is valid until it is set again or the service restarts."""
 
     def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
@@ -47,7 +47,7 @@ class ForceZero:
         self.zero: Zero | None = None
 
     async def make(self, timeout_s: float) -> Zero:
-        """Measure the zero. The arm must be at rest, and nothing may touch it.
+        """Measure the zero point. The arm must be at rest, and nothing may touch it.
 
         Raises:
             NotSupportedError: the device measures no force.
@@ -71,10 +71,11 @@ class ForceZero:
         return self.zero
 
     def applied(self, placed: Placed) -> Placed:
-        """The signals of a motion that begins now, including the zero.
+        """Return the signals of a motion that begins now, including the zero point.
 
         Raises:
-            ConflictError: the signals need the zero, but there is none or the tool has changed since.
+            ConflictError: the signals need the zero point, but it was not measured, or the tool has changed
+                since then.
         """
         until = placed.until
         if until is None or not until.from_zero:
@@ -94,10 +95,10 @@ class ForceZero:
         return replace(condition, zero=zero)
 
     def require_measured(self, quantity: Quantity, what: str) -> DeviceReport:
-        """Check that the device measures the quantity of a condition. Returns the device.
+        """Check that the device measures the quantity in a condition. Return the device.
 
         Raises:
-            NotSupportedError: the device does not measure it; the error lists what it measures.
+            NotSupportedError: the device does not measure the quantity. The error lists what it measures.
             UnavailableError: rtloop has not reported its robot.
         """
         named = self._link.device()

@@ -1,4 +1,6 @@
-"""Named frames: a tree in which each frame has a pose in its parent. The root is the world."""
+"""Named frames. They form a tree in which the pose of each frame is given in its parent. The root is the
+world.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,7 @@ class Frames:
         self._frames[name] = Frame(parent, pose)
 
     def attach(self, name: str, parent: str) -> None:
-        """Attach a frame and its descendants to another parent. Its pose in the world stays the same.
+        """Attach a frame, with its descendants, to a different parent. Its pose in the world stays the same.
 
         Raises:
             NotFoundError: there is no such frame or parent.
@@ -63,7 +65,7 @@ class Frames:
         """Move a frame and its descendants. Its parent stays the same.
 
         Args:
-            reference: the frame of the pose, "" for the parent.
+            reference: the frame in which `pose` is given; "" for the parent.
         """
         frame = self._frame(name)
         if reference in ("", frame.parent):
@@ -100,7 +102,7 @@ class Frames:
         return [each for each, frame in self._frames.items() if frame.parent == name]
 
     def between(self, name: str, reference: str) -> Pose:
-        """The pose of one frame in another.
+        """Return the pose of a frame in a reference frame.
 
         Raises:
             NotFoundError: a frame does not exist.
@@ -108,7 +110,7 @@ class Frames:
         return self._in_world(reference).inverse() @ self._in_world(name)
 
     def way_up(self, name: str) -> list[str]:
-        """This frame and its ancestors, without the world."""
+        """Yield this frame and its ancestors, without the world."""
         way = []
         while name != WORLD:
             way.append(name)

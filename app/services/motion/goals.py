@@ -1,4 +1,4 @@
-"""Conversion of requested goals in any frame into goals of motions: names, joint angles, poses and arcs."""
+"""Converts requested goals in any frame into goals of motions: names, joint angles, poses and arcs."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, NamedPosition, Pose
 
 TOOL = "tool"
-"""The frame_id of poses in the TCP frame."""
+"""The frame_id that means the TCP frame."""
 NOWHERE = pose_from_abc(*[0.0] * 6)
-"""Target of an arc that is given by its angle. Such an arc has no target pose."""
+"""Placeholder for the target of an arc that is defined by its angle and so has no target pose."""
 
 
 class Goals:
-    """The goals of one robot: named positions and frames, and conversion of goals into requests to planners.
+    """Resolves the goals of one robot: it knows the named positions and frames, and converts goals into
+    requests to planners.
 
     Attributes:
-        taught: named positions in addition to those of the SRDF, by name.
+        taught: named positions in addition to those from the SRDF, by name.
     """
 
     def __init__(self, robot: RobotDescription, settings: PlanningSection) -> None:
@@ -35,7 +36,7 @@ class Goals:
         self.taught: dict[str, NamedPosition] = {}
 
     def named(self, name: str) -> Array:
-        """The joint angles of a named position, shape (dof,), rad.
+        """Return the joint angles of a named position, shape (dof,), rad.
 
         Raises:
             InputError: there is no such position; the error lists the valid ones.
@@ -49,15 +50,15 @@ class Goals:
     def require_joints(
         self, angles: Array, *, name: str = "joints", limits: JointLimits | None = None, checked: bool = True
     ) -> None:
-        """Require valid joint angles for this robot.
+        """Check that joint angles are valid for this robot.
 
         Args:
-            name: name of the field, for errors.
-            limits: the robot's own, or tighter ones.
+            name: name of the field, for error messages.
+            limits: the robot's own limits, or tighter ones.
             checked: whether the limits are checked here. If not, planning checks them.
 
         Raises:
-            InputError: the number of angles is not that of the robot's joints.
+            InputError: the number of angles differs from the number of the robot's joints.
             LimitError: an angle is beyond the limits.
         """
         limits = limits or self._robot.limits
@@ -82,12 +83,13 @@ class Goals:
         return goal if place is None else placed(goal, place)
 
     def placed(self, pose: Pose, frame: str) -> Pose:
-        """A pose of a frame, converted to the base frame. Raises the same errors as `frame`."""
+        """Convert a pose from a frame to the base frame. Raises the same errors as `frame`."""
         place = self.frame(frame)
         return pose if place is None else place @ pose
 
     def frame(self, frame: str) -> Pose | None:
-        """The pose of a frame that does not move with the joints; None for the base frame itself.
+        """Return the pose of a frame in the base frame; None for the base frame itself. The frame must not
+        move with the joints.
 
         Raises:
             InputError: there is no such frame, or it moves.
@@ -111,11 +113,13 @@ class Goals:
         raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
 
     def budget_s(self, asked_s: float | None) -> float:
-        """The planning budget of a motion, s: what it asks for, or that of the settings."""
+        """Return the planning budget of a motion, s: the requested budget, or the budget in the settings."""
         return self._settings.budget_s if asked_s is None else asked_s
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """The request to a planner for a goal, from the arm's position `start`, shape (dof,), rad."""
+        """Make the request to a planner for a goal, starting at the joint position `start`, shape (dof,),
+        rad.
+        """
         if goal.in_tool:
             goal = placed(goal, self._robot.model.forward(start))
         return replace(goal, start=start, timeout_s=self._settings.timeout_s)
@@ -134,7 +138,7 @@ def placed(goal: MotionRequest, frame: Pose) -> MotionRequest:
 
 
 def check_radii(goals: Sequence[MotionRequest], radii_m: Sequence[float]) -> None:
-    """Check that there is one radius for each motion except the last, or none at all.
+    """Check that there is one radius for each motion except the last one, or no radius at all.
 
     Raises:
         InputError: the number of radii is wrong.

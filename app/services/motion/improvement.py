@@ -1,7 +1,7 @@
-"""Planning within a time budget: the first motion, then faster ones.
+"""Plans within a time budget: first one motion, then faster ones.
 
-A planning process improves a motion for a short time and returns it. In between it is free for other tasks,
-and a motion that has been found is not lost with its process.
+A planning process improves a motion for a short time and then returns it. In between, the process is free for
+other tasks, and a motion that has been found is not lost if the process is killed.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 SLICE_S = 0.1
-"""Time for which a process improves a motion before it returns it, s. The last try of a slice may take
-longer."""
+"""Time for which a process improves a motion before it returns the motion, s. The last attempt in this time
+slice may take longer.
+"""
 MIN_SLICE_S = 0.002
 """Time below which a slice is not worth its transfer to a process, s."""
 OVERTIME_S = 1.0
-"""Time to wait for a slice after the end of the budget, s: other requests may have all planning processes,
-and a try may take long.
+"""Time to wait for a slice after the end of the budget, s. Other requests may occupy all planning processes,
+and an attempt may take long.
 """
 
 log = logging.getLogger("cobot.planning")
@@ -50,11 +51,11 @@ async def plan_within_budget(
     plan_first: Callable[[], Awaitable[Trajectory | None]],
     budget_s: float,
 ) -> Trajectory | Improving | None:
-    """Plan a motion, and use the rest of the budget, s, for faster ones. If the scene or the tool changes
-    meanwhile, all is planned again.
+    """Plan a motion, and use the rest of the budget, s, to find faster ones. If the scene or the tool changes
+    meanwhile, planning begins again.
 
     Raises:
-        CobotError: as `plan_first`.
+        CobotError: an error of `plan_first`.
     """
     until_s = clock.now_s() + budget_s
     while True:
@@ -80,9 +81,9 @@ async def improve_within(
     budget_s: float,
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
-    """The fastest motion that is found within a time, s, from now on. The search ends early when no faster
-    motion can be found, the scene or the tool has changed, or no planning process is free. It ends at most
-    `OVERTIME_S` late.
+    """Search for faster motions for a time, s, and return the fastest one. The search ends early when no
+    faster motion can be found, the scene or the tool has changed, or no planning process is free. It ends at
+    most `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s
     while request.traits.way is Way.SEARCH and left_s >= MIN_SLICE_S and is_unchanged():

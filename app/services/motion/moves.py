@@ -1,4 +1,4 @@
-"""Motions from the request to the arrival: planning, execution and result."""
+"""Executes motions from the request to the result: planning, execution and outcome."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ Join = Callable[[RobotDescription], Blended]
 class Outcome:
     """The result of a motion request. `error` is None if the arm has arrived and settled.
 
-    `note` comes from the trajectory; `signals` has the results of its actions and conditions; `planned` says
-    how good a single motion is.
+    `note` is the trajectory's note, `signals` contains the results of its actions and conditions, and
+    `planned` rates the plan of a single motion.
     """
 
     error: CobotError | None
@@ -54,7 +54,7 @@ class JoinedMoves:
         trajectory: None if the arm is already at the goal.
         signals: signals of each motion.
         ends_s: path time at which each motion ends.
-        planned: how good the motion is; None: several motions.
+        planned: rating of the plan; None for several motions.
     """
 
     trajectory: Trajectory | None
@@ -63,8 +63,8 @@ class JoinedMoves:
     planned: Planned | None = None
 
     def to_run(self, start: Array) -> Trajectory | None:
-        """The trajectory to run from `start`, shape (dof,), rad. An arm that is already at the goal gets a
-        trajectory at rest if there are actions or conditions.
+        """Return the trajectory to run from `start`, shape (dof,), rad. If the arm is already at the goal,
+        this is a trajectory at rest if there are actions or conditions, otherwise None.
         """
         if self.trajectory is None and any(self.signals):
             return resting(start)
@@ -89,8 +89,8 @@ class MoveService:
         self._planning = planning
 
     async def move(self, goal: MotionRequest, caller: Caller) -> Outcome:
-        """Plan and execute a motion. Returns when the arm has settled at the goal or has failed to reach it;
-        the outcome has the reason.
+        """Plan and execute a motion. Returns when the arm has settled at the goal or has failed to reach it.
+        The outcome gives the reason.
 
         Raises:
             ConflictError, UnavailableError, InputError: the motion is rejected; nothing has moved.
@@ -134,7 +134,7 @@ class MoveService:
         plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],
         join: Callable[[Join], Awaitable[Blended]],
     ) -> JoinedMoves:
-        """Several motions as one.
+        """Plan several motions and join them to one.
 
         Args:
             start: start of the first motion, shape (dof,), rad.
@@ -142,12 +142,12 @@ class MoveService:
             join: joins the motions in a planning process.
 
         Raises:
-            PlanningError, InputError: a motion cannot be planned or joined; the error has its number.
+            PlanningError, InputError: a motion cannot be planned or joined; the error gives its number.
         """
         requests: list[MotionRequest] = []
         motions: list[Trajectory] = []
         radii: list[float] = []
-        parts: list[int] = []  # for each goal, how many motions lead to it
+        parts: list[int] = []  # for each goal, the number of motions that lead to it
         for number, (goal, radius) in enumerate(zip(goals, [*radii_m, *[0.0] * len(goals)], strict=False), 1):
             request = self._goals.request(goal, start)
             try:
@@ -205,12 +205,14 @@ class MoveService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> Outcome:
-        """Run a planned motion. Returns when the arm has arrived, or the reason why it has not.
+        """Run a planned motion and wait for its end. The outcome states whether the arm has reached the goal,
+        or the reason why it has not.
 
         Args:
             trajectory: None if there is nothing to move.
-            require: raises if the commanded joints, shape (dof,), rad, are not at the start of the motion, or
-                if anything else has changed since planning. It is called once the claim is held.
+            require: function that raises an error if the commanded joints, shape (dof,), rad, are not at the
+                start of the motion, or if anything else has changed since planning. It is called once the
+                claim is held.
             fence: the fence that the TCP may not leave.
             signals: actions and conditions of the motion.
 

@@ -18,12 +18,12 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
-"""Maximum distance of a joint from the start of a plan. A plan is run unchanged, so an offset would be a
+"""Maximum distance of a joint from the start of a plan, rad. A plan is run unchanged, so an offset would be a
 jump.
 """
 QUEUED_TOLERANCE_RAD = 1e-9
-"""Start tolerance in the queue, where a plan follows another motion without a stop. It only allows for
-rounding.
+"""Maximum distance of a joint from the start of a plan in the queue, rad, where the plan follows another
+motion without a stop. It only allows for rounding.
 """
 
 
@@ -34,18 +34,19 @@ class Plan:
     Attributes:
         start: start of the motion, shape (dof,), rad.
         limits: joint limits at the time of planning.
-        made_s: time of planning, on the service's clock.
+        made_s: time at which the plan was made, on the service's clock.
         scene: version of the scene at the time of planning.
         tool: version of the tool at the time of planning.
         planners: the planners that were requested.
-        by: the client that requested it.
+        by: the client that requested the plan.
         motions: number of motions in the plan.
         to_run: the trajectory that is run; None if the plan has neither a motion nor an action.
         signals: actions and conditions on the path.
-        gripper: the gripper command, if the plan is one; None for a motion.
-        goal: the request, if the plan is one motion.
-        found: the planned motion, as the search for a faster one needs it; None if there is no motion.
-        planning_s: duration of its planning, s.
+        gripper: the gripper command, if the plan is a gripper command; None for a motion.
+        goal: the request, if the plan consists of one motion.
+        found: the planned motion in the form from which a faster one can be searched; None if there is no
+            motion.
+        planning_s: duration of planning, s.
     """
 
     plan_id: str
@@ -67,27 +68,27 @@ class Plan:
 
     @property
     def planned(self) -> Planned | None:
-        """How good the plan is; None for several motions and gripper commands."""
+        """Rate the plan; None for several motions and for gripper commands."""
         return None if self.goal is None else Planned.of(self.goal, self.found)
 
     @property
     def words(self) -> Iterator[str]:
-        """Actions, conditions and gripper command of the plan in words, one sentence each."""
+        """Describe the actions, the conditions and the gripper command of the plan, each in one sentence."""
         if self.gripper is not None:
             yield self.gripper.words
         yield from self.signals.words
 
     @property
     def effects(self) -> list[str]:
-        """The effects of the plan other than the arm's motion, in words."""
+        """Describe the effects of the plan other than the arm's motion."""
         own = [] if self.gripper is None else [self.gripper.words]
         return own + [each.action.words for each in self.signals.actions if not each.action.event]
 
     def require_unchanged(self, robot: RobotDescription) -> None:
-        """Require that the limits, the scene and the tool have not changed since planning.
+        """Check that the limits, the scene and the tool have not changed since planning.
 
         Raises:
-            ConflictError: one of them has changed; the error has the old and the new value.
+            ConflictError: one of them has changed; the error gives the old and the new value.
         """
         for quantity in JointLimits.QUANTITIES:
             before, now = getattr(self.limits, quantity), getattr(robot.limits, quantity)
@@ -110,11 +111,11 @@ class Plan:
                 )
 
     def require_start(self, joints: Array, where: str = "is", most_rad: float = START_TOLERANCE_RAD) -> None:
-        """Require that these joints, shape (dof,), rad, are at the start of the plan. Raises `ConflictError`
-        otherwise.
+        """Check that these joint positions, shape (dof,), rad, are at the start of the plan. Raises
+        `ConflictError` if they are not.
 
         Args:
-            where: "is" or "will be", for the message.
+            where: "is" or "will be", for the error message.
         """
         off = joints - self.start
         worst = int(np.abs(off).argmax())

@@ -1,4 +1,4 @@
-"""The making of one plan, with its options and its time limit."""
+"""One attempt to make a plan, with its options and its time limit."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array
 
 ANSWER_S = 1.0
-"""Part of an endpoint's timeout that the search for alternatives leaves for unfinished work and the answer,
-s.
+"""Part of an endpoint's timeout that the search for alternatives does not use, s. It is reserved for
+unfinished work and for the answer.
 """
 MIN_COMPUTE_S = 0.01
 """Minimum time for a planning process, s, even if less of the endpoint's timeout is left."""
@@ -29,12 +29,12 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
-    """The options of a plan, in addition to its motion.
+    """The options of a plan, in addition to its goals.
 
     Attributes:
         start: joint angles, rad; None: the arm's current position, at which it must be at rest.
         samples: number of path points in the answer.
-        explain: if planning fails, search for changes that make a plan possible.
+        explain: whether to search for changes that make a plan possible, if planning fails.
     """
 
     start: list[float] | None = None
@@ -43,10 +43,10 @@ class PlanOptions:
 
 
 class PlanAttempt:
-    """The making of one plan, within its time limit.
+    """One attempt to make a plan within its time limit.
 
     Attributes:
-        begin: start of the plan, shape (dof,), rad.
+        begin: joint positions at the start of the plan, shape (dof,), rad.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class PlanAttempt:
     ) -> None:
         """
         Args:
-            turn: held while a planning process works, so that plans use one process at a time.
+            turn: lock that is held while a planning process works, so that plans use one process at a time.
         """
         self._planning, self._robot, self._clock, self._turn = planning, robot, clock, turn
         self.asked, self.begin = asked, begin
@@ -75,7 +75,9 @@ class PlanAttempt:
             return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
 
     async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
-        """The result of `work` for the request. A failure is explained if there is time."""
+        """Return the result of `work` for the request. If it fails, the failure is explained if there is
+        time.
+        """
         try:
             if self.asked.start is not None and request.start is self.begin:
                 check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
@@ -90,7 +92,7 @@ class PlanAttempt:
 
     @property
     def spare_s(self) -> float:
-        """Time that is left for more than the answer, s."""
+        """Time that is left, except the time for the answer, s."""
         return self._left_s() - ANSWER_S
 
     def _left_s(self) -> float:

@@ -1,4 +1,4 @@
-"""Planning in worker processes, so that it neither blocks the service nor continues after a stop."""
+"""Plans in worker processes, so that planning neither blocks the service nor continues after a stop."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ from cobot.robot.tool import BARE
 
 POLL_S = 0.02
 PREPARE_S = 5.0
-"""Timeout for taking over the scene and the tool, s."""
+"""Timeout for a process to take over the scene and the tool, s."""
 ATTEMPTS = 2
-"""Maximum number of workers that begin the same task. The task itself may have crashed the first one."""
+"""Maximum number of workers that begin the same task. It is limited because the task itself may have crashed
+the first one.
+"""
 
 Result = TypeVar("Result")
 
@@ -31,15 +33,15 @@ log = logging.getLogger("cobot.planning")
 
 @dataclass(frozen=True, slots=True)
 class PlanningStatus:
-    """State of the pool.
+    """State of the pool of planning processes.
 
     Attributes:
         state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
         workers: the configured number of workers.
-        usable, busy: number of workers that can work, and number of those that have a task.
+        usable, busy: number of workers that can work, and number of workers that have a task.
         replaced: number of workers that have ended or were suspended, although the service did not request
             it.
-        problem: why no worker can be started; "" otherwise.
+        problem: reason why no worker can be started; "" if workers can be started.
     """
 
     state: str
@@ -53,16 +55,16 @@ class PlanningStatus:
 class PlanningService:
     """A pool of planning processes, each with the robot loaded.
 
-    Each robot has a pool of its own, so that planning for one robot does not delay another.
+    Each robot has its own pool, so that planning for one robot does not delay other robots.
 
     Args:
-        config: settings file; None: the one that ships with cobot.
+        config: settings file; None for the file that ships with cobot.
         robot: name of a robot in the settings; None: the default robot.
         blanks: see `PlanningPool`.
 
     Attributes:
-        scene: the scene for all plans.
-        tool: the tool for all plans.
+        scene: the scene that all plans use.
+        tool: the tool that all plans use.
     """
 
     scene = Scene()
@@ -86,8 +88,8 @@ class PlanningService:
         return self._pool.usable == self._pool.size
 
     async def renew(self) -> None:
-        """Replace the workers by new ones that have read the current settings file. Returns when they run or
-        cannot be started.
+        """Replace the workers with new ones, which read the current settings file. Returns when the new
+        workers run or cannot be started.
         """
         old = self._pool
         self._pool = PlanningPool(self._arguments, old.size)
@@ -112,17 +114,17 @@ class PlanningService:
         the worker.
 
         If the worker is lost, or the scene or the tool changes meanwhile, the function runs once more. This
-        is safe, because planning moves nothing.
+        is safe because planning moves nothing.
 
         Args:
-            timeout_s: timeout for the wait for a free worker, the work, and a possible repetition.
-            scene: a scene that is not in force yet; None: the current one.
+            timeout_s: timeout for the whole: waiting for a free worker, the work, and a possible repetition.
+            scene: a scene that is not in force yet; None for the current one.
 
         Raises:
             PlanningTimeout: the worker did not finish in time.
-            PlanningError: the workers that had it have ended.
-            UnavailableError: no worker can be started, or none was free in this time.
-            CobotError: errors of the function.
+            PlanningError: the workers that ran the function have ended.
+            UnavailableError: no worker can be started, or no worker was free in this time.
+            CobotError: the function raised this error.
         """
         asked_s, lost = asyncio.get_running_loop().time(), 0
         while True:
@@ -146,8 +148,8 @@ class PlanningService:
             log.info("the scene or the tool has changed during planning: planning again")
 
     def prepare(self, scene: Scene) -> None:
-        """Let all free processes take over a scene that is not in force yet, so that the next task does not
-        wait for this.
+        """Make all free processes take over a scene that is not in force yet, so that the next task does not
+        have to wait for this.
         """
         self._preparing = asyncio.create_task(self._prepare(scene, self.status.usable - self.status.busy))
 
@@ -160,7 +162,7 @@ class PlanningService:
     def placed(
         self, work: Callable[[RobotDescription], Result], scene: Scene | None = None
     ) -> Callable[[RobotDescription], Result]:
-        """Wrap a function so that it uses the current tool, and a scene; None: the current one."""
+        """Wrap a function so that it uses the current tool and this scene; None for the current scene."""
         scene = scene or self.scene
         is_new = self._preparing is None  # a process may have prepared a scene that was rejected afterwards
         if is_new and not scene.version and not self.tool.version:

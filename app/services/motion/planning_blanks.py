@@ -1,4 +1,6 @@
-"""The first planning processes. The service forks them before it imports modules that they do not need."""
+"""Starts the first planning processes. The service forks them before it imports modules that they do not
+need.
+"""
 
 from __future__ import annotations
 

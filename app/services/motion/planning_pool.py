@@ -25,21 +25,21 @@ from cobot.launch.process import RUN_MODULE, is_stopped
 WORKER = "app.services.motion.planning_worker"
 STDOUT = 1
 LARGE_BYTES = 65536
-"""Size from which a thread unpickles an answer, bytes. For smaller ones, the switch of threads takes longer
-than unpickling.
+"""Minimum size of an answer that is unpickled in a thread, bytes. For smaller answers, the switch of threads
+takes longer than unpickling.
 """
 LOOK_S = 0.5
-"""Interval of checks whether a busy worker is suspended, s."""
+"""Interval at which busy workers are checked for being suspended, s."""
 START_S = 60.0
 """Time after which a worker that is not ready is replaced, s."""
 BACKOFF_S = (0.2, 5.0)
-"""The first and the longest pause before a worker is started again, s, while starts fail."""
+"""The first and the longest pause before a worker is started again while starts fail, s."""
 
 log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """The worker of a task has ended or is suspended; the text says which.
+    """Raised if the worker of a task has ended or is suspended. Its text states which.
 
     Attributes:
         begun: whether the worker had begun the task.
@@ -53,8 +53,8 @@ class _Worker:
     """A planning process and the state of its current task.
 
     Attributes:
-        answer: future for the answer to the current task: whether it has returned a value or raised an error,
-            and this value or error. None without a task.
+        answer: future for the answer to the current task. The answer states whether the task returned a value
+            or raised an error, followed by this value or error. None without a task.
         begun: whether the process has reported that the current task has begun.
         usable: whether the process has loaded its robot and has not ended.
         dismissed: whether the pool itself has ended the process.
@@ -70,23 +70,23 @@ class _Worker:
     paused: bool = False
 
     def end(self) -> None:
-        """Kill the worker. A new one takes its place."""
+        """Kill the worker. The pool then starts a new one."""
         self.usable = False
         self.process.kill()
 
     def stands_still(self) -> bool:
-        """Whether the process is suspended, and was at the last check too."""
+        """Whether the process is suspended, and was also suspended at the last check."""
         before, self.paused = self.paused, is_stopped(self.process.pid)
         return before and self.paused
 
 
 class PlanningPool:
-    """A fixed number of workers, started with the first task.
+    """A pool with a fixed number of workers, which are started with the first task.
 
     Args:
         arguments: the arguments of a worker's command line.
-        blanks: processes that were started in advance and become the first workers. Used ones are removed
-            from the list.
+        blanks: processes that were started in advance and become the first workers. Processes that are used
+            are removed from the list.
 
     Attributes:
         replaced: the number of workers that have ended or were suspended, although the pool did not request
@@ -106,16 +106,16 @@ class PlanningPool:
 
     @property
     def usable(self) -> int:
-        """The number of workers that have a task or can get one."""
+        """Number of workers that have a task or can get one."""
         return sum(worker.usable for worker in self._workers)
 
     @property
     def busy(self) -> int:
-        """The number of workers that have a task."""
+        """Number of workers that have a task."""
         return sum(worker.usable and worker.answer is not None for worker in self._workers)
 
     def start(self) -> None:
-        """Start the workers, unless they are started."""
+        """Start the workers, unless they have been started."""
         if not self._keepers:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
@@ -124,13 +124,13 @@ class PlanningPool:
         kills the worker.
 
         Args:
-            asked_s: beginning of the timeout, on the event loop's clock; None: now.
+            asked_s: time at which the timeout begins, on the event loop's clock; None for now.
 
         Raises:
-            TimeoutError: the task has taken too long. The error has the part of the time before a worker was
-                free.
-            WorkerLost: the worker has ended, or is suspended, during the task.
-            UnavailableError: no worker can be started, or none was free within the timeout.
+            TimeoutError: the task has taken too long. The error states how much of the time passed before a
+                worker was free.
+            WorkerLost: the worker has ended or was suspended during the task.
+            UnavailableError: no worker can be started, or no worker was free within the timeout.
         """
         loop = asyncio.get_running_loop()
         asked_s = loop.time() if asked_s is None else asked_s
@@ -197,7 +197,7 @@ class PlanningPool:
                 raise WorkerLost(f"(pid {worker.process.pid}) is suspended")
 
     async def _keep(self) -> None:
-        """Keep one worker running, for ever."""
+        """Keep one worker running until cancelled."""
         pause_s, longest_s = BACKOFF_S
         while True:
             try:
@@ -210,7 +210,7 @@ class PlanningPool:
                 await asyncio.sleep(pause_s)
 
     async def _live(self) -> bool:
-        """Run one worker from its start to its end. Returns whether it became usable.
+        """Run one worker from its start to its end. Return whether it became usable.
 
         Raises:
             OSError: the worker cannot be started.
@@ -262,7 +262,7 @@ class PlanningPool:
         return _Worker(process, writer), reader
 
     def _launch(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
-        """Start a process with this end of its socket."""
+        """Start a worker process that inherits this end of its socket."""
         command = [*self._command, "--fd", str(descriptor)]
         while self._blanks:
             blank = self._blanks.pop()
@@ -307,7 +307,7 @@ def _ending(status: int) -> str:
 
 
 async def _message(reader: asyncio.StreamReader) -> bytes:
-    """Read the pickle of the next message.
+    """Read the next message and return its pickle.
 
     Raises:
         asyncio.IncompleteReadError: the other end is closed.

@@ -1,7 +1,7 @@
-"""Tasks of the planning processes: functions that are pickled by their names.
+"""Tasks for the planning processes: functions that are pickled by their names.
 
-Only these functions import the planners and the cycle, and only when they are called. So the service, which
-refers to them by name, does not load scipy.
+Only these functions import the planners and rtloop's cycle, and only when they are called. So the service,
+which refers to the functions by name, does not load scipy.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def plan_motion(robot: RobotDescription, request: PlanRequest) -> Trajectory | N
 def improve_motion(
     robot: RobotDescription, request: MotionRequest, found: Trajectory | Improving, slice_s: float
 ) -> Improving:
-    """See `cobot.planners.search.improve`. The first call gets the first motion."""
+    """See `cobot.planners.search.improve`. In the first call, `found` is the first planned motion."""
     from cobot.planners.search.improve import begin, improve
 
     state = begin(robot, request, found) if isinstance(found, Trajectory) else found
@@ -69,7 +69,7 @@ def in_scene(
 
 
 def prepare_search(robot: RobotDescription) -> None:
-    """The task of a process that only takes over the scene and the tool, and prepares a search in it."""
+    """Take over the scene and the tool, and prepare a search in this scene. Does nothing else."""
     robot.collision.clearance.enclose()
 
 
@@ -81,7 +81,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
 
 
 def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg | None:
-    """A motion of the queue: see `plan_rated`, or `cobot.planners.plan` within these limits."""
+    """Plan a motion of the queue: see `plan_rated`, or `cobot.planners.plan` within these limits."""
     if isinstance(request, RatedMove):
         return plan_rated(robot, request)
     from cobot.planners import plan
@@ -174,10 +174,10 @@ def draw_picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
 
 def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
-    """See `cobot.recording.reader.read_path`. Adds the poses of the TCP.
+    """Read a path as in `cobot.recording.reader.read_path`, and add the poses of the TCP.
 
     Raises:
-        InputError: the recording is of an arm with another number of joints.
+        InputError: the recording is from an arm with a different number of joints.
     """
     from cobot.recording.reader import read_path
 

@@ -30,14 +30,14 @@ Task = Callable[[Any], Any]
 
 
 def message(content: object) -> bytes:
-    """The bytes of a message."""
+    """Encode a message as bytes."""
     packed = pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
     return LENGTH.pack(len(packed)) + packed
 
 
 def main() -> int:
-    """Work until the service closes the socket. Returns the exit status: 0, or 2 if the robot cannot be
-    loaded.
+    """Process tasks until the service closes the socket. Returns the exit status: 0, or 2 if the robot cannot
+    be loaded.
     """
     parser = argparse.ArgumentParser(prog="python -m app.services.motion.planning_worker")
     parser.add_argument("--config", type=Path)
@@ -107,10 +107,10 @@ def _receive(channel: BinaryIO) -> bytes | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
-    # The parent process has registered it. OMPL reports what is not collected at the end as leaks.
+    # The parent process has registered it. OMPL reports objects that are not collected as leaks.
     atexit.unregister(gc.freeze)
     set_niceness(
         Niceness.ORDINARY
-    )  # not as prompt as the service that starts it, and not yet in the background
+    )  # lower priority than the service that starts it, but not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

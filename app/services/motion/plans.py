@@ -57,18 +57,19 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 DRAW_S = 10.0
-"""Timeout for a picture, including the wait for other pictures and for a process, s. Drawing takes a fiftieth
-of it.
+"""Timeout for a picture, including the wait for other pictures and for a process, s. Drawing itself takes a
+fiftieth of it.
 """
 
 
 class PlanService:
-    """Makes plans and keeps the newest of them in memory. A restart of the service deletes them.
+    """Makes plans and keeps the newest ones in memory. A restart of the service deletes them.
 
     Plans are made one at a time, so that planning processes remain free for motions.
 
     Attributes:
-        command_gripper: runs a gripper command, and returns the reason of its failure, or None.
+        command_gripper: function that runs a gripper command and returns the reason if it fails, otherwise
+            None.
     """
 
     command_gripper: Callable[[GripperRequest, Caller], Awaitable[CobotError | None]]
@@ -100,15 +101,15 @@ class PlanService:
     async def make(
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], asked: PlanOptions, timeout_s: float
     ) -> Plan:
-        """Plan one motion, or several as one; nothing moves.
+        """Plan one motion, or several motions as one. Nothing moves.
 
         Args:
             radii_m: as in `MoveService.move_sequence`.
 
         Raises:
             ConflictError: the arm moves and no `start` is given.
-            InputError, PlanningError, UnavailableError: as for a motion. They have an `explanation` if it is
-                requested and the error has findings.
+            InputError, PlanningError, UnavailableError: the same errors as for a motion. They contain an
+                `explanation` if it was requested and something was found.
         """
         check_radii(goals, radii_m)
         begin = await self._present() if asked.start is None else self._read_start(asked.start)
@@ -130,14 +131,14 @@ class PlanService:
         )
 
     async def improve(self, plan_id: str, budget_s: float, samples: int, timeout_s: float) -> Plan:
-        """A faster plan for the request of a plan, found within a time, s. The given plan stays as it is. If
-        no faster one is found, it is the result.
+        """Search for a faster plan for the same request within a time, s. The given plan stays unchanged. If
+        no faster plan is found, the given plan is returned.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
             ConflictError: a limit, the scene or the tool has changed.
-            InputError: the plan is not one motion.
-            PlanningError, UnavailableError: a faster motion is found, but not described in time.
+            InputError: the plan does not consist of one motion.
+            PlanningError, UnavailableError: a faster motion was found, but could not be described in time.
         """
         plan, versions = self.get(plan_id), self._versions
         plan.require_unchanged(self._robot)
@@ -241,12 +242,12 @@ class PlanService:
 
     @property
     def _versions(self) -> tuple[int, int]:
-        """The versions of the scene and of the tool."""
+        """Return the versions of the scene and of the tool."""
         return self._robot.collision.scene.version, self._robot.model.tool.version
 
     async def make_gripper(self, request: GripperRequest, samples: int, timeout_s: float) -> Plan:
-        """Plan a gripper command; nothing moves. When the plan is run, the arm must be at its current
-        position.
+        """Plan a gripper command. Nothing moves. When the plan is run later, the arm must be at the same
+        position as now.
 
         Raises:
             ConflictError: the arm moves.
@@ -262,7 +263,7 @@ class PlanService:
     def _keep(
         self, begin: Array, described: Forecast, limits: JointLimits, versions: tuple[int, int], **fields: Any
     ) -> Plan:
-        """Keep a plan that was made with these versions of the scene and of the tool."""
+        """Keep a plan that was made with these versions of the scene and the tool."""
         made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
         plan = Plan(number, begin, described, limits, made_s, *versions, by=acting.get().name, **fields)
         self._plans[plan.plan_id] = plan
@@ -282,7 +283,7 @@ class PlanService:
         return await attempt.compute(work), course
 
     async def picture(self, plan_id: str) -> bytes:
-        """A picture of a plan, as PNG. Pictures are drawn one at a time.
+        """Draw a picture of a plan as PNG. Pictures are drawn one at a time.
 
         Raises:
             NotFoundError: see `get`.
@@ -304,7 +305,7 @@ class PlanService:
             self._drawing.release()
 
     def list_valid(self) -> list[Plan]:
-        """The plans that can be run, the oldest first."""
+        """List the plans that can be run, oldest first."""
         self._forget()
         return list(self._plans.values())
 
@@ -312,7 +313,7 @@ class PlanService:
         return max(plan.made_s + self.lifetime_s - self._clock.now_s(), 0.0)
 
     def get(self, plan_id: str) -> Plan:
-        """A plan that can be run.
+        """Return a plan that can be run.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
@@ -327,15 +328,15 @@ class PlanService:
         return plan
 
     async def execute(self, plan_id: str, caller: Caller, fence: Fence | None = None) -> Outcome:
-        """Run a plan. It is kept, so that it can be run again from its start.
+        """Run a plan. The plan is kept, so that it can be run again from its start.
 
         Args:
             fence: fence that the TCP may not leave.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
-            ConflictError: the arm's position or a limit has changed. The error has the change and the allowed
-                deviation.
+            ConflictError: the arm's position or a limit has changed. The error gives the change and the
+                allowed deviation.
             ConflictError, UnavailableError: another client moves the arm, or the arm is not ready.
         """
         plan = self.get(plan_id)
@@ -354,14 +355,14 @@ class PlanService:
     async def rehearse(
         self, plan_id: str, gone: asyncio.Event, timeout_s: float
     ) -> tuple[Plan, Rehearsal | None]:
-        """Dry run: run a plan on a simulated copy of the robot, in a planning process. The robot does not
-        move. Only one plan at a time is made or run this way.
+        """Make a dry run: run a plan on a simulated copy of the robot in a planning process. The robot does
+        not move. Only one plan or dry run is computed at a time.
 
         Args:
-            gone: set when the client disconnects; then the dry run ends.
+            gone: event that is set when the client disconnects. The dry run then ends.
 
         Returns:
-            The plan, and the result of the dry run; None if the plan does not move the arm.
+            The plan and the result of the dry run. The result is None if the plan does not move the arm.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
@@ -403,7 +404,7 @@ class PlanService:
             self._turn.release()
 
     def queue_request(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
-        """The request to queue a plan. It is checked again when its turn comes.
+        """Make the request to queue a plan. The plan is checked again when its turn comes.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
@@ -443,7 +444,7 @@ class PlanService:
             raise ConflictError(f"{exc}; give `start` to plan while the arm moves") from exc
 
     def _forget(self) -> None:
-        """Remove plans that are too old, and the oldest beyond the maximum number."""
+        """Remove plans that are too old, and the oldest ones if there are more than the maximum number."""
         oldest_s = self._clock.now_s() - self.lifetime_s
         while self._plans:
             first = next(iter(self._plans.values()))

@@ -1,4 +1,4 @@
-"""Named positions: those of the SRDF, which never change, and taught ones."""
+"""Named positions: those from the SRDF, which never change, and taught ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cobot.types import NamedPosition
 
 MAX_TAUGHT = 200
 TAUGHT = "taught"
-"""The group of a position that is not in the SRDF."""
+"""Group name for positions that are not in the SRDF."""
 STATE_TIMEOUT_S = 1.5
 SPOILT = ".spoilt-"
 _FILE = TypeAdapter(dict[str, NamedPosition])
@@ -49,12 +49,14 @@ class PositionService:
 
     @property
     def problem(self) -> str:
-        """The problem of the file, as long as the file that was set aside exists; "" without a problem."""
+        """Describe the problem with the file, as long as the damaged file that was set aside exists; ""
+        without a problem.
+        """
         return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
-        """All positions, those of the SRDF first. They take precedence over taught ones with the same
-        name.
+        """List all positions, those from the SRDF first. They take precedence over taught positions with the
+        same name.
         """
         own = self._robot.positions
         taught = [each for name, each in self._goals.taught.items() if name not in own]
@@ -63,14 +65,14 @@ class PositionService:
     async def teach(
         self, name: str, joints: list[float] | None, description: str, label: str = ""
     ) -> NamedPosition:
-        """Store a position under a new or an existing name. It is on disk when this returns.
+        """Store a position under a new or an existing name. It has been written to disk when this returns.
 
         Args:
-            joints: joint positions, rad; None: the arm's current position.
+            joints: joint positions, rad; None for the arm's current position.
 
         Raises:
             InputError, LimitError: the joint positions are invalid.
-            ConflictError: the SRDF has this name, or there are too many positions.
+            ConflictError: the SRDF contains a position with this name, or there are too many positions.
             UnavailableError: the arm's joint positions are unknown, or the file cannot be written.
         """
         if name in self._robot.positions:
@@ -165,7 +167,7 @@ class PositionService:
         log.error("%s", self._problem)
 
     def _set_aside_before(self) -> None:
-        """Report an earlier file again that was set aside before a restart."""
+        """Report again that a damaged file was set aside before a restart."""
         found = sorted(self._file.parent.glob(f"{self._file.name}{SPOILT}*"))
         if found and self._aside is None:
             self._aside = found[-1]

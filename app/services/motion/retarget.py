@@ -1,8 +1,9 @@
-"""A new goal for the motion that runs. The arm leaves its current path at a place ahead, without a stop.
+"""Changes the goal of the running motion. The arm leaves its current path at a point ahead, without a stop.
 
-Planning takes time in which the arm moves on. The place is therefore as far ahead as planning usually takes.
-If the arm has passed it before the real-time loop has the new trajectory, the loop rejects it and the arm
-continues as before. Then a place further ahead is tried.
+While the new motion is planned, the arm moves on. The point of the change is therefore as far ahead as
+planning usually takes. If the arm passes this point before the real-time loop has received the new
+trajectory, the loop rejects the trajectory and the arm continues as before. Then a point further ahead is
+tried.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from cobot.robot.scene import Scene
 from cobot.types import Array, PlannerName
 
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
-"""Path time from the arm to the place of the change, s: minimum, initial and maximum value. It is the minimum
-plus twice the last planning time.
+"""Path time from the arm to the point of the change, s: minimum, initial and maximum value. The value is the
+minimum plus twice the last planning time.
 """
 ATTEMPTS = 3
 FREE_WAYS = (PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO)
-"""Planners whose path between the ends is not part of the request."""
+"""Planners that choose the path between start and goal themselves."""
 KINDS = (JobKind.MOVE, JobKind.EXECUTE)
 
 log = logging.getLogger("cobot.motion")
@@ -40,14 +41,14 @@ log = logging.getLogger("cobot.motion")
 
 @dataclass(frozen=True, slots=True)
 class Retargeted:
-    """The place at which the arm leaves its former path, and the motion from there.
+    """The point at which the arm leaves its former path, and the motion from there.
 
     Attributes:
         change_in_s, settled_in_s: times at planned speed from now until the arm leaves its former path, and
             until only the new motion counts.
         joints: joint positions at the change, shape (dof,), rad.
         duration_s: time from the change to the new goal, at planned speed.
-        planning_s: from the request until the real-time loop has the new motion.
+        planning_s: time from the request until the real-time loop has received the new motion, s.
         note: see `Trajectory`.
     """
 
@@ -87,10 +88,10 @@ class RetargetService:
             timeout_s: timeout for planning, with all repetitions.
 
         Raises:
-            ConflictError: the job has no motion that can be led elsewhere, another client moves the arm or
+            ConflictError: the job has no motion whose goal can be changed, another client moves the arm or
                 has control, or the change came too late.
             InputError: the goal is relative to the TCP, or has actions or conditions.
-            PlanningError: the goal is out of reach from there, or the way is not free.
+            PlanningError: the goal cannot be reached from the point of the change, or the path is not free.
             MotionStopped: a stop was requested meanwhile, or the scene has changed and the new motion stops.
             UnavailableError: see `Commands.replace`.
         """
@@ -109,16 +110,17 @@ class RetargetService:
             self._busy = False
 
     async def lead_around(self, within_s: float, scene: Scene, in_force: asyncio.Event) -> bool:
-        """Redirect the running motion to its goal along another path, because an object is in the current
-        one.
+        """Redirect the running motion to its goal along a different path, because an object is in the current
+        path.
 
-        Only a motion whose path is free to choose is redirected: a single one without constraints, actions or
-        conditions, by a planner that moves the joints.
+        Only a motion whose path can be chosen freely is redirected: a single motion without constraints,
+        actions or conditions, by a planner that moves the joints.
 
         Args:
-            within_s: time to find the way and hand it over.
+            within_s: time in which the new path must be found and sent to the real-time loop, s.
             scene: the scene with the object.
-            in_force: set once plans are made and checked in this scene. Before, no way is handed over.
+            in_force: event that is set once plans are made and checked in this scene. Before that, the new
+                path is not sent.
 
         Returns:
             Whether the motion was redirected. If not, it continues as before.
@@ -150,10 +152,10 @@ class RetargetService:
         return True
 
     def _claim_of(self, job: Job) -> Claim:
-        """The claim of a job whose motion runs.
+        """Return the claim of a job whose motion is running.
 
         Raises:
-            ConflictError: its goal cannot be changed; the error has the reason.
+            ConflictError: the goal of the job cannot be changed; the error gives the reason.
         """
         wait = "; cancel it and request the new motion"
         if job.kind not in KINDS:
@@ -215,12 +217,13 @@ class RetargetService:
         return await claim.run_interruptibly(self._planning.compute(work, timeout_s, scene))
 
     async def _hand_over(self, claim: Claim, job: Job, found: ChangeOver, planned_s: float) -> None:
-        """Let the real-time loop continue with the new trajectory.
+        """Make the real-time loop continue with the new trajectory.
 
         Raises:
             ConflictError: the motion has ended meanwhile.
-            ExecutionError: the real-time loop rejects it, for example because the arm is too far; or the
-                motion was interrupted, and stops on whichever path it is.
+            ExecutionError: the real-time loop rejects the trajectory, for example because the arm has passed
+                the point of the change; or the motion was interrupted, and the arm stops on the path that it
+                is on.
         """
         if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
             raise ConflictError(f"job {job.id} has ended while the way to the new goal was planned")
@@ -236,7 +239,7 @@ class RetargetService:
         label, took_ms = self._link.label, 1e3 * planning_s
         log.info("%smotion %d: its new way was ready after %.0f ms", label, motion_id, took_ms)
         state = self._link.state()
-        is_old = state.path_duration_s != whole.duration_s  # the state may be a cycle old
+        is_old = state.path_duration_s != whole.duration_s  # the state may be one cycle old
         now_s = state.path_time_s - (found.offset_s if is_old else 0.0)
         return Retargeted(
             motion_id,
@@ -250,7 +253,7 @@ class RetargetService:
 
 
 def _require_goal(goal: MotionRequest) -> None:
-    """Raises InputError: the goal has no meaning for an arm that moves."""
+    """Raises InputError if the goal has no meaning for a moving arm."""
     if goal.is_relative:
         raise InputError(
             "the goal is relative to where the arm is (frame_id tool, or an arc by an angle), but it moves; "

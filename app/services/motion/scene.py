@@ -1,4 +1,4 @@
-"""The scene of one robot: changed as a whole, stored in a file, and used at once for all planning."""
+"""The scene of one robot. It is changed as a whole, stored in a file, and used at once for all planning."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
 STOPS_WITHIN_S = 0.5
-"""Path time within which every motion can stop; rtloop looks as far ahead for a motion's fence."""
+"""Path time within which every motion can stop, s. rtloop looks equally far ahead to check the fence of a
+motion.
+"""
 
 log = logging.getLogger("cobot.scene")
 
@@ -69,11 +71,11 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class _Remaining:
-    """The current motion from a time on, in a scene that has changed.
+    """The remaining part of the current motion, checked in a scene that has changed.
 
     Attributes:
         since_s: time at which the arm was at the beginning of `left`, on the link's clock.
-        contact: its first contact; None if it is free.
+        contact: the first contact of this part; None if it is free.
     """
 
     handed_over: HandedOver
@@ -83,8 +85,8 @@ class _Remaining:
 
 
 class SceneService:
-    """The scene. Changes are made one after the other. Each change is first written to disk, then applied,
-    then answered.
+    """Keeps the scene. Changes are made one after the other. Each change is first written to disk, then
+    applied, then answered.
 
     Attributes:
         turn: lock that is held while the data of the collision checker changes.
@@ -119,7 +121,7 @@ class SceneService:
         self._file = scene_file(settings)
         self.turn = asyncio.Lock()
         self._version = (
-            0  # the newest; one that was rejected is not given again, planning processes may have it
+            0  # the newest version; a rejected one is not used again, because planning processes may have it
         )
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = self._file.read()
@@ -146,7 +148,7 @@ class SceneService:
         return edit
 
     def move_object(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Move an object. `pose` is in `frame`. Shape, size and mass stay."""
+        """Move an object. `pose` is in `frame`. Its shape, size and mass stay the same."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
@@ -158,8 +160,8 @@ class SceneService:
         return edit
 
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Add or move a named frame. `pose` is in the current pose of `frame`, and stays there if `frame`
-        moves later.
+        """Add or move a named frame. `pose` is relative to the current pose of `frame`. If `frame` moves
+        later, the named frame does not move with it.
         """
         self._require_own_name(name)
 
@@ -181,7 +183,9 @@ class SceneService:
         return edit
 
     def attach(self, name: str, touch: list[str]) -> Edit:
-        """Attach an object: from now on it moves with the TCP, with its current pose relative to the TCP."""
+        """Attach an object. From now on it moves with the TCP and keeps its current pose relative to the
+        TCP.
+        """
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
@@ -203,7 +207,7 @@ class SceneService:
     async def change(
         self, edits: Sequence[Edit], *, moves_hand: bool, name: str = "a change of the scene"
     ) -> Changed:
-        """Make all of these changes in their order, or none of them.
+        """Make all of these changes in this order, or none of them.
 
         Args:
             moves_hand: whether an object is attached or detached, which requires the arm at rest.
@@ -247,7 +251,7 @@ class SceneService:
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
     def _with_fixtures(self, scene: Scene, edits: Sequence[Edit]) -> Scene:
-        """The scene with the fixtures of the cell, which stay even if the scene is cleared.
+        """Return the scene with the fixtures of the cell, which stay even if the scene is cleared.
 
         Raises:
             ConflictError: an edit changes a fixture.
@@ -260,7 +264,7 @@ class SceneService:
         return replace(scene, objects={**scene.objects, **fixed})
 
     async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
-        """Apply a scene that changes the load of the arm. Nothing moves or is planned meanwhile."""
+        """Apply a scene that changes the load of the arm. Nothing moves and nothing is planned meanwhile."""
         if state.mode not in RESTING:
             raise ConflictError(
                 f"the arm moves (mode {state.mode.name}): its load can be changed only while it is at rest",
@@ -275,8 +279,8 @@ class SceneService:
             return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
-        """Apply a scene. If an object is in the current path, a way around it is searched while the scene is
-        stored, and handed over once the scene is in force.
+        """Apply a scene. If an object is in the current path, a path around it is searched while the scene is
+        stored, and sent to the real-time loop once the scene is in force.
         """
         checker = await asyncio.to_thread(self._robot.collision.among, scene)
         remaining, in_force = await self._examine(checker), asyncio.Event()
@@ -297,7 +301,7 @@ class SceneService:
         if self._under_way() is not (None if remaining is None else remaining.handed_over):
             if leading is not None:
                 leading.cancel()
-            remaining = await self._examine(checker)  # another motion has begun, or this one has ended
+            remaining = await self._examine(checker)  # a different motion has begun, or this one has ended
         elif leading is not None:
             in_force.set()
             remaining = None if await leading else remaining
@@ -305,8 +309,8 @@ class SceneService:
         return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
 
     async def _store(self, scene: Scene, checker: CollisionChecker) -> CollisionChecker:
-        """Write the scene to disk and inform the real-time loop. Returns a copy of its checker for the
-        service, because threads use the checker itself.
+        """Write the scene to disk and inform the real-time loop. Returns a copy of the checker for the
+        service, because threads use the original.
         """
         before = self.scene
         _, ours = await asyncio.gather(
@@ -328,7 +332,7 @@ class SceneService:
             await self.send_load(self._robot.model.tool, scene)
 
     async def send_load(self, tool: Tool, scene: Scene) -> None:
-        """Send rtloop the load: a tool, and the attached objects of a scene. Raises the same errors as
+        """Send the load to rtloop: the tool and the attached objects of the scene. Raises the same errors as
         `Commands.set_tool`.
         """
         tcp = self._robot.model.tcp_in_flange(tool)
@@ -336,7 +340,7 @@ class SceneService:
         await self._link.commands.set_tool(load, mounted, scene.version)
 
     def _under_way(self) -> HandedOver | None:
-        """The motion that rtloop executes or begins."""
+        """Return the motion that rtloop executes or is about to begin."""
         state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return None
@@ -357,7 +361,9 @@ class SceneService:
         return _Remaining(handed_over, since_s, left, contact)
 
     async def _stop_if_invalid(self, checker: CollisionChecker, remaining: _Remaining) -> str:
-        """Stop the current motion if its remaining path collides. Returns the reason, or ""."""
+        """Stop the current motion if its remaining path collides. Return the reason, or "" if the motion
+        continues.
+        """
         if remaining.contact is None:
             return ""
         problem = await asyncio.to_thread(checker.refusal, remaining.left, remaining.contact)
@@ -365,7 +371,7 @@ class SceneService:
         log.warning("motion %d is stopped: %s", remaining.handed_over[0], why)
         try:
             await self._stopping.stop_motion(StopReason(why, "scene"))
-        except ExecutionError as exc:  # the scene has changed nevertheless
+        except ExecutionError as exc:  # the scene has changed in spite of this
             return f"{why}; {exc}"
         return why
 
@@ -373,19 +379,19 @@ class SceneService:
         self, remaining: _Remaining | None, scene: Scene, in_force: asyncio.Event
     ) -> asyncio.Task[bool] | None:
         """Begin to redirect the current motion around an object in its path, if the settings permit this and
-        the arm could still stop afterwards. The task returns whether it did.
+        the arm could still stop afterwards. The task returns whether the motion was redirected.
         """
         within_s = self._replan_within_s
         if within_s == 0.0 or remaining is None or remaining.contact is None:
             return None
-        left_s = remaining.since_s + within_s - self._link.clock.now_s()  # the arm has moved on
+        left_s = remaining.since_s + within_s - self._link.clock.now_s()  # the arm has moved on meanwhile
         free_s = min(within_s + STOPS_WITHIN_S, remaining.left.duration_s)
         if left_s <= 0.0 or remaining.contact.free_s < free_s:
             return None
         return asyncio.create_task(self._retargeting.lead_around(left_s, scene, in_force))
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
-        """The pose in the base frame. `frame` may have been made by the same change."""
+        """Convert a pose to the base frame. `frame` may have been made by the same change."""
         if frame in scene.frames:
             return (Pose.from_numbers(scene.frames[frame]) @ Pose.from_numbers(pose)).numbers
         return self._goals.placed(Pose.from_numbers(pose), frame).numbers

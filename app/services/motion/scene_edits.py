@@ -1,4 +1,4 @@
-"""Changes of a scene that do not need the robot. Each function makes an `Edit`."""
+"""Changes to a scene that do not need the robot. Each function makes an `Edit`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cobot.strict import shown
 from cobot.types import Numbers6, Pose
 
 Edit = Callable[[Scene, Pose], Scene]
-"""A function that takes a scene and the pose of the TCP, and returns the edited scene."""
+"""Type of a function that takes a scene and the pose of the TCP, and returns the edited scene."""
 
 
 def clear(scene: Scene, hand: Pose) -> Scene:
@@ -23,7 +23,7 @@ def clear(scene: Scene, hand: Pose) -> Scene:
 
 
 def remove_object(name: str) -> Edit:
-    """Remove a solid, attached or not."""
+    """Remove a solid, whether it is attached or not."""
 
     def edit(scene: Scene, hand: Pose) -> Scene:
         named(scene, name)
@@ -45,7 +45,7 @@ def remove_frame(name: str) -> Edit:
 
 
 def detach(name: str) -> Edit:
-    """Detach an object, which then stays where it is."""
+    """Detach an object. It then stays at its current pose."""
 
     def edit(scene: Scene, hand: Pose) -> Scene:
         item = named(scene, name)
@@ -59,8 +59,9 @@ def detach(name: str) -> Edit:
 
 
 def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
-    """The objects, with boxes around the voxels of their point clouds: at most as many as a stream can check,
-    less the solids of the other objects. For large clouds this takes some 10 ms.
+    """Return the objects with boxes around the voxels of their point clouds. Together with the solids of the
+    other objects, there are at most as many boxes as a stream can check. For large clouds this takes tens of
+    milliseconds.
 
     Raises:
         LimitError: there are more solids or voxels than allowed.
@@ -92,7 +93,7 @@ def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
 
 
 def named(scene: Scene, name: str) -> SceneObject:
-    """The object with this name. NotFoundError lists the existing ones."""
+    """Return the object with this name. Raises NotFoundError, which lists the existing objects."""
     if name not in scene.objects:
         there = ", ".join(scene.objects) or "none"
         raise NotFoundError(f"there is no object {shown(name)}; valid are: {there}")

@@ -1,4 +1,4 @@
-"""Follows the actions and conditions of one motion, and does the parts that rtloop leaves to the service."""
+"""Follows the actions and conditions of one motion, and does the work that rtloop leaves to the service."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from cobot.types import Array, Scaling
 log = logging.getLogger("cobot.signals")
 
 CommandGripper = Callable[[Mapping[str, Any]], None]
-"""Starts a gripper command and returns at once. Raises `CobotError` if the command is rejected."""
+"""Type of a function that starts a gripper command and returns at once. It raises `CobotError` if the command
+is rejected.
+"""
 
 
 class FollowsSignals(Protocol):
@@ -37,14 +39,14 @@ class FollowsSignals(Protocol):
 
 
 class SignalFollower:
-    """The signals of one motion, or of one part of it."""
+    """Follows the signals of one motion, or of one part of it."""
 
     def __init__(
         self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper, job: str = ""
     ) -> None:
         """
         Args:
-            job: id of the motion's job, for events; "" without a job.
+            job: id of the motion's job, for events; "" if there is no job.
         """
         self._link = link
         self._placed = placed
@@ -58,7 +60,7 @@ class SignalFollower:
 
     @property
     def results(self) -> SignalResults:
-        """The results so far."""
+        """Results of the actions and conditions so far."""
         waits_for = {Waiting.START: self._placed.start_when, Waiting.PAUSE: self._placed.pause_while}
         condition, until = waits_for.get(self._waiting), self._placed.until
         name = "start_when" if self._waiting is Waiting.START else "pause_while"
@@ -71,7 +73,7 @@ class SignalFollower:
 
     @property
     def contact(self) -> ContactOutcome | None:
-        """The moment at which `until` was met; None if it was not."""
+        """The moment at which `until` was met; None if it was not met."""
         return self._contact
 
     @property
@@ -87,19 +89,19 @@ class SignalFollower:
 
     @property
     def retract_m(self) -> float:
-        """The distance by which the TCP must move back after the motion, m."""
+        """Distance by which the TCP must move back after the motion, m."""
         until = self._placed.until
         return 0.0 if until is None or self._contact is None else until.retract_m
 
     @property
     def retract_scaling(self) -> Scaling:
-        """The speed at which the TCP moves back."""
+        """Speed scaling with which the TCP moves back."""
         assert self._placed.until is not None
         return self._placed.until.scaling
 
     @property
     def settled(self) -> frozenset[int]:
-        """The numbers of the actions that are known to have fired, or were rejected."""
+        """Numbers of the actions that are known to have fired or were rejected."""
         return frozenset(number for number, result in self._results.items() if result.path_time_s is not None)
 
     def continue_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
@@ -107,7 +109,7 @@ class SignalFollower:
 
         Args:
             placed: the signals, at path times since the start of the motion.
-            begin_s: path time at which their own part of the motion begins.
+            begin_s: path time at which this follower's part of the motion begins.
         """
         self._placed, self._motion_id, self._begin_s = placed, motion_id, begin_s
         for each in placed.actions:
@@ -116,7 +118,7 @@ class SignalFollower:
                 self._results[each.number] = replace(before, planned_s=each.path_time_s - begin_s)
 
     def look(self, *, is_current: bool = True) -> None:
-        """Read the report of rtloop. For each action that has fired since the last call, publish an event and
+        """Read rtloop's report. For each action that has fired since the last call, publish an event and
         command the gripper.
 
         Args:
@@ -131,13 +133,13 @@ class SignalFollower:
             self._contact = _contact(report.met, self._begin_s)
 
     def rest(self, tcp: Array) -> None:
-        """Finish: the motion has ended, and the TCP is at rest at `tcp`, shape (7,)."""
+        """Finish, because the motion has ended and the TCP is at rest at `tcp`, shape (7,)."""
         self.look()
         self.note_rest(tcp)
         self.end()
 
     def note_rest(self, tcp: Array) -> None:
-        """Note the pose of the TCP at rest, shape (7,)."""
+        """Record the pose of the TCP at rest, shape (7,)."""
         self._waiting = Waiting.NO
         if self._contact is not None:
             overshoot_m = float(np.linalg.norm(np.array(self._contact.position) - tcp[:3]))
@@ -190,7 +192,7 @@ class SignalFollower:
 
 
 def planned_results(placed: Placed) -> SignalResults:
-    """The results of a motion that has not begun."""
+    """Return the results of a motion that has not begun."""
     actions = sorted(placed.actions, key=lambda each: each.number)
     return SignalResults(tuple(_pending(each) for each in actions))
 

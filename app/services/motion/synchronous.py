@@ -1,6 +1,6 @@
-"""Synchronous motions of several robots, segment by segment, and the groups and frames that robots share.
+"""Synchronous motions of several robots, segment by segment, and the groups and frames that the robots share.
 
-The execution of such a motion is in `app.services.motion.equal_motions`.
+`app.services.motion.equal_motions` executes such a motion.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class _Sync:
     """Robots that move segment by segment.
 
     Attributes:
-        waiting: parts of incomplete segments, by number of the segment and by robot.
+        waiting: parts of incomplete segments, by the number of the segment and by robot.
         turn: lock that makes segments run one after the other.
     """
 
@@ -42,11 +42,11 @@ class _Sync:
 
 
 class SyncService:
-    """The service for synchronous motions, one for all robots.
+    """The service for synchronous motions. One instance serves all robots.
 
     Attributes:
-        robots: the robots by name; filled when all have started.
-        frames, groups: frames and groups that clients have made. A group is a list of robots.
+        robots: the robots by name. Filled when all robots have started.
+        frames, groups: frames and groups that clients have defined. A group is a list of robots.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class SyncService:
 
         Raises:
             ConflictError: a group with this name exists.
-            InputError: there are no robots, or one is listed twice or does not exist.
+            InputError: the list is empty, or a robot is listed twice or does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
@@ -72,7 +72,7 @@ class SyncService:
         self.groups[name] = self._named(robots)
 
     def group(self, name: str) -> tuple[str, ...]:
-        """The robots of a group.
+        """Return the robots of a group.
 
         Raises:
             NotFoundError: there is no such group; the error lists the existing ones.
@@ -85,7 +85,8 @@ class SyncService:
     def targets(
         self, robots: tuple[str, ...], joints: list[float], a: float, v: float
     ) -> dict[str, RobotTarget]:
-        """Targets from the joint angles of all robots, one after the other.
+        """Make the targets of all robots from one list that contains the joint angles of one robot after the
+        other.
 
         Raises:
             InputError: the number of angles is wrong.
@@ -99,10 +100,11 @@ class SyncService:
         return {name: self._target(name, part, a, v) for name, part in zip(robots, parts, strict=True)}
 
     def begin(self, number: int, robots: list[str]) -> None:
-        """Begin a synchronous motion of these robots. Does nothing if it is already on.
+        """Begin a synchronous motion of these robots. Does nothing if it has already begun.
 
         Raises:
-            InputError, ConflictError: see `add_group`; or another synchronous motion has one of the robots.
+            InputError, ConflictError: see `add_group`; or one of the robots is already in another synchronous
+                motion.
         """
         names = self._named(robots)
         for other, sync in self._syncs.items():
@@ -116,10 +118,10 @@ class SyncService:
         """End a synchronous motion.
 
         Args:
-            undo: whether to delete waiting segments. Without it, waiting segments are an error.
+            undo: whether to delete waiting segments. If it is false, waiting segments are an error.
 
         Raises:
-            NotFoundError: the synchronous motion is not on.
+            NotFoundError: the synchronous motion has not begun.
             ConflictError: a segment waits for a robot.
         """
         sync = self._sync(number)
@@ -133,14 +135,14 @@ class SyncService:
         return any(robot in sync.robots for sync in self._syncs.values())
 
     async def segment(self, robot: str, segment: int, joints: list[float], a: float, v: float) -> bool:
-        """Add a robot's part of a segment. The last robot's part starts the segment, once the previous
-        segment has ended.
+        """Add one robot's part of a segment. When the last part has been added and the previous segment has
+        ended, the segment starts.
 
         Returns:
             Whether the segment has been started.
 
         Raises:
-            ConflictError: the robot is not in a synchronous motion, or its part is already there.
+            ConflictError: the robot is not in a synchronous motion, or its part was already added.
             InputError, LimitError: see `targets`; or too many segments wait.
             MotionStopped: a robot was stopped after its part was added, or the synchronous motion was ended.
             CobotError: an error of `move`.

@@ -1,4 +1,6 @@
-"""The tool of one robot: changed at rest, stored in a file, and the same for plans, cycle and simulation."""
+"""The tool of one robot. It is changed only at rest, stored in a file, and the same for plans, the real-time
+loop and the simulation.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ from cobot.types import RESTING, Array
 MAX_SHAPES = 50
 STATE_TIMEOUT_S = 1.5
 LOOK_S = 0.5
-"""Interval between checks whether rtloop carries the same tool, s."""
+"""Interval at which the service checks that rtloop uses the same tool, s."""
 
 Edit = Callable[[Tool], Tool]
 
@@ -36,7 +38,7 @@ log = logging.getLogger("cobot.tool")
 
 @dataclass(frozen=True, slots=True)
 class ToolChanged:
-    """The result of a change of the tool. `contacts` are the bodies that the arm touches at its current
+    """The result of a change of the tool. `contacts` lists the bodies that the arm touches at its current
     position.
     """
 
@@ -45,13 +47,13 @@ class ToolChanged:
 
 
 class ToolService:
-    """The tool. A change holds the claim on the arm, so nothing moves meanwhile, and nothing is planned with
-    an incomplete tool.
+    """Keeps the tool. During a change this service holds the claim on the arm, so nothing moves, and nothing
+    is planned with an incomplete tool.
 
-    Before the answer, a change is written to disk and applied in rtloop.
+    A change is written to disk and applied in rtloop before it is answered.
 
     Attributes:
-        on_change: called after each change.
+        on_change: function that is called after each change.
 
     Raises:
         ConfigError: the file is not a valid tool.
@@ -85,8 +87,8 @@ class ToolService:
 
     @contextlib.asynccontextmanager
     async def in_force(self) -> AsyncIterator[None]:
-        """Make sure that rtloop has this tool and this scene. After a crash between writing the file and
-        sending the command, rtloop does not have them.
+        """Make sure that rtloop uses this tool and this scene. It does not if the service crashed after
+        writing the file and before sending the command.
         """
         task = asyncio.create_task(self._watch(), name="tool")
         try:
@@ -151,7 +153,7 @@ class ToolService:
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
     async def _apply(self, tool: Tool) -> ToolChanged:
-        checker, ours = [  # one is for threads
+        checker, ours = [  # one of the two is for threads
             await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
         ]
         before = self.tool
@@ -199,12 +201,12 @@ class ToolService:
                 )
 
     def _knows(self) -> bool:
-        """Whether rtloop has this tool with the attached objects, and this scene."""
+        """Whether rtloop uses this tool with the attached objects, and this scene."""
         tool, scene = self._link.tool_version, self._link.scene_version
         wanted = self._robot.model.carried.version, self._scene.scene.version
         return tool is None or scene is None or (tool, scene) == wanted
 
 
 def described(tool: Tool) -> str:
-    """A tool in a log line."""
+    """Describe a tool for a log line."""
     return f"{tool.name or 'no name'}, {tool.mass:g} kg, {len(tool.shapes)} shapes"

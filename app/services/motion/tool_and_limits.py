@@ -1,4 +1,4 @@
-"""Settings of a robot that a user may change while it runs."""
+"""Settings of a robot that a user may change while the service runs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from cobot.types import Pose
 
 
 class RobotSettings:
-    """Limits for one robot's vendor services, which a restart resets to those of the configuration; and
-    conversions between flange and TCP.
+    """The limits that one robot's vendor services use, which a restart resets to those in the configuration;
+    and conversions between flange and TCP.
 
     Attributes:
-        envelope: the limits with which the motion queue plans. Moves that are already planned keep theirs.
+        envelope: the limits with which the motion queue plans. Moves that are already planned keep their
+            limits.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -22,15 +23,15 @@ class RobotSettings:
         self._robot = robot
 
     def restore_limits(self) -> None:
-        """Restore the joint limits of the configuration."""
+        """Restore the joint limits from the configuration."""
         self.envelope = replace(self.envelope, limits=self._robot.limits)
 
     def flange(self, tcp: Pose) -> Pose:
-        """The pose of the flange for a pose of the TCP."""
+        """Convert a pose of the TCP to the pose of the flange."""
         return tcp @ self._flange
 
     def tcp_of_flange(self, flange: Pose) -> Pose:
-        """The pose of the TCP for a pose of the flange."""
+        """Convert a pose of the flange to the pose of the TCP."""
         return flange @ self._flange.inverse()
 
     @property

@@ -1,5 +1,5 @@
-"""Timed trajectories. The client gets the answer when rtloop has accepted the motion, which then runs without
-a client.
+"""Timed trajectories. The client gets the answer when rtloop has accepted the motion. The motion then
+continues even if the client disconnects.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ APPROACH = Scaling(0.25)
 """Scaling of `move_to_start`: a quarter of full speed."""
 
 Read = Callable[[Callable[[Waypoint], None]], Sequence[Waypoint]]
-"""See `TrajectoryService.send`."""
+"""Type of the function that reads the points; see `TrajectoryService.send`."""
 
 log = logging.getLogger("cobot.trajectories")
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of a trajectory, see `WaypointRequest`.
+    """Options of a trajectory; see `WaypointRequest`.
 
     Attributes:
-        smoothing_rad: maximum deviation from the points; None: the value in the settings.
+        smoothing_rad: maximum deviation from the points, rad; None for the value in the settings.
     """
 
     validate_limits: bool = True
@@ -53,7 +53,7 @@ class StartedTrajectory:
     """A trajectory that rtloop has accepted.
 
     Attributes:
-        note: differences from the points in words; "" without any.
+        note: description of the differences from the points; "" if there are none.
         changes: the same differences as numbers.
     """
 
@@ -85,17 +85,17 @@ class TrajectoryService:
         self._followers: set[asyncio.Task[None]] = set()
 
     def lines(self, count: int) -> list[str]:
-        """The newest log lines, the oldest of them first."""
+        """Return the newest log lines, in order of time."""
         return list(self._lines)[-count:]
 
     async def send(self, read: Read, options: Options, caller: Caller) -> StartedTrajectory:
-        """Interpolate, check and start a trajectory. Returns when rtloop has accepted the motion, which then
-        runs without a client.
+        """Interpolate, check and start a trajectory. Returns when rtloop has accepted the motion. The motion
+        then continues even if the client disconnects.
 
         Args:
-            read: returns the points, or raises an InputError. It calls its argument with the first point
-                before it reads the others. It is called in a thread, and only if the arm is free, so that a
-                rejected request costs almost no time.
+            read: function that returns the points or raises an InputError. It must call its argument with the
+                first point before it reads the others. It is called in a thread, and only if the arm is free,
+                so that a rejected request costs almost no time.
 
         Raises:
             InputError, PlanningError: no motion is possible through the points. Nothing has moved.

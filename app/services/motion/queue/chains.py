@@ -1,4 +1,4 @@
-"""Chains: moves of the queue that are joined into one motion."""
+"""Chains: moves in the queue that are joined into one motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cobot.types import MAX_ACTIONS
 
 
 def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
-    """The legs to run, with the move and the blend radius of each. A move without legs stops the arm."""
+    """Return the legs to run, each with its move and its blend radius. A move without legs stops the arm."""
     moves: list[QueuedMove] = []
     legs: list[Leg] = []
     radii: list[float] = []
@@ -26,9 +26,9 @@ def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], lis
 
 
 def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
-    """The first moves that one motion may go through, with at most `most` legs together.
+    """Return the first moves that one motion may go through, with at most `most` legs together.
 
-    A move with more legs is alone.
+    A move with more legs is executed alone.
     """
     found: list[QueuedMove] = []
     for move in waiting:
@@ -40,7 +40,7 @@ def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
 
 
 def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
-    """Whether a motion through these moves may continue through another one.
+    """Whether a motion through the moves `before` may continue through `move`.
 
     rtloop supports one condition of each kind and a limited number of actions in one motion.
     """
@@ -57,7 +57,7 @@ def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
 
 
 def joinable(before: Sequence[QueuedMove], chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-    """The first moves of a chain that can be joined to a motion through the moves `before`."""
+    """Return the first moves of a chain that can be joined to a motion through the moves `before`."""
     found: list[QueuedMove] = []
     for move in chain:
         if not may_follow([*before, *found], move):

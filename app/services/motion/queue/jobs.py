@@ -1,4 +1,4 @@
-"""The ends of the jobs of queued moves."""
+"""Ends the jobs of queued moves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ log = logging.getLogger("cobot.queue")
 
 
 class QueueJobs:
-    """Ends the jobs of one queue's moves."""
+    """Ends the jobs of the moves in one queue."""
 
     def __init__(self, ownership: Ownership) -> None:
         self._ownership = ownership
@@ -30,7 +30,7 @@ class QueueJobs:
     def give_up(
         self, moves: Sequence[QueuedMove], error: BaseException, behind: MotionStopped | None = None
     ) -> None:
-        """End the jobs of moves that cannot be executed: the first one with this error, the others with
+        """End the jobs of moves that cannot be executed. The first job ends with `error`, all others with
         `behind`.
         """
         if behind is None and isinstance(error, CobotError):
@@ -47,7 +47,7 @@ def report_stops(
     radii_m: Sequence[float],
     before: QueuedMove | None = None,
 ) -> None:
-    """Log the moves with a blend radius at which the arm stops in spite of it."""
+    """Log the moves at whose end the arm stops although they have a blend radius."""
     for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
         if move is not None and radius_m > 0.0 and used_m == 0.0:
             where = f"{label}move {move.number} ({move.name})"

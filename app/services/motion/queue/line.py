@@ -1,8 +1,8 @@
 """The waiting moves of a queue, in their order.
 
-The first moves are planned: each begins where the previous one ends. When a move is removed, the moves after
-it become loose: they wait to be planned again. Removing a move never waits. If planning from its end has
-begun, that planning is cancelled and begins again from the new start.
+The first moves are planned, each from the end of the previous one. When a move is removed, the moves after it
+become loose, which means that they wait to be planned again. Removing a move never waits. If planning of a
+move that follows it has begun, that planning is cancelled and begins again from the new start.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from cobot.errors import CobotError, ConflictError
 from cobot.types import Array
 
 MAX_JOINED_LEGS = 8
-"""Maximum number of motions that one task of a planning process joins; a sequence is joined as a whole."""
+"""Maximum number of motions that one task of a planning process joins. A sequence is always joined as a
+whole.
+"""
 GiveUp = Callable[[Sequence[QueuedMove], BaseException], None]
 
 
@@ -29,11 +31,12 @@ class QueueLine:
     """The waiting moves of one queue. Only one task at a time may call `add` and `replan_loose`.
 
     Args:
-        give_up: called with moves that can no longer be planned, and the error of the first one.
+        give_up: function that is called with the moves that can no longer be planned, and with the error of
+            the first one.
 
     Attributes:
-        end: joint position at the end of the last planned move or, without one, of the current motion; shape
-            (dof,), rad.
+        end: joint position at the end of the last planned move, shape (dof,), rad. If no planned move waits,
+            joint position at the end of the current motion.
     """
 
     def __init__(self, planner: MovePlanner, give_up: GiveUp, end: Array) -> None:
@@ -43,7 +46,7 @@ class QueueLine:
         self._planned: deque[QueuedMove] = deque()
         self._loose: deque[QueuedMove] = deque()
         self._planning: asyncio.Task[QueuedMove] | None = None
-        # how often `end` has changed to a place that is not the end of the last planned move
+        # how often `end` has changed to a position that is not the end of the last planned move
         self._cuts = 0
 
     def __bool__(self) -> bool:
@@ -51,12 +54,12 @@ class QueueLine:
 
     @property
     def moves(self) -> list[QueuedMove]:
-        """All waiting moves."""
+        """List all waiting moves."""
         return [*self._planned, *self._loose]
 
     @property
     def head(self) -> list[QueuedMove]:
-        """The first planned moves, with which a motion begins or continues."""
+        """Return the first planned moves, with which a motion begins or continues."""
         return head(self._planned, MAX_JOINED_LEGS)
 
     @property
@@ -65,12 +68,12 @@ class QueueLine:
         return bool(self._loose)
 
     def begins_with(self, chain: Sequence[QueuedMove]) -> bool:
-        """Whether these are still the first planned moves."""
+        """Whether the moves in `chain` are still the first planned moves."""
         first = list(self._planned)[: len(chain)]
         return len(first) == len(chain) and all(a is b for a, b in zip(first, chain, strict=True))
 
     def take(self, chain: Sequence[QueuedMove]) -> bool:
-        """Remove these moves if they are still the first ones. Returns whether they were."""
+        """Remove the moves in `chain` if they are still the first ones. Return whether they were."""
         if not self.begins_with(chain):
             return False
         for _ in chain:
@@ -78,11 +81,13 @@ class QueueLine:
         return True
 
     def give_back(self, chain: Sequence[QueuedMove]) -> None:
-        """Undo `take`."""
+        """Put moves back that were removed with `take`."""
         self._planned.extendleft(reversed(chain))
 
     def put_first(self, moves: Sequence[QueuedMove], start: Array) -> None:
-        """Put moves before all others; all must be planned again, because the first one begins at `start`."""
+        """Put moves before all others. All must be planned again, because the first one now begins at
+        `start`.
+        """
         self._loose.extendleft(reversed([*moves, *self._planned]))
         self._planned.clear()
         self._end_at(start)
@@ -95,7 +100,7 @@ class QueueLine:
         return moves
 
     def take_out(self, job: Job) -> QueuedMove | None:
-        """Remove the move of a job, if there is one. The moves after it become loose."""
+        """Remove the move of a job, if it is waiting. The moves after it become loose."""
         for index, move in enumerate(self._planned):
             if move.request.job is job:
                 behind = list(self._planned)[index:]
@@ -112,7 +117,7 @@ class QueueLine:
         return None
 
     async def add(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove:
-        """Plan a move from the end of the last one, and append it.
+        """Plan a move from the end of the last move, and append it.
 
         Raises:
             CobotError: see `MovePlanner.plan_move`.
@@ -125,8 +130,8 @@ class QueueLine:
                 return found
 
     async def replan_loose(self, claim: Claim) -> None:
-        """Plan the loose moves (those that wait to be planned) again. If one cannot be planned, it fails with
-        all moves after it.
+        """Plan the loose moves again. If a move cannot be planned, it fails together with all moves after
+        it.
         """
         while self._loose:
             move = self._loose[0]
@@ -152,7 +157,7 @@ class QueueLine:
             self.end = move.legs[-1].motion.end
 
     def _end_at(self, place: Array) -> None:
-        """Set the start of the next move. Planning from another start is cancelled."""
+        """Set the start of the next move. Planning from any other start is cancelled."""
         self.end = place
         self._cuts += 1
         if self._planning is not None:

@@ -1,10 +1,10 @@
-"""A motion of the queue. It begins with the waiting moves, and is extended with moves that arrive while it
-runs.
+"""The motion that the queue executes. It begins with the waiting moves, and is extended with moves that
+arrive while it runs.
 
 A planning process joins the next moves to the motion, and rtloop continues with the result. The part of the
 motion that the arm executes during planning stays unchanged. So the arm does not stop at the end of a move
-with a blend radius, and stops only briefly at one without. If moves arrive too late, the arm stops at the end
-of the last one, and a new motion begins.
+with a blend radius, and stops only briefly at the end of a move without one. If moves arrive too late, the
+arm stops at the end of the last move, and a new motion begins.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ IDLE = -1
 LOOK_S = 0.01
 """Interval between checks for new moves, s."""
 AHEAD_S = 8.0
-"""A motion is extended only when its remaining time is at most this, s, so that it does not grow with the
-queue.
+"""Maximum remaining time of a motion at which it is extended, s. The limit keeps the motion from growing with
+the queue.
 """
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
-"""Time for which the motion stays unchanged while it is extended, s: minimum, initial and maximum value. It
-follows the last planning time.
+"""Time for which the motion stays unchanged while it is extended, s: minimum, initial and maximum value. The
+time is adapted to the duration of the last planning.
 """
 
 log = logging.getLogger("cobot.queue")
 
 
 class _Phase(Enum):
-    """The phase of a motion of the queue."""
+    """Phase of a motion that the queue executes."""
 
     NONE = auto()
     STARTING = auto()
@@ -54,10 +54,10 @@ class _Phase(Enum):
 
 
 class QueueMotion:
-    """The motions of one robot's queue, one after the other.
+    """Executes the motions of one robot's queue, one after the other.
 
     Attributes:
-        moves: the moves of the current or the last motion that have not ended, in their order.
+        moves: the moves of the current or the last motion that have not ended, in the order of execution.
     """
 
     def __init__(self, link: RobotLink, motion: MotionService, planner: MovePlanner, jobs: QueueJobs) -> None:
@@ -67,21 +67,21 @@ class QueueMotion:
         self._jobs = jobs
         self.moves: list[QueuedMove] = []
         self._phase = _Phase.NONE
-        self._joining: list[QueuedMove] = []  # on their way to rtloop
+        self._joining: list[QueuedMove] = []  # moves on their way to rtloop
         self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
-        self._planning: asyncio.Task[Stretch] | None = None  # planning of moves that will prolong the motion
+        self._planning: asyncio.Task[Stretch] | None = None  # of moves that will extend the motion
         self._runs = Runs(link)
         self._signals = QueueSignals(motion, lambda: self.moves)
         self._lead_s = FIRST_LEAD_S
 
     @property
     def unended(self) -> list[QueuedMove]:
-        """All moves that have left the queue and have not ended."""
+        """List all moves that have left the queue and have not ended."""
         return [*self.moves, *self._joining]
 
     @property
     def left(self) -> list[QueuedMove]:
-        """The moves of the current motion that have not ended."""
+        """List the moves of the current motion that have not ended."""
         return list({move.number: move for move in [*self._runs.left(), *self._joining]}.values())
 
     async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
@@ -89,8 +89,8 @@ class QueueMotion:
         runs.
 
         Returns:
-            The rest of the motion if a move was dropped from it, once the arm is at rest. Otherwise None: the
-                motion has arrived, or no move can begin now.
+            The remaining part of the motion, if a move was dropped from it, once the arm is at rest. None if
+                the motion has reached its end, or if no move can begin now.
 
         Raises:
             CobotError: see `MotionService.start`, `MotionService.arrival`, `PlanningService.compute`.
@@ -136,7 +136,7 @@ class QueueMotion:
             return await self._cut_off(self._current_move if has_moved else None)
 
     async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
-        """Plan a stretch through these legs; None if there are none."""
+        """Plan a stretch through these legs; None if there are no legs."""
         if not legs:
             return None
         if len(legs) == 1 and radii[0] == 0.0:
@@ -164,7 +164,7 @@ class QueueMotion:
         return True
 
     async def _follow(self, claim: Claim, line: QueueLine) -> None:
-        """Follow the motion to its end, and extend it with waiting moves. `finish` reports the end to its
+        """Follow the motion to its end, and extend it with waiting moves. `finish` reports the end to the
         jobs.
 
         Raises:
@@ -189,7 +189,8 @@ class QueueMotion:
             arrival.cancel()
 
     async def _go_back(self, claim: Claim) -> Left | None:
-        """Move back from a contact, if a contact has ended the motion. The next move begins from there.
+        """Move back from a contact, if a contact has ended the motion. The next move begins at the new
+        position.
 
         Raises:
             CobotError: see `MotionService.retract`.
@@ -214,7 +215,7 @@ class QueueMotion:
         self._joining = []
         self._end_dropped()
         start = (await self._motion.require_ready()).commanded_position
-        self._end_dropped()  # perhaps more of them
+        self._end_dropped()  # more moves may have been dropped meanwhile
         left, self.moves = self.moves, []
         if not any(each is begun for each in left):
             begun = None
@@ -225,12 +226,14 @@ class QueueMotion:
 
     @property
     def _passed(self) -> list[QueuedMove]:
-        """The moves whose ends the arm has passed while it stopped, and that have actions left."""
+        """Return the moves whose ends the arm has passed while it stopped, and whose actions have not all
+        fired.
+        """
         return [move for move in self._runs.passed() if move.signals.pending]
 
     @property
     def _current_move(self) -> QueuedMove | None:
-        """The first move whose end the arm has not passed."""
+        """Return the first move whose end the arm has not passed."""
         over = {move.number for move in self._runs.passed()}
         return next((move for move in self.moves if move.number not in over), None)
 
@@ -243,7 +246,7 @@ class QueueMotion:
         self._dropped = []
 
     def drop(self, claim: Claim, job: Job, error: MotionStopped) -> bool:
-        """Stop the arm on its path because a move of the current motion was cancelled.
+        """Stop the arm on its path, because a move of the current motion was cancelled.
 
         The motion then continues with the other moves: see `execute`.
 
@@ -259,14 +262,14 @@ class QueueMotion:
         self._dropped.append((move, error))
         self._link.request_stop()
         if self._phase is _Phase.UNDER_WAY:
-            claim.stops += 1  # this motion expects its own stop; a stop by another client still counts
+            claim.stops += 1  # this motion expects this stop; a stop by another client still counts
         # Until then rtloop refuses the motion because of the stop, which `_start` counts.
         if self._planning is not None:
             self._planning.cancel()
         return True
 
     def finish(self) -> None:
-        """End all moves of the motion, because it has arrived."""
+        """End all moves of the motion, because it has reached its end."""
         for move in list(self.moves):
             self._end(move)
 
@@ -275,7 +278,7 @@ class QueueMotion:
         self._jobs.end(move, error)
 
     def _follow_jobs(self, claim: Claim) -> None:
-        """Report the progress of the arm to the jobs. The last job ends with the motion."""
+        """Report the arm's progress to the jobs. The last job ends with the motion."""
         if not self._runs.all:
             return
         running, now_s = self._runs.place()
@@ -284,7 +287,7 @@ class QueueMotion:
             if ends.get(move.number, now_s) > now_s:
                 break
             if self._dropped and self._signals.has_left(move):
-                continue  # the job ends where the arm rests
+                continue  # the job ends where the arm comes to rest
             self._end(move)
         move = self.moves[0]
         job, left_s = move.request.job, ends.get(move.number, now_s) - now_s
@@ -295,13 +298,13 @@ class QueueMotion:
         job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
-        """Extend the current motion with the next moves that are possible.
+        """Extend the current motion with those of the next moves that can be joined.
 
-        Errors of the extension are reported when the moves would begin.
+        An error in planning the extension is reported when the moves would begin.
         """
         try:
             chain = await self._planner.valid(line.head)
-        except CobotError:  # reported when it would begin
+        except CobotError:  # reported when the move would begin
             return
         running, state = self._runs.all[0], self._link.state()
         chain = joinable(self.moves, chain)
@@ -352,7 +355,7 @@ class QueueMotion:
         radii: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch | None:
-        """The current motion extended with the new moves; None if a move was dropped meanwhile."""
+        """Plan the current motion extended with the new moves; None if a move was dropped meanwhile."""
         work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:

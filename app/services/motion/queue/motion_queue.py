@@ -1,9 +1,9 @@
 """The motion queue: moves are accepted at once and executed in their order, in the background.
 
 The queue holds the claim on the arm from its first move until it is empty. Waiting moves are executed as one
-motion, which is extended while the arm moves, see `motion`. A move with a blend radius that takes at most
-`SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next one could not be planned in time. Each further
-move renews this wait.
+motion, which is extended while the arm moves; see the module `motion`. A move with a blend radius that takes
+at most `SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next move could not be planned in time. Each
+further move renews this wait.
 
 Each move can be removed at any time, without waiting for planning. The moves after it are planned again from
 their new start. If the move is part of the current motion, the arm first stops on its path.
@@ -41,7 +41,9 @@ from cobot.errors import (
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
 SHOWN_S = 0.2
-"""Minimum time for which an accepted move is reported as running, s. Clients poll, and moves may be short."""
+"""Minimum time for which an accepted move is reported as running, s. It is needed because clients poll, and
+moves may be short.
+"""
 CAPACITY = 500
 """Maximum number of waiting motions."""
 MAX_NUMBER = 2**31 - 1
@@ -54,7 +56,7 @@ class MotionQueue:
     """The queue of one robot.
 
     Attributes:
-        last_error: reason why the queue was last emptied; "" once another move is accepted.
+        last_error: reason why the queue was last emptied; "" once a new move is accepted.
     """
 
     def __init__(
@@ -82,12 +84,12 @@ class MotionQueue:
 
     @property
     def idle(self) -> bool:
-        """Whether the queue is empty and no motion of it runs."""
+        """Whether the queue is empty and executes no motion."""
         return self._claim is None
 
     @property
     def size(self) -> int:
-        """The number of accepted moves that have not ended."""
+        """Number of accepted moves that have not ended."""
         return len(self._all)
 
     @property
@@ -96,7 +98,7 @@ class MotionQueue:
 
     @property
     def current(self) -> int:
-        """The number of the current or next move, `IDLE` without one."""
+        """Number of the current or next move; `IDLE` if there is none."""
         if moves := self._all:
             return moves[0].number
         last = self._last
@@ -106,11 +108,13 @@ class MotionQueue:
         return IDLE if self.idle and (self.last_error or not shown) else last.number
 
     def duration_s(self, number: int) -> float | None:
-        """The duration of a move that has not ended, at full speed; None if there is no such move."""
+        """Return the duration at full speed of a move that has not ended, s; None if there is no such
+        move.
+        """
         return next((move.duration_s for move in self._all if move.number == number), None)
 
     async def add(self, request: QueueRequest, stops: int, token: str | None) -> int:
-        """Plan a move from the end of the last one, and execute it in its turn.
+        """Plan a move from the end of the last move, and execute it when its turn comes.
 
         Args:
             stops, token: see `Caller`.
@@ -119,8 +123,8 @@ class MotionQueue:
             The move's number.
 
         Raises:
-            InputError, PlanningError: the move is impossible. The moves before it continue.
-            ConflictError: another client moves the arm or has control; or the queue is full.
+            InputError, PlanningError: the move is impossible. Earlier moves continue.
+            ConflictError: another client moves the arm or has control, or the queue is full.
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
         """
@@ -153,7 +157,9 @@ class MotionQueue:
             return number
 
     async def clear(self, reason: str) -> None:
-        """Stop on the path and remove all moves. Also ends a pause. Returns when the arm is at rest."""
+        """Stop the arm on its path and remove all moves. Also ends a pause. Returns when the arm is at
+        rest.
+        """
         claim = self._claim
         if claim is not None:
             claim.interrupt(StopReason(reason, "cancelled").error)
@@ -161,13 +167,13 @@ class MotionQueue:
             await claim.ended.wait()
 
     def cancel(self, job: Job, error: MotionStopped) -> bool:
-        """Remove a move, also while it is being planned. The moves after it are planned again.
+        """Remove a move, even while it is being planned. The moves after it are planned again.
 
         The job has ended when this returns, unless the move is part of the current motion. Then the job ends
         as soon as the arm has stopped on its path.
 
         Returns:
-            Whether there is such a move.
+            Whether the queue contains a move of this job.
         """
         claim = self._claim
         if claim is None or claim.interruption is not None:
@@ -205,7 +211,7 @@ class MotionQueue:
             while True:
                 while await self._next(claim):
                     await self._execute(claim)
-                async with self._turn:  # a client may have been about to add one
+                async with self._turn:  # a client may have been about to add a move
                     if not self._line:
                         error = None
                         return
@@ -224,7 +230,7 @@ class MotionQueue:
                 self._empty(claim, error)
             self._claim = None
             belongings.close()
-            self._running.finish()  # last: a waiting client may move the arm from here on
+            self._running.finish()  # done last, because from here on a waiting client may move the arm
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
         """End all moves with an error, because the queue has failed or was stopped."""
@@ -234,7 +240,7 @@ class MotionQueue:
         self._jobs.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
 
     async def _next(self, claim: Claim) -> bool:
-        """Wait until a motion may begin with the waiting moves. Returns False if none wait."""
+        """Wait until a motion may begin with the waiting moves. Return False if no moves wait."""
         while self._line:
             claim.proceed()
             chain = self._line.head

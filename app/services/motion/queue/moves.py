@@ -1,4 +1,4 @@
-"""Moves of the queue: the request, the planned move, and what is left of it after a stop."""
+"""Moves in the queue: the request, the planned move, and what is left of it after a stop."""
 
 from __future__ import annotations
 
@@ -36,18 +36,19 @@ class QueueRequest:
 
     Attributes:
         name: displayed name.
-        parts: a function for each motion of the move. It takes the motion's start, and returns the request to
-            the planner or the planned motion; None if the arm is already at the goal.
+        parts: one function for each motion of the move. It is called with the start of the motion, and
+            returns the request to the planner or the planned motion; None if the arm is already at the goal.
         radius_m: blend radius at the end, m, if another move follows in time.
         inner_radii_m: blend radius at the end of each part except the last, m.
-        job: the job of the move; None for the vendor services, whose moves are one job together.
-        exact: whether it is a plan, which is run unchanged; the arm stops before and after it.
+        job: the job of the move; None for the vendor services, whose moves together are one job.
+        exact: whether the move is a plan, which is run unchanged. The arm stops before and after it.
         anywhere: whether the goal does not depend on the start. True for a pose, false for an angle about an
             axis.
-        midway: whether the move can begin again in the middle of its path. True for a line, false for an arc.
-        count: number of motions of the move, for the capacity of the queue.
-        require_valid: raises `ConflictError` if its preconditions have changed since it was queued.
-        signals: its actions and conditions, and their results.
+        midway: whether the move can be resumed in the middle of its path. True for a line, false for an arc.
+        count: number of motions in the move, which count towards the capacity of the queue.
+        require_valid: function that raises `ConflictError` if the preconditions of the move have changed
+            since it was queued.
+        signals: the actions and conditions of the move, with their results.
     """
 
     name: str
@@ -71,11 +72,12 @@ def queue_request(
     inner_radii_m: Sequence[float] = (),
     job: Job | None = None,
 ) -> QueueRequest:
-    """The request to the queue for several goals, one after the other.
+    """Make the request to the queue for several goals, one after the other.
 
     Args:
-        plan: returns the request to the planner for a goal and a start, shape (dof,), rad.
-        radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops after each part.
+        plan: function that returns the request to the planner for a goal and a start, shape (dof,), rad.
+        radius_m, inner_radii_m: see `QueueRequest`. If there are no inner radii, the arm stops after each
+            part.
 
     Raises:
         InputError: see `check_radii`.
@@ -100,9 +102,9 @@ class QueuedMove:
     """A planned move.
 
     Attributes:
-        legs: the planned motions; none if the arm is already at the goal.
+        legs: the planned motions; empty if the arm is already at the goal.
         radii_m: blend radius at the end of each leg, m.
-        since_s: time of planning.
+        since_s: time at which the move was planned.
         parts: for each motion of the request, the number of legs up to its end.
     """
 
@@ -115,12 +117,12 @@ class QueuedMove:
 
     @property
     def signals(self) -> MoveSignals:
-        """Actions and conditions of the move, and their results."""
+        """The actions and conditions of the move, with their results."""
         return self.request.signals
 
     @property
     def _rests(self) -> bool:
-        """Whether the arm is already at the goal, and the move has actions or conditions."""
+        """Whether the arm is already at the goal while the move has actions or conditions."""
         return bool(self.signals and self.legs) and self.duration_s <= REST_S
 
     @property
@@ -139,7 +141,7 @@ class QueuedMove:
 
     @property
     def duration_s(self) -> float:
-        """Duration at full speed, without blends, s."""
+        """Duration of the move at full speed, without blends, s."""
         return sum((leg.motion.duration_s for leg in self.legs), 0.0)
 
     @property
@@ -149,8 +151,8 @@ class QueuedMove:
 
 
 def passed(move: QueuedMove) -> QueuedMove:
-    """Replace a move whose end the arm has passed. The new move has no path; the remaining actions are done
-    where the arm is.
+    """Make a replacement for a move whose end the arm has passed. The replacement has no path, and its
+    remaining actions fire where the arm is.
     """
     move.signals.make_due()
     request = replace(move.request, parts=[lambda start: None], inner_radii_m=(), anywhere=True, exact=False)
@@ -159,11 +161,11 @@ def passed(move: QueuedMove) -> QueuedMove:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """The rest of a motion that was cut off.
+    """The remaining part of a motion that was cut off.
 
     Attributes:
-        moves: the remaining moves, in their order.
-        begun: the move in the middle of whose path the arm stopped; None if no remaining move has begun.
+        moves: the remaining moves, in the order of execution.
+        begun: the move during which the arm stopped; None if none of the remaining moves has begun.
         start: position of the arm at rest, shape (dof,), rad.
     """
 
@@ -173,7 +175,7 @@ class Left:
 
 
 class MovePlanner:
-    """Plans the moves of one robot's queue, individually and joined."""
+    """Plans the moves of one robot's queue, first individually and then joined."""
 
     def __init__(
         self, clock: Clock, motion: MotionService, planning: PlanningService, settings: RobotSettings
@@ -187,8 +189,8 @@ class MovePlanner:
         """Plan a move that begins at `start`.
 
         Raises:
-            CobotError: see `PlanningService.compute`. With several parts, the error has the number of the
-                part.
+            CobotError: see `PlanningService.compute`. If the move has several parts, the error gives the
+                number of the part.
         """
         legs: list[Leg] = []
         radii: list[float] = []
@@ -233,7 +235,8 @@ class MovePlanner:
             job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """The moves of a chain before the first one that has become impossible since it was planned.
+        """Return the moves of a chain that come before the first move that has become impossible since it was
+        planned.
 
         Raises:
             ConflictError, CollisionError: the first move of the chain has become impossible.

@@ -1,8 +1,9 @@
-"""The places of all actions and conditions of queued moves on one motion that grows.
+"""Places the actions and conditions of queued moves on one motion, which grows.
 
-The motion continues along one trajectory after the other. Path times here count from the start of the motion;
-those for rtloop count from the start of the trajectory. The part of the motion before a new trajectory stays
-as it was. So the path of the TCP is continued from there, and the current move keeps its beginning.
+The motion continues along one trajectory after the other. Path times here count from the start of the motion,
+while path times for rtloop count from the start of the current trajectory. The part of the motion before a
+new trajectory stays unchanged. So the path of the TCP is continued from there, and the current move keeps its
+beginning.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """The signals of a motion on one of its trajectories.
+    """The actions and conditions of a motion, placed on one of its trajectories.
 
     Attributes:
         offset_s: path time of the motion at which the trajectory begins.
-        times_s: for the number of each move with signals, the path times of its beginning and of the end of
-            each leg.
-        placed: for the number of each move with signals, the places of its signals.
+        times_s: for each move with signals, by its number, the path times at which it begins and at which
+            each of its legs ends.
+        placed: for each move with signals, by its number, the places of its signals.
         way: path of the TCP from the beginning of the first of these moves; None if there are none.
-        signals: all signals in the form for rtloop, at path times of the trajectory.
+        signals: all signals in the form that rtloop needs, with path times of the trajectory.
     """
 
     offset_s: float = 0.0
@@ -43,12 +44,13 @@ class Placement:
 
 
 class QueueSignals:
-    """The signals of the queue's current motion."""
+    """Follows the signals of the queue's current motion."""
 
     def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
         """
         Args:
-            moves: returns the moves of the current motion that have not ended, in their order.
+            moves: function that returns the moves of the current motion that have not ended, in the order of
+                execution.
         """
         self._motion = motion
         self._unended = moves
@@ -58,7 +60,7 @@ class QueueSignals:
 
     @property
     def results(self) -> SignalResults:
-        """The signals' results for the move that the arm executes."""
+        """The results of the signals, for the move that the arm executes."""
         moves = self._unended()
         return moves[0].signals.results if moves else NO_RESULTS
 
@@ -74,7 +76,7 @@ class QueueSignals:
 
     @property
     def met(self) -> SignalFollower | None:
-        """The follower of the move whose condition has ended the motion."""
+        """The follower for the move whose condition has ended the motion."""
         return next((each for each in self._followers if each.contact is not None), None)
 
     @property
@@ -88,8 +90,8 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Record the pose of the TCP at which the motion has stopped, shape (7,). Each move ends its own
-        follower.
+        """Record the pose of the TCP at which the motion has stopped, shape (7,). The moves end their own
+        followers.
         """
         self.look()
         for follower in self._followers:
@@ -104,13 +106,13 @@ class QueueSignals:
         """Place the signals on the trajectory with which the motion will continue.
 
         Args:
-            moves: the moves that have not ended, and the added ones.
+            moves: the moves that have not ended, and those that are added.
         """
         before = self._placement
         return await self._place(before, run, moves, before.offset_s + run.stretch.offset_s)
 
     def take(self, placement: Placement, moves: Sequence[QueuedMove]) -> None:
-        """Use a new placement, because the motion continues on its trajectory."""
+        """Use a new placement, because the motion now continues on the trajectory of this placement."""
         self._placement, self._moves = placement, list(moves)
         self._tell()
 
@@ -120,12 +122,12 @@ class QueueSignals:
         self._tell()
 
     def begin_s(self, move: QueuedMove) -> float:
-        """Path time of the trajectory at which a move with signals begins."""
+        """Return the path time of the trajectory at which a move with signals begins."""
         return self._placement.times_s[move.number][0] - self._placement.offset_s
 
     def keep_rest(self, move: QueuedMove, path_time_s: float) -> None:
-        """Note that the arm has stopped at a path time of the trajectory, in the middle of a move that is
-        planned again.
+        """Record that the arm has stopped at a path time of the trajectory, in the middle of a move that will
+        be planned again.
         """
         at = self._placement
         placed = at.placed.get(move.number)
@@ -140,7 +142,7 @@ class QueueSignals:
         return move.signals.pending > 0
 
     def _tell(self) -> None:
-        """Tell the followers of the moves the places of their signals."""
+        """Report the places of the signals to the followers of the moves."""
         for move in self._moves:
             placed, follower = self._placement.placed.get(move.number), move.signals.follower
             if placed is not None and follower is not None:
@@ -166,9 +168,10 @@ class QueueSignals:
 def _times_s(
     before: Placement, run: QueueRun, offset_s: float, signalling: Sequence[QueuedMove]
 ) -> dict[int, list[float]]:
-    """The path times at which each move with signals begins, and at which each of its legs ends.
+    """Return the path times at which each move with signals begins, and at which each of its legs ends.
 
-    A move that has not ended may have no end on the new trajectory: the arm passes its end on the old one.
+    A move that has not ended may have no end on the new trajectory, because the arm passes its end on the old
+    one.
     """
     known = before.times_s
     found = {each.number: list(known[each.number]) for each in signalling if each.number in known}
@@ -189,7 +192,7 @@ def _times_s(
 def _together(
     moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: float, duration_s: float
 ) -> Placed:
-    """The signals of all moves, at path times of a trajectory that begins at `offset_s`.
+    """Return the signals of all moves, with path times of a trajectory that begins at `offset_s`.
 
     Path times are limited to the duration, because an action that rounding places after the end would never
     fire.

@@ -1,4 +1,4 @@
-"""The trajectories of the queue in the real-time loop, and the arm's place on them."""
+"""The trajectories of the queue in the real-time loop, and the position of the arm along them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class QueueRun:
     """A trajectory that the real-time loop executes, or will execute next.
 
     Attributes:
-        moves: for each end in the stretch, the move that ends there.
+        moves: for each end of a motion in the stretch, the move that ends there.
     """
 
     stretch: Stretch
@@ -36,7 +36,7 @@ class Runs:
         self.all: list[QueueRun] = []
 
     def place(self) -> tuple[QueueRun, float]:
-        """The current run, and the path time of the arm on it."""
+        """Return the current run, and the path time that the arm has reached on it."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             for each in reversed(self.all):
@@ -45,7 +45,7 @@ class Runs:
         return self.all[0], 0.0
 
     def left(self) -> list[QueuedMove]:
-        """The moves that have not ended; at least the last one."""
+        """List the moves that have not ended. The last move is always included."""
         if not self.all:
             return []
         run, now_s = self.place()
@@ -53,14 +53,14 @@ class Runs:
         return left or run.moves[-1:]
 
     def passed(self) -> list[QueuedMove]:
-        """The moves whose ends the arm has passed, except the last one."""
+        """List the moves whose ends the arm has passed, except the last move."""
         if not self.all:
             return []
         left = {move.number for move in self.left()}
         return [move for move in self.all[0].moves if move.number not in left]
 
     def left_s(self) -> float:
-        """Path time to the end of the current motion."""
+        """Remaining path time of the current motion, s."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             return state.path_duration_s - state.path_time_s

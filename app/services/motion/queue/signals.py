@@ -1,7 +1,7 @@
 """Actions and conditions of one queued move, and their results.
 
-They belong to the move, not to the motion that executes it. If the move is planned again, actions that have
-fired do not fire again.
+They belong to the move, and not to the motion that executes it. If the move is planned again, actions that
+have fired do not fire again.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class MoveSignals:
     """The actions and conditions of one move.
 
     Attributes:
-        placed: their places on the last planned path.
-        follower: follows them; None while the move is not planned.
+        placed: places of the actions and conditions on the last planned path.
+        follower: follower of the actions and conditions; None while the move is not planned.
     """
 
     def __init__(self, segments: Sequence[PathSignals] = (), exact: Placed = NO_PLACED) -> None:
@@ -42,21 +42,21 @@ class MoveSignals:
 
     @property
     def results(self) -> SignalResults:
-        """The results so far."""
+        """Results of the actions and conditions so far."""
         return NO_RESULTS if self.follower is None else self.follower.results
 
     @property
     def settled(self) -> frozenset[int]:
-        """The numbers of the actions that are known to have fired, or were rejected."""
+        """Numbers of the actions that are known to have fired or were rejected."""
         return frozenset() if self.follower is None else self.follower.settled
 
     @property
     def pending(self) -> int:
-        """The number of actions that have not fired."""
+        """Number of actions that have not fired."""
         return len(self.placed.actions) - len(self.settled)
 
     def pauses_as(self, other: MoveSignals) -> bool:
-        """Whether both moves have the same condition `pause_while`, valid on their whole path."""
+        """Whether both moves have the same `pause_while` condition, which applies to their whole paths."""
         alone = len(self._segments) == len(other._segments) == 1
         return alone and self.placed.pause_while == other.placed.pause_while
 
@@ -67,7 +67,7 @@ class MoveSignals:
 
         Args:
             number: number of the move. It makes the numbers of the actions unique in the queue.
-            begin_s, ends_s: path times at which the move begins, and each of its motions ends.
+            begin_s, ends_s: path times at which the move begins, and at which each of its motions ends.
             way, is_cut: see `place_signals`.
 
         Raises:
@@ -82,15 +82,15 @@ class MoveSignals:
         return replace(found, actions=actions)
 
     def follow(self, placed: Placed, make: Callable[[], SignalFollower]) -> None:
-        """Set the places on a path that has not begun. `make` makes the first follower."""
+        """Set the places on a path that the arm has not begun to follow. `make` makes the first follower."""
         self.placed = placed
         if self.follower is None:
             self.follower = make()
         self.follower.continue_with(placed, 0, 0.0)
 
     def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
-        """Keep the places that the arm has not reached when a move is cut off here. The remaining part of the
-        move is then planned again. The move must have a single motion.
+        """Keep the places that the arm has not reached when a move is cut off at `now_s`. The remaining part
+        of the move is then planned again. The move must consist of a single motion.
         """
         ordered = sorted(placed.actions, key=lambda each: each.number)
         times_s = [each.path_time_s for each in ordered]
@@ -103,14 +103,14 @@ class MoveSignals:
         self._segments = (PathSignals(tuple(replace(each.action, place=AT_ONCE) for each in ordered)),)
 
     def end(self) -> None:
-        """Note the end of the move."""
+        """Record the end of the move."""
         if self.follower is not None:
             self.follower.look()
             self.follower.end()
 
 
 def later(placed: Placed, by_s: float) -> Placed:
-    """The same places at path times that are later by `by_s`."""
+    """Return the same places at path times that are later by `by_s`."""
     return replace(
         placed,
         actions=tuple(replace(each, path_time_s=each.path_time_s + by_s) for each in placed.actions),

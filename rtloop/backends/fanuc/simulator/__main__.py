@@ -1,5 +1,5 @@
-"""`cobot simulate fanuc`: a simulated controller with an arm, for any client of Stream Motion and the Remote
-Motion Interface.
+"""`cobot simulate fanuc`: a controller with an arm, for any client of Stream Motion and the Remote Motion
+Interface.
 """
 
 from __future__ import annotations

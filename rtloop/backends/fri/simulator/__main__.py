@@ -1,4 +1,4 @@
-"""`cobot simulate fri`: a simulated cabinet with an arm, for any FRI client."""
+"""`cobot simulate fri`: a cabinet with an arm, for any client of FRI."""
 
 from __future__ import annotations
 

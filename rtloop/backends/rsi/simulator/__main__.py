@@ -1,4 +1,4 @@
-"""`cobot simulate rsi`: a simulated controller of a KUKA KR robot, for any RSI client."""
+"""`cobot simulate rsi`: a controller of a KUKA KR robot with RSI, for any client."""
 
 from __future__ import annotations
 

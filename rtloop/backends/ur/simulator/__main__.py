@@ -1,6 +1,4 @@
-"""`cobot simulate ur`: a simulated Universal Robots controller with an arm, for any client of its
-interfaces.
-"""
+"""`cobot simulate ur`: a controller of Universal Robots with an arm, for any client of its interfaces."""
 
 from __future__ import annotations
 
