@@ -11,15 +11,18 @@ from cobot.access.roles import SERVICE
 
 @dataclass(eq=False)
 class RequestClient:
-    """The client that sends a request. There is one object for each request, and one for each open WebSocket.
+    """A client that sends a request. There is one object for each request, and one for each open WebSocket.
 
     Attributes:
-        name: name of the access token; without a token the client's own name in quotes, or "anonymous".
+        name: name of the access token. Without a token, the name that the client gives itself, in quotes, or
+            "anonymous".
         address: address of the client, without the port.
-        leases: the lease tokens that it sends.
+        leases: the lease tokens that the client sends.
         sequence: the token of the sequence on whose behalf the client acts, if any.
-        tell: called with a sentence when another client takes over; None if the client cannot be notified.
-        is_valid: whether its access token is still valid; None for a client without one.
+        tell: function that is called with a sentence when another client takes over control; None if the
+            client cannot be notified.
+        is_valid: function that returns whether the access token is still valid; None for a client without a
+            token.
     """
 
     name: str

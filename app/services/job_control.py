@@ -1,4 +1,4 @@
-"""Operations on jobs: begin without waiting, wait, cancel, pause, resume."""
+"""Operations on jobs: begin a job without waiting, wait for it, cancel, pause and resume it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class JobService:
         """Run a job in the background.
 
         Args:
-            work: the coroutine that a blocking endpoint would await.
+            work: coroutine of the job, the same that a blocking endpoint awaits.
 
         Raises:
             CobotError: the job is rejected for a reason that is known before planning.
@@ -90,7 +90,7 @@ class JobService:
         return job.record()
 
     async def wait(self, number: str, timeout_s: float) -> JobRecord:
-        """A job, once it has ended or the timeout has passed.
+        """Wait until a job has ended or the timeout has passed, and return the job.
 
         Raises:
             NotFoundError: the job is unknown or has expired.
@@ -103,13 +103,13 @@ class JobService:
         return self._find(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
-        """Cancel only this job, whichever client started it. The arm stops on its path.
+        """Cancel only this job, regardless of which client started it. The arm stops on its path.
 
-        A queued job leaves the queue, and the others continue.
+        A queued job leaves the queue, and all other jobs continue.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, or it has already ended.
-            ExecutionError: the arm is not known to be at rest; the error has the reason.
+            ExecutionError: the arm is not known to be at rest; the error gives the reason.
         """
         job = self.going(number)
         reason = StopReason(f"job {number} was cancelled by {CLIENT.get()}", "cancelled")
@@ -122,7 +122,7 @@ class JobService:
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
-        if job is self._paused and job.ended.is_set():  # a job of the queue, which continues without it
+        if job is self._paused and job.ended.is_set():  # a job in the queue, which continues without it
             await self._resume()
         return job.record()
 
@@ -130,7 +130,8 @@ class JobService:
         """Pause a job: the arm stops on its path and the job waits. Returns when the arm is at rest.
 
         Args:
-            at_waypoint: a sequence continues to this waypoint and waits there; 0: the next waypoint.
+            at_waypoint: waypoint to which a sequence continues and at which it then waits; 0 for the next
+                waypoint.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, the job has already ended or ended before the
@@ -218,7 +219,7 @@ class JobService:
             )
 
     def going(self, number: str) -> Job:
-        """A job that has not ended.
+        """Return a job that has not ended.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, or it has already ended.

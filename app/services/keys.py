@@ -1,10 +1,10 @@
-"""Idempotency keys of requests that begin a job. A repeated request with the same key begins nothing.
+"""Idempotency keys for requests that begin a job. A repeated request with the same key begins nothing.
 
 A key is written to disk before its request is processed, and the answer is added afterwards. So a key without
 an answer belongs to a request that the client or the end of the service has interrupted.
 
-The store is a SQLite file, which only the user can read. It stores digests of the keys, and is limited in
-number, size and time.
+The keys are stored in a SQLite file that only the user can read. It contains digests of the keys, and is
+limited in number, size and time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from cobot.errors import UnavailableError
 KEPT_S = 86_400.0
 """Time for which an answer is kept, in seconds."""
 MAX_KEYS, MAX_BYTES = 10_000, 64_000_000
-"""Maximum number of keys, and of bytes in their answers. Beyond either the oldest are dropped."""
+"""Maximum number of keys, and maximum number of bytes in their answers. If either is exceeded, the oldest
+keys are dropped.
+"""
 DAMAGED = ".damaged"
 
 log = logging.getLogger("cobot.service")
@@ -46,7 +48,7 @@ class StoredAnswer:
 
     Attributes:
         type: media type.
-        location: header `Location`, None without one.
+        location: header `Location`; None if there is none.
     """
 
     status: int
@@ -61,8 +63,8 @@ class Noted:
 
     Attributes:
         request: digest of the request.
-        job: id of its job, if it has begun one.
-        answer: None if the request ended without one.
+        job: id of the job that the request has begun, if any.
+        answer: answer to the request; None if the request ended without an answer.
     """
 
     request: bytes
@@ -71,11 +73,11 @@ class Noted:
 
 
 class Keys:
-    """The store of keys, see the module. The file is opened for the first key.
+    """The store of keys; see the module. The file is opened when the first key is used.
 
     Args:
         path: path of the file.
-        clock: clock with the wall-clock time from which keys expire.
+        clock: clock whose wall-clock time determines when keys expire.
     """
 
     def __init__(self, path: Path, clock: Clock) -> None:
@@ -109,11 +111,11 @@ class Keys:
         return await self._run(lambda database: self._note(database, key, request, job))
 
     async def answer(self, key: bytes, answer: StoredAnswer) -> None:
-        """Store the answer to the request. Raises UnavailableError: it cannot be written."""
+        """Store the answer to the request. Raises UnavailableError if it cannot be written."""
         await self._run(lambda database: self._answer(database, key, answer))
 
     async def forget(self, key: bytes) -> None:
-        """Delete a key. Its request was rejected and nothing has begun, so another request may use the
+        """Delete a key, because its request was rejected and nothing has begun. A new request may use the
         key.
         """
         await self._run(lambda database: self._drop(database, "key = ?", key))
@@ -146,7 +148,7 @@ class Keys:
         try:
             return self._connect()
         except sqlite3.DatabaseError as exc:
-            # such as a full disk, which does not make the file invalid
+            # for example a full disk, which does not make the file invalid
             if isinstance(exc, sqlite3.OperationalError):
                 raise
             damaged = self._path.with_name(self._path.name + DAMAGED)
@@ -158,7 +160,7 @@ class Keys:
 
     def _connect(self) -> sqlite3.Connection:
         self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        # SQLite would create it readable for all; its other files get the permissions of this one.
+        # SQLite would create the file readable for all. Its other files get the same permissions.
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         descriptor = os.open(self._path, flags, 0o600)
         try:

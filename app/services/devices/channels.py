@@ -1,4 +1,4 @@
-"""Byte channels to devices: the common part of sockets and serial ports."""
+"""Byte channels to devices. This is the common part of sockets and serial ports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""Maximum number of received bytes that wait to be read. Beyond it the sender has to wait."""
+"""Maximum number of received bytes that wait to be read. When it is reached, the sender has to wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 
 def checked_timeout(timeout_s: float) -> float:
-    """The timeout, after a check of its bounds. Raises LimitError: out of bounds."""
+    """Return the timeout, s. Raises LimitError if it is out of bounds."""
     shortest, longest = TIMEOUTS_S
     if not shortest <= timeout_s <= longest:
         raise LimitError(f"a timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
@@ -34,9 +34,9 @@ class Channel:
 
     Args:
         name: displayed name.
-        reader: filled by the receiving task; its limit is `BUFFER_BYTES`.
-        write: sends all of its bytes, or raises OSError.
-        close: closes the device.
+        reader: stream that the receiving task fills. Its limit is `BUFFER_BYTES`.
+        write: function that sends all of the given bytes, or raises OSError.
+        close: function that closes the device.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Channel:
         await self._with_timeout(timeout_s, send, f"not all of {len(data)} bytes were sent")
 
     async def read_some(self, timeout_s: float) -> bytes:
-        """The bytes that have arrived. Waits for the first byte."""
+        """Wait for the first byte, and return all bytes that have arrived."""
         return await self._read(timeout_s, lambda: self._read_available(), "nothing came")
 
     async def read_exactly(self, count: int, timeout_s: float) -> bytes:
@@ -79,18 +79,20 @@ class Channel:
         )
 
     async def read_until(self, end: bytes, timeout_s: float) -> bytes:
-        """All bytes up to and including the end."""
+        """Read all bytes up to and including `end`."""
         data = await self._read(timeout_s, lambda: self._until(end), f"{end!r} did not arrive")
         return data.removesuffix(end)
 
     async def read_between(self, prefix: bytes, suffix: bytes, timeout_s: float) -> bytes:
-        """The bytes between a prefix and a suffix; without both, the bytes that have arrived."""
+        """Read the bytes between a prefix and a suffix. If both are empty, return the bytes that have
+        arrived.
+        """
         if prefix:
             await self.read_until(prefix, timeout_s)
         return await (self.read_until(suffix, timeout_s) if suffix else self.read_some(timeout_s))
 
     async def read_line(self, timeout_s: float) -> bytes:
-        """A line, without its line ending."""
+        """Read a line. It is returned without its line ending."""
         return (await self.read_until(b"\n", timeout_s)).rstrip(ENDS)
 
     async def _read_available(self) -> bytes:
@@ -133,16 +135,16 @@ class Channels:
     def __init__(self, kind: str) -> None:
         self._kind = kind
         self._open: dict[str, Channel] = {}
-        self._opened_by: dict[str, str] = {}  # the program that opened it, if a program did
+        self._opened_by: dict[str, str] = {}  # the program that opened each channel, if a program did
         self._ended: deque[str] = deque(
             maxlen=MAX_OPEN
-        )  # programs, whose last request may still be in progress
+        )  # ended programs whose last request may still be in progress
 
     def get(self, name: str) -> Channel:
-        """The channel with this name.
+        """Return the channel with this name.
 
         Raises:
-            NotFoundError: there is no such channel; the error lists the open ones.
+            NotFoundError: there is no such channel. The error lists the open ones.
         """
         if name not in self._open:
             there = ", ".join(sorted(self._open)) or "none"
@@ -150,7 +152,7 @@ class Channels:
         return self._open[name]
 
     def require_place(self, name: str) -> None:
-        """Check that another channel with this name may be opened.
+        """Check that a further channel may be opened with this name.
 
         Raises:
             ConflictError: the name is taken, or too many channels are open.
@@ -164,7 +166,7 @@ class Channels:
             raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are already open, which is the maximum")
 
     def add(self, name: str, channel: Channel) -> None:
-        """Keep the channel, unless another client has meanwhile used the name."""
+        """Keep the channel, unless the name has meanwhile been used."""
         try:
             self.require_place(name)
             program = CLIENT.get().sequence
@@ -184,7 +186,9 @@ class Channels:
         self._opened_by.pop(name, None)
 
     def close_left_open(self, token: str) -> None:
-        """Close the channels that a program has opened and not closed, however the program has ended."""
+        """Close the channels that a program has opened and not closed, regardless of how the program
+        ended.
+        """
         self._ended.append(token)
         for name in [name for name, program in self._opened_by.items() if program == token]:
             self.close(name)

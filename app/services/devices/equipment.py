@@ -1,4 +1,6 @@
-"""The equipment of a robot: registers, named variables, I/O, devices, and messages for people."""
+"""The equipment of one robot: registers, named variables, inputs and outputs, devices, and messages for
+people.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ STOP_TIMEOUT_S = 4.0
 
 
 class WatchdogAction(IntEnum):
-    """Action of a watchdog that has expired. A message is written in any case."""
+    """What happens when a watchdog expires. A message is written in any case."""
 
     NONE = 0
     PAUSE = 1  # the motion comes to rest on its path
@@ -33,7 +35,8 @@ class Equipment:
 
     Attributes:
         simulated: whether the arm is simulated.
-        registers, variables, io, modbus, sockets, serial_ports, traces: see their classes.
+        registers, variables, io, modbus, sockets, serial_ports, traces: the parts of the equipment, see their
+            classes.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
-"""Runs a gripper's driver in a thread of its own, so that nothing else waits for the device.
+"""Runs a gripper's driver in a separate thread, so that nothing else waits for the device.
 
-It connects, passes commands on, and reads the state repeatedly. An exception of the driver is reported as a
-problem in words. Then it connects again, with growing pauses.
+The thread connects, passes commands on, and reads the state repeatedly. If the driver raises an exception, it
+is reported as a problem in words, and the thread connects again after pauses that grow.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ one.
 FIRST_REPORT_S = 2.0
 """Timeout for the first report of the robot's inputs and outputs, for a driver that uses them, s."""
 HUNG_S = 3.0
-"""Duration of a call after which its driver is reported as hanging, s."""
+"""Duration of a call after which the driver is reported as hanging, s."""
 
 log = logging.getLogger("cobot.gripper")
 
@@ -45,7 +45,7 @@ Start = Callable[[Gripper], None]
 
 
 class DaemonThread(Executor):
-    """An executor with one thread. If a driver hangs, the process can still end."""
+    """An executor with one daemon thread, so that the process can end even if a driver hangs."""
 
     def __init__(self, name: str) -> None:
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -73,16 +73,16 @@ class DaemonThread(Executor):
 
 
 class NotReported(GripperError):
-    """The robot has not reported its inputs and outputs yet."""
+    """Raised if the robot has not reported its inputs and outputs yet."""
 
 
 class RobotPort:
-    """The robot's inputs and outputs, as a driver sees them: their values before the driver's method is
-    called, and the outputs that the method sets.
+    """The robot's inputs and outputs as a driver sees them: their values from before the call of the driver's
+    method, and the outputs that the method sets.
 
     Attributes:
-        points: by name, as the robot has reported them; None before its first report.
-        wanted: outputs that the driver has set and that are not sent yet.
+        points: inputs and outputs by name, as the robot has reported them; None before its first report.
+        wanted: outputs that the driver has set and that have not been sent yet.
     """
 
     def __init__(self) -> None:
@@ -118,13 +118,13 @@ class RobotPort:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The last report of the driver.
+    """The last report from the driver.
 
     Attributes:
         number: number of the reading, which increases.
-        state: None before the first one.
-        problem: reason why there is no newer state; "" without a problem.
-        read_s: time of the reading, on the clock.
+        state: state of the gripper; None before the first reading.
+        problem: reason why there is no newer state; "" if there is no problem.
+        read_s: time of the reading, on the service's clock.
     """
 
     number: int
@@ -134,10 +134,10 @@ class Reading:
 
 
 class GripperWorker:
-    """Runs one gripper's driver in a thread, see the module.
+    """Runs one gripper's driver in a thread; see the module.
 
     Args:
-        on_reading: called with each new reading.
+        on_reading: function that is called with each new reading.
 
     Attributes:
         gripper: the driver.
@@ -161,7 +161,7 @@ class GripperWorker:
 
     @property
     def problem(self) -> str:
-        """Reason why the newest state is not the gripper's current one; "" if it is."""
+        """Reason why the newest state is not the gripper's current state; "" if it is."""
         since_s, now_s = self._calling_since_s, self._link.clock.now_s()
         if since_s is not None and now_s - since_s > HUNG_S:
             return f"its driver has not returned for {now_s - since_s:.0f} s"
@@ -171,9 +171,9 @@ class GripperWorker:
         """Make the driver start a command, after all earlier ones.
 
         Returns:
-            A future. Its result is the number of the last reading before the command; later readings include
-                the command's effect. Its exception is a GripperError with the reason why the device rejects
-                the command.
+            A future. Its result is the number of the last reading before the command; later readings show the
+                command's effect. If the device rejects the command, its exception is a GripperError with the
+                reason.
         """
         future: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self._asked.append((start, future))
@@ -227,7 +227,7 @@ class GripperWorker:
             future.set_result(self.reading.number)
 
     async def _call(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None]:
-        """Call the driver. Call it again until the robot has reported the points that the driver uses.
+        """Call the driver. Repeat the call until the robot has reported the points that the driver uses.
         Returns the problem, or "", and the result.
         """
         latest_s = self._link.clock.now_s() + FIRST_REPORT_S
@@ -238,8 +238,8 @@ class GripperWorker:
             await asyncio.sleep(BUSY_PERIOD_S)
 
     async def _call_once(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None, bool]:
-        """Like `_call`, but only once. The last value is false if the driver needed a report that is
-        missing.
+        """Like `_call`, but call only once. The last returned value is false if the driver needed a report
+        that is missing.
         """
         report, reported = self._link.io(), True
         self._port.points = None if report is None else {each.name: each for each in report.points}

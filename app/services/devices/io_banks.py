@@ -1,4 +1,6 @@
-"""Simulated digital and analog inputs and outputs. Each has one value, the last that a client has written."""
+"""Simulated digital and analog inputs and outputs. The value of each is the last one that a client has
+written.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
 """Number of inputs, and of outputs, in each group. They are numbered from 0."""
 ANALOG = {"standard": 4, "tool": 2}
 RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
-"""Range and unit of an analog input or output, by its domain: 0 is current, 1 is voltage."""
+"""Range and unit of an analog input or output, by its domain. Domain 0 is current, domain 1 is voltage."""
 
 
 @dataclass(slots=True)
@@ -38,7 +40,7 @@ class IoBanks:
         }
 
     def digital(self, way: str, group: str) -> list[bool]:
-        """The values of a group.
+        """Return the values of a group.
 
         Raises:
             NotSupportedError: the arm is not simulated.
@@ -47,7 +49,7 @@ class IoBanks:
         return self._digital[way, group]
 
     def digital_value(self, way: str, group: str, index: int) -> bool:
-        """The value of one input or output.
+        """Return the value of one input or output.
 
         Raises:
             InputError: there is no such index.
@@ -65,11 +67,11 @@ class IoBanks:
         places[_checked(index, len(places))] = value
 
     def mask(self, way: str, group: str) -> int:
-        """The values of a group as bits; index 0 is the lowest bit."""
+        """Return the values of a group as bits. Index 0 is the lowest bit."""
         return sum(1 << index for index, value in enumerate(self.digital(way, group)) if value)
 
     def analog(self, way: str, group: str, index: int) -> Analog:
-        """An analog input or output, with its domain.
+        """Return an analog input or output, with its domain.
 
         Raises:
             InputError: there is no such index.

@@ -1,4 +1,4 @@
-"""Modbus TCP: the named signals of field devices."""
+"""Named signals of field devices, over Modbus TCP."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ADDRESS = REGISTER = 65_535
 
 
 class Modbus:
-    """All signals, by name. A device is connected as long as it has signals."""
+    """All signals by name. The connection to a device is open as long as signals for it exist."""
 
     def __init__(self) -> None:
         self._devices: dict[tuple[str, int], ModbusDevice] = {}
@@ -29,8 +29,8 @@ class Modbus:
             kind: see `SignalKind`.
 
         Raises:
-            InputError: invalid values, or a name that is taken.
-            LimitError: too many signals.
+            InputError: a value is invalid, or the name is taken.
+            LimitError: there are too many signals.
         """
         host, port = _address(device)
         if not 1 <= len(name) <= MAX_NAME:
@@ -72,7 +72,7 @@ class Modbus:
         self._signals.clear()
 
     def signal(self, name: str) -> Signal:
-        """The signal with this name.
+        """Return the signal with this name.
 
         Raises:
             NotFoundError: there is no such signal; the error lists the existing ones.
@@ -83,14 +83,14 @@ class Modbus:
         return self._signals[name]
 
     def signals(self) -> list[Signal]:
-        """The signals, in the order in which they were added."""
+        """List the signals, in the order in which they were added."""
         return list(self._signals.values())
 
     def value(self, name: str) -> int:
-        """The last value that was read from the device.
+        """Return the last value that was read from the device.
 
         Raises:
-            NotFoundError: there is no such signal, or its device does not answer; the error has the reason.
+            NotFoundError: there is no such signal, or its device does not answer; the error gives the reason.
         """
         signal = self.signal(name)
         if signal.problem:
@@ -98,7 +98,7 @@ class Modbus:
         return signal.value
 
     async def write(self, name: str, value: int) -> None:
-        """Set an output; returns when the device has confirmed it.
+        """Set an output. Returns when the device has confirmed it.
 
         Raises:
             InputError: the signal is an input, or the value is out of range.
@@ -121,7 +121,7 @@ class Modbus:
         """Set how often a signal is read. The device may answer less often.
 
         Raises:
-            LimitError: out of bounds.
+            LimitError: the frequency is out of bounds.
         """
         signal = self.signal(name)
         least, most = FREQUENCIES_HZ

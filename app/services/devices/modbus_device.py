@@ -22,7 +22,7 @@ log = logging.getLogger("cobot.modbus")
 
 
 class SignalKind(IntEnum):
-    """Kind of a signal. The numbers are those of the manual."""
+    """Kind of a signal. The manual defines the numbers."""
 
     DIGITAL_INPUT = 0  # discrete input
     DIGITAL_OUTPUT = 1  # coil
@@ -44,7 +44,7 @@ WRITES = {
 
 @dataclass(slots=True)
 class Signal:
-    """One value of a device.
+    """One value in a device.
 
     Attributes:
         value: the last value that was read.
@@ -63,7 +63,9 @@ class Signal:
 
 
 class ModbusDevice:
-    """A connection and the task that reads its signals one after the other, one request at a time."""
+    """A connection to a device, and the task that reads the device's signals one after the other, one request
+    at a time.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         self.host = host
@@ -150,7 +152,7 @@ class ModbusDevice:
             await asyncio.wait_for(self._more.wait(), max(0.0, next_s - loop.time()))
 
     async def _read(self, signal: Signal) -> str:
-        """Read a signal. Returns the problem, or ""."""
+        """Read a signal. Return the problem, or "" if there is none."""
         try:
             signal.value = await self._client.read(signal.unit, READS[signal.kind], signal.address)
         except DeviceError as exc:

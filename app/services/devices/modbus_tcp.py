@@ -1,7 +1,8 @@
-"""Requests of Modbus TCP, one at a time, with a strict check of the answers.
+"""Sends Modbus TCP requests, one at a time, and checks the answers strictly.
 
-Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. Any answer that
-violates these is an error. If the start of the next answer is then unknown, the connection is closed.
+Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. An answer that
+violates these specifications is an error. If it is then unknown where the next answer starts, the connection
+is closed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from cobot.modbus import COIL_ON, REFUSALS, REFUSED, ModbusFunction
 
 TIMEOUT_S = 1.0
 MAX_LENGTH = 254
-"""Maximum length of a message in bytes, from its unit on. A longer message is invalid."""
+"""Maximum length of a message in bytes, counted from its unit identifier. A longer message is invalid."""
 _HEAD = struct.Struct(">HHH")  # number of the transaction, 0 for Modbus, length of the rest
 _REQUEST = struct.Struct(">BBHH")  # unit, function, address, count or value
 _BYTES = {
@@ -40,7 +41,9 @@ class ModbusConnection:
         return self._streams is not None
 
     async def connect(self) -> None:
-        """Connect. Raises OSError (including TimeoutError), or ValueError for an invalid host name."""
+        """Connect. Raises OSError (including TimeoutError) if this fails, or ValueError for an invalid host
+        name.
+        """
         async with asyncio.timeout(TIMEOUT_S):
             self._streams = await asyncio.open_connection(self._host, self._port, limit=4 * MAX_LENGTH)
 
@@ -59,18 +62,18 @@ class ModbusConnection:
         return value & 1 if size == 1 else value
 
     async def write(self, unit: int, function: ModbusFunction, address: int, value: int) -> None:
-        """Set a coil, 0 or 1, or a register; returns when the device has confirmed it.
+        """Set a coil (0 or 1) or a register. Returns when the device has confirmed it.
 
         Raises:
-            DeviceError: the device rejects the request, does not answer, or sends another answer; the error
-                has the details.
+            DeviceError: the device rejects the request, does not answer, or sends a wrong answer; the error
+                gives the details.
         """
         sent = COIL_ON * value if function is ModbusFunction.WRITE_COIL else value
         if await self._ask(unit, function, address, sent) != struct.pack(">HH", address, sent):
             raise _wrong_answer(unit)
 
     async def _ask(self, unit: int, function: ModbusFunction, address: int, value: int) -> bytes:
-        """Send a request. Returns the part of the answer after the function code."""
+        """Send a request. Return the part of the answer after the function code."""
         if self._streams is None:
             raise DeviceError(f"unit {unit} is not connected")
         reader, writer = self._streams

@@ -1,4 +1,6 @@
-"""Memory that clients, programs and field devices share: numbered registers, named variables, watchdogs."""
+"""Memory that clients, programs and field devices share: numbered registers, named variables and
+watchdogs.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ class Registers:
         self._banks = {(kind, bank): [zero] * COUNT for kind, zero in KINDS.items() for bank in BANKS}
 
     def get(self, kind: str, bank: str, index: int) -> Any:
-        """The value of a register.
+        """Return the value of a register.
 
         Raises:
             InputError: there is no such index.
@@ -85,7 +87,7 @@ class Watchdog:
 
     Attributes:
         action: number of the action on expiry.
-        expired: whether it has expired; the next write starts it again.
+        expired: whether the watchdog has expired. The next write starts it again.
     """
 
     timeout_s: float
@@ -95,10 +97,10 @@ class Watchdog:
 
 
 class Variables:
-    """Named variables and their watchdogs.
+    """The named variables and their watchdogs.
 
     Args:
-        on_expiry: called with the name and the action of a watchdog that has expired.
+        on_expiry: function that is called with the name and the action of a watchdog that has expired.
     """
 
     def __init__(self, on_expiry: Callable[[str, int], Awaitable[None]]) -> None:
@@ -109,7 +111,7 @@ class Variables:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def set(self, name: str, kind: str, value: Value) -> None:
-        """Write a variable, whatever its previous type.
+        """Write a variable, regardless of its previous type.
 
         Raises:
             InputError: the name or the value is too long, or there are too many variables.
@@ -129,10 +131,10 @@ class Variables:
         self._restart_timer(name)
 
     def get(self, name: str, kind: str, default: Any) -> Any:
-        """The value of a variable, or the default if there is no such variable.
+        """Return the value of a variable, or the default if there is no such variable.
 
         Raises:
-            InputError: the variable has another type.
+            InputError: the variable is of a different type.
         """
         if name not in self._values:
             return default
@@ -142,7 +144,7 @@ class Variables:
         return value
 
     def kind(self, name: str) -> str:
-        """The type of a variable; "" if there is no such variable."""
+        """Return the type of a variable; "" if there is no such variable."""
         return self._values[name][0] if name in self._values else ""
 
     def names(self) -> list[str]:
@@ -163,8 +165,8 @@ class Variables:
         return self._watchdogs.get(name)
 
     def watch(self, name: str, timeout_s: float, action: int) -> None:
-        """Start a watchdog: execute an action whenever the variable is not written for this time. 0 s deletes
-        the watchdog.
+        """Start a watchdog, which executes an action whenever the variable is not written for this time. A
+        time of 0 s deletes the watchdog.
 
         Raises:
             InputError: the name is too long.

@@ -16,9 +16,11 @@ from cobot.errors import DeviceError, DeviceTimeout, InputError
 DEVICES = Path("/dev")
 DRIVERS = Path("/proc/tty/drivers")
 MAJORS = frozenset({4, 136, 166, 188, 204})
-"""Major numbers of ttyS, pts, ttyACM, ttyUSB and ttyAMA, for kernels that do not list their drivers."""
+"""Major device numbers of ttyS, pts, ttyACM, ttyUSB and ttyAMA, for kernels that do not list their
+drivers.
+"""
 CONSOLES = 64
-"""Number of minor numbers of major 4 that are consoles. The serial ports follow them."""
+"""Number of minor device numbers under major number 4 that are consoles. The serial ports follow them."""
 PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
 STOP_BITS = (1.0, 1.5, 2.0)
 OPEN_TIMEOUT_S = 5.0
@@ -36,11 +38,11 @@ class SerialPorts(Channels):
         Args:
             device: path, such as /dev/ttyUSB0.
             stop_bits: 1, 1.5 or 2.
-            parity: 0 none, 1 odd, 2 even.
+            parity: 0 for none, 1 for odd, 2 for even.
 
         Raises:
-            InputError, ConflictError: invalid values, or a name that is taken.
-            DeviceError: the device is not a serial port or cannot be opened; the error has the system's
+            InputError, ConflictError: a value is invalid, or the name is taken.
+            DeviceError: the device is not a serial port or cannot be opened; the error gives the system's
                 reason.
         """
         if stop_bits not in STOP_BITS:
@@ -71,7 +73,7 @@ class SerialPorts(Channels):
 
 
 class _Port(asyncio.ReadTransport):
-    """Feeds the bytes that a port receives to a StreamReader, never more than the reader can hold."""
+    """Passes the bytes that a port receives to a StreamReader, but never more than the reader can hold."""
 
     def __init__(self, port: Any) -> None:
         super().__init__()
@@ -119,8 +121,8 @@ class _Port(asyncio.ReadTransport):
 
 
 def _device(device: str) -> Path:
-    """The file of a serial port. It is checked without opening it: opening a FIFO waits for its other end,
-    and opening some devices has side effects.
+    """Return the file of a serial port. It is checked without opening it, because opening a FIFO waits for
+    its other end, and opening some devices has side effects.
     """
     try:
         path = Path(device).resolve()
@@ -135,7 +137,7 @@ def _device(device: str) -> Path:
 
 
 def _is_serial(major: int, minor: int) -> bool:
-    """Whether a device number is that of a serial port or a pseudo terminal, according to the kernel."""
+    """Whether a device number belongs to a serial port or a pseudo terminal, according to the kernel."""
     try:
         lines = DRIVERS.read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""The restart of a simulation."""
+"""Restarts a simulation."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class SimulationService:
 
         Raises:
             NotSupportedError: the backend moves a real arm. The error names it.
-            ConflictError: the arm moves, a program runs, or the backend is another simulation.
-            NotReadyError: the cause of a fault persists; the error has rtloop's reason.
+            ConflictError: the arm moves, a program runs, or the backend is a different simulation.
+            NotReadyError: the cause of a fault persists; the error gives rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
         link = self._link

@@ -18,8 +18,8 @@ class Sockets(Channels):
         """Connect to a TCP server.
 
         Raises:
-            InputError, ConflictError: an invalid port or name, or a name that is taken.
-            DeviceError: the server does not answer; the error has the system's reason.
+            InputError, ConflictError: the port or the name is invalid, or the name is taken.
+            DeviceError: the server does not answer; the error gives the system's reason.
         """
         if not 1 <= port <= 65535:
             raise InputError(f"port must be from 1 to 65535, got {port}")
@@ -36,7 +36,7 @@ class Sockets(Channels):
             raise DeviceError(f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
-            # the rest of an earlier call has to be sent first, otherwise it would accumulate
+            # what an earlier call has left must be sent first, otherwise it would accumulate
             await writer.drain()
             writer.write(data)
             await writer.drain()

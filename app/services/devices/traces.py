@@ -1,4 +1,6 @@
-"""Messages of programs, clients and the service for people. The number of kept messages is limited."""
+"""Messages from programs, clients and the service for people. The number of messages that are kept is
+limited.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ class Message:
     Attributes:
         number: consecutive number, from 1.
         kind: how the message is shown: text, alarm, popup or notify.
-        code: code of an alarm, 0 for none.
+        code: code of the alarm; 0 for none.
     """
 
     number: int
@@ -52,7 +54,7 @@ class Message:
 
 
 class Traces:
-    """Keeps the newest messages, writes each to the service's log and passes it to the listeners."""
+    """Keeps the newest messages, writes each message to the service's log and passes it to the listeners."""
 
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=CAPACITY)
@@ -80,15 +82,15 @@ class Traces:
         return message
 
     def warn(self, text: str) -> None:
-        """Add a warning of the service itself."""
+        """Add a warning from the service itself."""
         self.add("text", text, Level.WARNING)
 
     def newest(self, count: int, after: int = 0) -> list[Message]:
-        """The newest messages, the oldest of them first.
+        """Return the newest messages, in order of time.
 
         Args:
             count: maximum number of messages.
-            after: only messages with a larger number.
+            after: return only messages with a larger number.
         """
         found = [message for message in self._messages if message.number > after]
         return found[-count:] if count else []

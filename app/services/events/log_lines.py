@@ -12,7 +12,9 @@ from cobot.logs.lines import Line
 
 
 class _LogEvents(logging.Handler):
-    """A log handler that publishes events, from any thread. The ring limits their number."""
+    """A log handler that publishes log lines as events. Any thread may use it. The ring limits the number of
+    events.
+    """
 
     def __init__(self, events: Events) -> None:
         super().__init__(logging.WARNING)
@@ -21,7 +23,7 @@ class _LogEvents(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         line = Line.of(record, "")
-        with contextlib.suppress(RuntimeError):  # the loop is closed
+        with contextlib.suppress(RuntimeError):  # the event loop is closed
             self._loop.call_soon_threadsafe(self._publish, line)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802

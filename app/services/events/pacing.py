@@ -1,7 +1,7 @@
-"""Wakes listeners a few at a time.
+"""Wakes listeners in small groups.
 
-With hundreds of listeners, waking all at once would take long. Targets of a controller and stops must be
-handled in between.
+Waking hundreds of listeners at once would take long. Targets from a controller and stops must be handled in
+between.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 import asyncio
 
 AT_ONCE = 4
-"""Number of listeners that are woken in one iteration of the loop, which takes a quarter of a millisecond."""
+"""Number of listeners that are woken in one iteration of the event loop. This takes a quarter of a
+millisecond.
+"""
 
 
 class Pacing:
-    """The listeners that wait to be woken, first come first served."""
+    """The listeners that wait to be woken, in the order in which they arrived."""
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Event, None] = {}
@@ -21,7 +23,7 @@ class Pacing:
         self._renewing = False
 
     def wake(self, listener: asyncio.Event, loop: asyncio.AbstractEventLoop) -> None:
-        """Set the event of a listener, now or in one of the next iterations of the loop."""
+        """Set the event of a listener, now or in one of the next iterations of the event loop."""
         if self._left > 0 and not self._waiting:
             self._set(listener, loop)
         else:

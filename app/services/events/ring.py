@@ -1,10 +1,10 @@
 """Numbered events: one ring in memory for the whole service.
 
-Each event is rendered once, when it happens. A listener is only a position in the ring, so a slow listener
-costs no memory and delays no other. Events that are overwritten before a listener has read them are reported
-as `lost`.
+Each event is converted to text once, when it happens. A listener is only a position in the ring, so a slow
+listener costs no memory and does not delay other listeners. Events that are overwritten before a listener has
+read them are reported as `lost`.
 
-It may only be used on the event loop, not from threads.
+The ring may only be used on the event loop, not from threads.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ CAPACITY = 2000
 CAPACITY_BYTES = 4 * 2**20
 """Maximum size of all kept events, in bytes."""
 BURST, PER_S = 400, 40.0
-"""Rate limit for events of one type and robot: the burst, and the rate per second. A client that calls /stop
-in a loop must not push the events of others out of the ring. The next event that is published has the number
-of those that were dropped.
+"""Rate limit for events of one type and robot: the size of a burst, and the rate per second. It prevents a
+client that calls /stop in a loop from pushing other events out of the ring. The next event that is published
+states how many events were dropped.
 """
 LOG_BURST, LOG_PER_S = 20, 2.0
-"""Rate limit for events caused by client errors: log lines and refusals."""
+"""Rate limit for events that client errors cause, which are log lines and rejected requests."""
 SAID_OF_CLIENTS = ("log", "refused")
 PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
@@ -83,7 +83,7 @@ class Event:
 
 
 class Throttle:
-    """Limits a rate: it lets a burst pass, and then a limited number of events per second."""
+    """A rate limiter that lets a burst pass, and then a limited number of events per second."""
 
     def __init__(self, burst: int, per_s: float, now_s: Callable[[], float]) -> None:
         self._burst, self._per_s, self._now_s = burst, per_s, now_s
@@ -91,8 +91,8 @@ class Throttle:
         self._held_back = 0
 
     def passes(self) -> int | None:
-        """The number of events that were dropped since the last one that passed. None if this event may not
-        pass.
+        """Check whether an event may pass. Returns the number of events that were dropped since the last one
+        that passed; None if this event may not pass.
         """
         now_s = self._now_s()
         self._left = min(self._burst, self._left + (now_s - self._seen_s) * self._per_s)
@@ -106,12 +106,12 @@ class Throttle:
 
 
 class Events:
-    """The ring.
+    """The ring of events.
 
     Attributes:
         epoch: id of this run of the service. Epoch and number together identify an event permanently.
-        newest: the number of the newest event, 0 before the first.
-        on_news: called after each event, and after the ring was closed.
+        newest: number of the newest event; 0 before the first event.
+        on_news: function that is called after each event, and after the ring was closed.
         closed: whether the ring is closed.
         pacing: wakes the listeners.
         lost: total number of events that listeners have lost.
@@ -132,7 +132,7 @@ class Events:
 
     @property
     def oldest(self) -> int:
-        """The number of the oldest kept event; that of the next event if none is kept."""
+        """Number of the oldest event that is kept; number of the next event if none is kept."""
         return self.newest + 1 - len(self._kept)
 
     def publish(self, kind: str, robot: str = "", /, **data: Any) -> None:
@@ -164,7 +164,7 @@ class Events:
             tell()
 
     def rendered(self, kind: str, robot: str, data: Mapping[str, Any], number: int | None = None) -> str:
-        """The JSON of an event with the current time."""
+        """Convert an event to JSON with the current time."""
         moment = utc_now(self._clock).isoformat(timespec="microseconds")
         content: dict[str, Any] = {} if number is None else {"id": number, "epoch": self.epoch}
         content |= {"time": moment, "robot": robot or None, "type": kind, "data": data}
@@ -174,7 +174,7 @@ class Events:
             return json.dumps(without_nan(content))
 
     def close(self) -> None:
-        """Publish that the service shuts down. Then every listener ends too."""
+        """Publish that the service shuts down. After that every listener ends too."""
         if not self.closed:
             self.publish("service", what="ends")
             self.closed = True
@@ -182,19 +182,21 @@ class Events:
                 tell()
 
     def since(self, number: int, most: int) -> list[Event]:
-        """The events after this number that are still kept, the oldest of them first."""
+        """Return the events after this number that are still kept, oldest first."""
         first = max(number + 1, self.oldest)
         offset = first - self.oldest
         return [self._kept[index] for index in range(offset, min(offset + most, len(self._kept)))]
 
     def place(self, after: str | None) -> tuple[int, bool]:
-        """The number after which a listener continues, and whether it is from an earlier run of the service.
+        """Find the number of the event after which a listener continues, and whether it is from an earlier
+        run of the service.
 
         Args:
-            after: "EPOCH-NUMBER" of an event, or a number from this run; None: only new events.
+            after: "EPOCH-NUMBER" of an event, or a number from this run. None: the listener gets only new
+                events.
 
         Raises:
-            InputError: `after` has another form, or there is no such event yet.
+            InputError: `after` is in a different form, or there is no such event yet.
         """
         if after is None:
             return self.newest, False
@@ -209,7 +211,7 @@ class Events:
         return int(digits), False
 
     def of(self, robot: str) -> RobotEvents:
-        """The publisher for one robot."""
+        """Return the publisher for one robot."""
         return RobotEvents(self, robot)
 
 

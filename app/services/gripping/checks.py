@@ -19,7 +19,7 @@ def check_command(name: str, able: GripperCapabilities, command: AnyGripperComma
 
     Raises:
         LimitError: a value is out of range.
-        NotSupportedError: the gripper does not have this function.
+        NotSupportedError: the gripper does not support this command.
     """
     if isinstance(command, GripperMove | GripperGrasp | GripperRelease) and command.width is not None:
         _check_width(name, able, command.width, grasps=isinstance(command, GripperGrasp))

@@ -1,4 +1,4 @@
-"""Commands to the gripper while they run, and their results."""
+"""Running gripper commands and their results."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, Grippe
 from cobot.reasons import Reason, ReasonCode
 
 ARRIVED_M = 0.003
-"""Tolerance of the width at the end of a move: this distance, m, or this share of the stroke, whichever is
-larger.
+"""Tolerances of the width at the end of a move: a distance, m, and a share of the stroke. The larger one
+applies.
 """
 ARRIVED_SHARE = 0.03
 
@@ -26,7 +26,7 @@ class Running:
     """A running command.
 
     Attributes:
-        stops: count of stops when the command began; a later stop ends it.
+        stops: number of stops when the command began. A later stop ends the command.
         latched: whether an e-stop or a fault was latched when the command began.
     """
 
@@ -39,7 +39,7 @@ class Running:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End the command. If it is called several times, the first cause counts."""
+        """End the command. If this is called several times, the first cause is kept."""
         self.interruption = self.interruption or cause
         self.news.set()
 
@@ -59,10 +59,10 @@ class GripperOutcome:
 
 @dataclass(frozen=True, slots=True)
 class GripperReport:
-    """State of the gripper.
+    """A report about the gripper.
 
     Attributes:
-        command: name of the running command; "" for none.
+        command: name of the running command; "" if none is running.
         held: the scene object that is attached to the gripper.
         age_s: age of the state, s.
     """
@@ -77,7 +77,9 @@ class GripperReport:
 
 
 def missed(state: GripperState) -> CobotError | None:
-    """The reason why nothing is held after a grasp; None if an object is held, or if this is unknown."""
+    """Return the reason why nothing is held after a grasp; None if an object is held, or if this is
+    unknown.
+    """
     if state.object is None or state.object.is_held:
         return None
     where = "" if state.width is None else f" at {state.width:.4f} m"
@@ -96,7 +98,7 @@ def _failed(words: str, code: ReasonCode, width: float | None, expected: float =
 def shortfall(
     command: AnyGripperCommand, state: GripperState, able: GripperCapabilities
 ) -> CobotError | None:
-    """The reason why an ended command has not reached its goal; None if it has."""
+    """Return the reason why an ended command has not reached its goal; None if it has reached it."""
     if isinstance(command, GripperGrasp):
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):
@@ -130,7 +132,7 @@ def has_arrived(width: float, state: GripperState, able: GripperCapabilities) ->
 
 
 def start_of(command: AnyGripperCommand) -> Callable[[Gripper], None]:
-    """The function that makes a driver start a command."""
+    """Return the function that makes a driver start a command."""
     match command:
         case GripperMove():
             return lambda gripper: gripper.move(command.width, command.speed, command.force)

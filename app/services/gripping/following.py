@@ -1,4 +1,4 @@
-"""Waiting for the end of a gripper command."""
+"""Waits for the end of a gripper command."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from cobot.grippers import GripperState
 from cobot.reasons import Reason, ReasonCode
 
 MIN_WAIT_S = 0.001
-"""Minimum wait, s. Without it, a remainder from rounding would give a wait of length zero."""
+"""Minimum time of a wait, s. Without it, rounding could lead to waits of length zero."""
 
 
 async def follow(
     worker: GripperWorker, running: Running, caller: Caller, clock: Clock, name: str
 ) -> GripperState:
-    """Start a command and return the state at its end.
+    """Start a command, and return the gripper's state at its end.
 
     Args:
         name: the gripper's type, for errors.
@@ -61,7 +61,7 @@ async def follow(
 
 
 def _ended(worker: GripperWorker, asked: asyncio.Future[int], name: str) -> GripperState | None:
-    """The state at the end of a command; None while it runs."""
+    """Return the gripper's state at the end of a command; None while the command runs."""
     if not asked.done():
         return None
     if (problem := asked.exception()) is not None:

@@ -1,5 +1,6 @@
-"""The held object. A scene object is attached when the gripper grasps it, and detached when it is released. A
-part of a simulated cell is in the scene only while it is held, and may touch the fixtures of the cell.
+"""The held object. A scene object is attached when the gripper grasps it, and detached when the gripper
+releases it. A part of a simulated cell is in the scene only while it is held, and may then touch the fixtures
+of the cell.
 
 The load in the scene changes only while the arm is at rest. If the arm moves, the change is made when it is
 next at rest.
@@ -35,13 +36,13 @@ log = logging.getLogger("cobot.gripper")
 
 
 class HeldService:
-    """Attaches and detaches the held object of one gripper, see the module.
+    """Attaches and detaches the held object of one gripper; see the module.
 
     Args:
-        cell: the simulated cell; None without one.
+        cell: the simulated cell; None if there is none.
 
     Attributes:
-        name: name of the held object or part; None for none.
+        name: name of the held object or part; None if nothing is held.
         context: context of the client that sent the last gripper command. The scene changes on its behalf.
     """
 
@@ -71,7 +72,7 @@ class HeldService:
             self._task.cancel()
 
     def forget(self) -> None:
-        """Forget an object that an earlier run of the service has attached, because the gripper holds
+        """Detach an object that an earlier run of the service has attached, because the gripper holds
         nothing.
         """
         if self._attached in self._parts:  # the cell was reset meanwhile
@@ -87,27 +88,28 @@ class HeldService:
         return self.name
 
     def release(self) -> str | None:
-        """Detach the object, because the fingers hold nothing any more. Returns its name."""
+        """Detach the object, because the fingers no longer hold it. Returns its name."""
         before, self.name = self.name, None
         self._settle()
         return before
 
     async def follow(self) -> None:
-        """Wait until the scene has the held object, unless this change is postponed until the arm is at rest.
+        """Wait until the held object is in the scene, unless this change is postponed until the arm is at
+        rest.
 
-        Otherwise the client's next motion would be rejected, because this change still uses the robot.
+        Without this wait the client's next motion would be rejected, because the change still uses the robot.
         """
         while self._task is not None and not self._postponed:
             await asyncio.wait({self._task}, timeout=AGAIN_S)
 
     async def settle(self) -> None:
-        """Before the next motion: make a postponed change now."""
+        """Make a postponed change now, before the next motion."""
         if self._task is not None and (self._changing or self._arm_rests()):
             self._postponed = False
             await self.follow()
 
     def _between(self) -> str | None:
-        """The nearest object or part at the TCP that is not attached."""
+        """Find the nearest object or part at the TCP that is not attached."""
         try:
             tcp = self._robot.model.forward(self._link.state().position)
         except UnavailableError:
@@ -121,7 +123,7 @@ class HeldService:
         return None if name is None or distances[name] > REACH_M else name
 
     def _parts_where_they_are(self) -> dict[str, SceneObject]:
-        """The parts of the cell at their current poses."""
+        """Return the parts of the cell at their current poses."""
         poses = self._link.cell() or {}
         return {
             name: part_in_scene(self._parts[name], pose)
@@ -177,7 +179,7 @@ class HeldService:
             self._attached = new
 
     def _touched(self, name: str, put: Sequence[Edit]) -> list[str]:
-        """The bodies that the object touches at its place: the fingers, and its support.
+        """List the bodies that the object touches where it is: the fingers, and the object's support.
 
         Args:
             put: the changes that add the object to the scene.
@@ -199,8 +201,8 @@ class HeldService:
 
 
 def distance_m(item: SceneObject, point: Array) -> float:
-    """Distance of a point in the base frame from an object; 0 inside. For compound shapes: from their
-    bounding box.
+    """Distance of a point in the base frame from an object, m; 0 inside the object. For compound shapes it is
+    the distance from the bounding box.
     """
     local = Pose.from_numbers(item.pose).inverse().apply(point)
     x, y, z = local.tolist()

@@ -1,4 +1,4 @@
-"""Gripper commands from actions on the path of a motion."""
+"""Gripper commands that are actions on the path of a motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TIMEOUT_S = 30.0
 
 
 class PathCommands:
-    """Executes gripper commands of actions on a path, for one robot. Each command is a job of its own."""
+    """Executes one robot's gripper commands that are actions on a path. Each command is a separate job."""
 
     def __init__(self, gripper: GripperService, ownership: Ownership) -> None:
         self._gripper = gripper
@@ -30,7 +30,7 @@ class PathCommands:
         """Check that the gripper supports the command.
 
         Args:
-            fields: `command`, and the fields of that command's body.
+            fields: the name of the command as `command`, and the fields of its request body.
 
         Raises:
             InputError: the command is unknown, or its fields are invalid.
@@ -39,10 +39,10 @@ class PathCommands:
         self._gripper.check(GripperRequest.of(fields, VALID).command)
 
     def begin(self, fields: Mapping[str, Any]) -> None:
-        """Begin the command and return at once. Its job has the result.
+        """Begin the command and return at once. Its job reports the result.
 
         Raises:
-            CobotError: the gripper rejects it; its job has failed with this reason.
+            CobotError: the gripper rejects the command. Its job has failed with this reason.
         """
         request = GripperRequest.of(fields, VALID)
         job = self._ownership.new_job(JobKind.GRIPPER, f"{NAME}: {request.words}")
@@ -60,5 +60,5 @@ class PathCommands:
         try:
             await self._gripper.run(request.name, request.command, caller)
         except CobotError as exc:
-            if not job.ended.is_set():  # rejected before it began
+            if not job.ended.is_set():  # the command was rejected before it began
                 self._ownership.end(job, exc)

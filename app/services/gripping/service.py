@@ -1,6 +1,7 @@
-"""Gripper commands as jobs: one at a time; a new one replaces the current one.
+"""Gripper commands as jobs. Only one command runs at a time, and a new command replaces the current one.
 
-The arm may move at the same time. A stop ends the command and keeps the grip, unless `on_stop` is `open`.
+The arm may move at the same time. A stop ends the command, but the gripper keeps holding an object, unless
+`on_stop` is `open`.
 """
 
 from __future__ import annotations
@@ -60,10 +61,11 @@ log = logging.getLogger("cobot.gripper")
 
 
 class GripperService:
-    """The gripper of one robot; a robot without one has this service too, which rejects every request.
+    """The gripper of one robot. A robot without a gripper also has this service, which then rejects every
+    request.
 
     Attributes:
-        on_reading: called after each report of the driver.
+        on_reading: function that is called after each report from the driver.
     """
 
     def __init__(
@@ -108,7 +110,7 @@ class GripperService:
 
     @property
     def problem(self) -> str:
-        """The problem of the gripper, for /health; "" without a problem or without a gripper."""
+        """The problem of the gripper, for /health; "" if there is no problem or no gripper."""
         if self._worker is None:
             return ""
         state = self._worker.reading.state
@@ -116,7 +118,7 @@ class GripperService:
         return f"gripper {self.type}: {found}" if found else ""
 
     def report(self) -> GripperReport:
-        """The current state of the gripper.
+        """Report the current state of the gripper.
 
         Raises:
             NotSupportedError: the robot has no gripper.
@@ -186,7 +188,7 @@ class GripperService:
         return (await self.run(request.name, request.command, caller)).error
 
     async def stop(self) -> GripperReport:
-        """Stop the fingers where they are; a held object stays held. Ends the current command.
+        """Stop the fingers where they are, and end the current command. A held object stays held.
 
         Raises:
             NotSupportedError: the robot has no gripper.
@@ -207,7 +209,7 @@ class GripperService:
         return self.report()
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
-        """End the command of this job. Returns whether the job is one of the gripper's."""
+        """End the command of this job. Return whether the job is a gripper command."""
         if self._running is None or self._running.job is not job:
             return False
         self._running.interrupt(cause)
@@ -234,7 +236,7 @@ class GripperService:
         if self._ownership.stops != caller.stops:
             raise StopReason("a stop was requested while the request was being read", by="").error
         if isinstance(command, GripperRelease):
-            return  # a jammed object must come out, whatever has happened
+            return  # a jammed object must come out in any case
         if self._is_latched(False):
             state = self._link.state()
             raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")
@@ -254,12 +256,12 @@ class GripperService:
             raise
 
     def _halt(self, worker: GripperWorker, running: Running) -> None:
-        """Stop the fingers of a command that ends early, unless another command already has them."""
+        """Stop the fingers after a command that ends early, unless another command already moves them."""
         if self._running is running:
             worker.tell(lambda gripper: gripper.stop())
 
     def _note(self, command: AnyGripperCommand, state: GripperState, *, good: bool) -> None:
-        """Publish what an ended command has grasped or released."""
+        """Publish what a command that has ended has grasped or released."""
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
                 self._note_grasp(state)
@@ -311,7 +313,7 @@ class GripperService:
         self._holds = holds
 
     def _adopt(self, state: GripperState) -> None:
-        """Take over an object that an earlier run of the service has left in the gripper."""
+        """Take over an object that was in the gripper when an earlier run of the service ended."""
         if state.object is None:
             self._holds = self._held.name is not None
         elif not state.object.is_held:
