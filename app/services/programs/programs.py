@@ -1,4 +1,4 @@
-"""Programs: sequences and Lua files in one folder. One of them is loaded and run at a time."""
+"""Programs: sequences and Lua files in one folder. Only one of them is loaded and run at a time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ProgramService:
         folder: folder of the programs. Files outside it are never run.
 
     Attributes:
-        loaded: the loaded program's name below the folder, "" for none.
+        loaded: path of the loaded program below the folder; "" if none is loaded.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class ProgramService:
         return self._sequences.status.status == "running"
 
     def names(self) -> list[str]:
-        """All programs of the folder, by their path below it."""
+        """List all programs in the folder, by their path below it."""
         folder = self._folder.resolve()
         found = (path for path in folder.rglob("*") if path.suffix in SUFFIXES and path.is_file())
         return sorted(str(path.relative_to(folder)) for path in found)
@@ -74,14 +74,15 @@ class ProgramService:
             name: path below the folder, with the suffix.
 
         Raises:
-            InputError: the path leads out of the folder, or the program has an error; the message says where.
+            InputError: the path leads out of the folder, or the program contains an error. The message says
+                where.
             NotFoundError: there is no such program.
             ConflictError: a program runs.
         """
         if self.running:
             raise ConflictError(f"a program is running ({self.loaded or 'a sequence'}); stop it first")
         path = self._path(name)
-        async with self._checking:  # each check is a process
+        async with self._checking:  # each check starts a process
             await _check(path, self._folder)
         self.loaded = name
 
@@ -89,10 +90,10 @@ class ProgramService:
         """Run the loaded program once. Returns when its process has started.
 
         Args:
-            stops: `Ownership.stops` when the call came in.
+            stops: `Ownership.stops` when the request arrived.
 
         Raises:
-            ConflictError: no program is loaded, one runs, or another client moves the arm.
+            ConflictError: no program is loaded, a program already runs, or another client moves the arm.
             MotionStopped, UnavailableError: see `SequenceService.start`.
         """
         if not self.loaded:
@@ -104,10 +105,10 @@ class ProgramService:
         await self._sequences.start(SequenceOrder(config=content, name=self.loaded), stops)
 
     async def pause(self) -> None:
-        """Pause: the arm stops on its path, and the program waits at its next motion.
+        """Pause the program. The arm stops on its path, and the program waits at its next motion.
 
         Raises:
-            ConflictError: no program runs, or it has a streaming session.
+            ConflictError: no program runs, or the program has a streaming session.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         self._require_running()
@@ -131,11 +132,10 @@ class ProgramService:
         await self._ownership.speed_override.resume()
 
     async def stop(self) -> None:
-        """End the program and the motion. Returns when the arm is at rest, or at once if there is nothing to
-        end.
+        """End the program and the motion. Returns when the arm is at rest, or at once if nothing is running.
 
         Raises:
-            ExecutionError: the arm is not known to be at rest; the error has the reason.
+            ExecutionError: the arm is not known to be at rest; the error gives the reason.
         """
         self._underway = RunState.STOPPING
         try:
@@ -160,7 +160,7 @@ class ProgramService:
 
 
 async def _check(path: Path, folder: Path) -> None:
-    """Let the runner check a program in a process of its own, as it will be run."""
+    """Make the runner check a program in a separate process, in the same way as it will be run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
         "cobot.runner",

@@ -1,4 +1,4 @@
-"""Sequences: a runner process that uses this service like any other client.
+"""Runs sequences in a runner process, which uses this service like any other client.
 
 Control of the arm is claimed before the runner starts, and released after it has ended and its output has
 been read.
@@ -46,7 +46,7 @@ may read hundreds of them at once.
 """
 PROGRESS = ("iteration", "waypoint", "n_waypoints", "step")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
-"""Errors by the runner's return code. All other codes mean that a motion has failed."""
+"""Errors by the return code of the runner. All other codes mean that a motion has failed."""
 ERROR_LINE = " error: "
 FINDING = [each.name for each in fields(Finding)]
 
@@ -58,12 +58,12 @@ class SequenceOrder:
     Attributes:
         config: the JSON document or the Lua program as uploaded; the runner validates it.
         bag_path: folder of the recording, below the recordings folder; "" for no recording.
-        topics: recorded data, separated by commas; "" for all.
-        joints_action, pose_action: accepted for compatibility and written to the log. They have no other
-            effect.
+        topics: names of the data to record, separated by commas; "" for all.
+        joints_action, pose_action: values that are accepted for compatibility and written to the log. They
+            have no other effect.
         name: name of the uploaded file. A name that ends in .lua means a Lua program.
         from_waypoint: first waypoint of the first iteration; None: begin at home.
-        hold: whether it waits before its first motion until its job is resumed or stepped.
+        hold: whether the sequence waits before its first motion until its job is resumed or stepped.
     """
 
     config: bytes
@@ -97,7 +97,7 @@ class SequenceStatus:
 
 
 class SequenceService:
-    """Starts, watches and ends the runner. While the runner lives, it holds the claim on the arm."""
+    """Starts, watches and ends the runner. This service holds the claim on the arm while the runner lives."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class SequenceService:
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
         self._steps: RunnerInstructions | None = None
-        self._stopped: StopReason | None = None  # reason for which the runner was told to end
+        self._stopped: StopReason | None = None  # reason why the runner was told to end
         self._error_line = ""  # the newest error that the current runner has printed
         self._failure: dict[str, Any] | None = None  # the same error in the form of `Progress.fail`
         self._process: asyncio.subprocess.Process | None = None
@@ -125,14 +125,14 @@ class SequenceService:
         self.status = SequenceStatus()
 
     def lines(self, count: int) -> list[str]:
-        """The newest lines that runners have printed, the oldest of them first."""
+        """Return the newest lines that runners have printed, in order of time."""
         return list(self._lines)[-count:]
 
     async def start(self, order: SequenceOrder, stops: int) -> SequenceStatus:
-        """Start the runner. Its status and its log later report whether the file is valid.
+        """Start the runner. The status and the log later report whether the file is valid.
 
         Args:
-            stops: `Ownership.stops` when the request came in.
+            stops: `Ownership.stops` when the request arrived.
 
         Raises:
             ConflictError: a sequence runs, or another client moves the arm.
@@ -153,7 +153,7 @@ class SequenceService:
         token = secrets.token_urlsafe(32)
         kind = JobKind.PROGRAM if program else JobKind.SEQUENCE
         self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
-        starter = acting.get()  # the program has the rights of that client while it runs
+        starter = acting.get()  # while it runs, the program has the rights of the client that started it
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
@@ -190,11 +190,11 @@ class SequenceService:
         return self.status
 
     async def stop(self, reason: StopReason | None = None) -> str | None:
-        """End the runner; kill it if it does not end by itself. Returns a description of what was stopped, or
-        None.
+        """End the runner, and kill it if it does not end by itself. Returns a description of what was
+        stopped, or None if nothing was running.
 
         Args:
-            reason: the reason that is reported; None: a client has requested it.
+            reason: the reason that is reported; None if a client has requested the stop.
         """
         if self._starting:  # `start` sees the count of stops, and ends what it has begun
             return "the start of a sequence"
@@ -224,8 +224,8 @@ class SequenceService:
     async def _spawn(
         self, order: SequenceOrder, bag: Path | None, token: str
     ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, int]:
-        """Start the runner. Returns it with the pipe for its progress reports and the pipe for answers to
-        it.
+        """Start the runner process. Returns the process, the pipe for its progress reports and the pipe for
+        answers to it.
         """
         arguments = ["run", "-", "--url", self._base_url, "--folder", str(self._settings.programs)]
         if order.name:
@@ -276,14 +276,14 @@ class SequenceService:
     async def _watch(
         self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, token: str
     ) -> None:
-        """Follow the runner to its end, however it ends, and then release the claim on the arm."""
+        """Follow the runner until it ends for any reason, and then release the claim on the arm."""
         assert process.stdout is not None
         readers = [
             asyncio.create_task(self._read_log(process.stdout)),
             asyncio.create_task(self._read_progress(progress)),
         ]
         returncode = await process.wait()
-        # A grandchild may keep the pipes open. Data that has arrived is read, and no more is waited for.
+        # A grandchild may keep the pipes open. So only data that has already arrived is read.
         await asyncio.wait(readers, timeout=0.5)
         for reader in readers:
             reader.cancel()
@@ -300,7 +300,7 @@ class SequenceService:
         self._note(f"sequence {number} finished, return code {returncode}")
 
     def _error(self, returncode: int) -> CobotError | None:
-        """The error for a return code of the runner."""
+        """Return the error for a return code of the runner."""
         if returncode == 0:
             return None
         if self._stopped is not None:
@@ -348,7 +348,7 @@ class SequenceService:
                     await self._answer_runner(self._steps, event)
 
     async def _answer_runner(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
-        """The answer to a request of the runner, once nothing is paused. Outputs and grippers wait like
+        """Answer a request from the runner once nothing is paused. Outputs and gripper commands wait like
         motions.
         """
         override = self._ownership.speed_override
@@ -364,7 +364,7 @@ class SequenceService:
 
     @property
     def steps(self) -> RunnerInstructions:
-        """The instructions for the runner at its waypoints.
+        """Return the object that instructs the runner at its waypoints.
 
         Raises:
             ConflictError: no sequence runs.
@@ -394,12 +394,14 @@ class SequenceService:
 
 
 def _printable(name: str) -> str:
-    """The last part of a file's name, with only characters that are allowed in a command line."""
+    """Return the last part of a file's name, reduced to characters that are allowed on a command line."""
     return "".join(character for character in Path(name).name[-100:] if character.isprintable())
 
 
 def _unnamed_file(content: bytes) -> IO[bytes]:
-    """A temporary file without a name, with this content. It is deleted when its last reader closes it."""
+    """Make a temporary file without a name, with this content. It is deleted when its last reader closes
+    it.
+    """
     file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
     file.write(content)
     file.seek(0)

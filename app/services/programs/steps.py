@@ -1,4 +1,4 @@
-"""Control of a sequence between two steps: whether it continues, and with which waypoint.
+"""Controls a sequence between two steps: decides whether it continues, and at which waypoint.
 
 The runner asks before each of its steps, and waits for the answer: a line of JSON in a pipe. A waypoint is
 the number of a step in the outermost list.
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from cobot.errors import ConflictError, InputError
 
 NEXT = 0
-"""Stands for the next waypoint that is reached."""
+"""Value that means the next waypoint that is reached."""
 
 
 class RunnerInstructions:
@@ -23,7 +23,8 @@ class RunnerInstructions:
     Args:
         descriptor: descriptor of the pipe that the runner reads; `close` closes it.
         first: the first waypoint; None for the beginning.
-        changed: called when the runner is held (true) or released (false).
+        changed: function that is called with true when the runner is held, and with false when it is
+            released.
         hold: whether the runner waits before its first motion.
     """
 
@@ -37,18 +38,18 @@ class RunnerInstructions:
         self._hold_next = False
         self._hold_at: int | None = None
         self._behind = 0
-        self._n_waypoints: int | None = None  # until it has asked
+        self._n_waypoints: int | None = None  # until the runner has asked
         self.held = False
 
     def ask(self, behind: int, n_waypoints: int) -> bool:
         """Handle the runner's question whether to continue.
 
         Args:
-            behind: the last reached waypoint, 0 for none.
+            behind: the last waypoint that was reached; 0 if none was reached.
             n_waypoints: number of waypoints, 0 for a program.
 
         Returns:
-            Whether the runner may continue; then call `answer` as soon as nothing is paused.
+            Whether the runner may continue. If so, call `answer` as soon as nothing is paused.
         """
         self._n_waypoints, self._behind = n_waypoints, behind
         has_begun = self._first is None  # otherwise its next step is the first one
@@ -62,11 +63,11 @@ class RunnerInstructions:
         return True
 
     def answer(self) -> None:
-        """Let the waiting runner continue."""
+        """Make the waiting runner continue."""
         self._answer(None)
 
     def answer_time(self, paused_s: float) -> None:
-        """Tell the runner, which asks within a step, the total time for which it was paused, s."""
+        """Answer a runner that asks within a step, with the total time for which it was paused, s."""
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:
@@ -88,11 +89,11 @@ class RunnerInstructions:
             self._hold_at = waypoint
 
     def resume(self, waypoint: int | None = None, *, step: bool = False) -> None:
-        """Let the runner continue, if it waits or would wait at the next waypoint.
+        """Make the runner continue, if it waits or would wait at the next waypoint.
 
         Args:
             waypoint: waypoint to continue with; None for the next one.
-            step: whether it waits again at the next waypoint.
+            step: whether the runner waits again at the next waypoint.
 
         Raises:
             ConflictError: the runner does not wait at a waypoint, so it cannot continue with another one.
@@ -125,5 +126,5 @@ class RunnerInstructions:
         self._write({"waypoint": waypoint})
 
     def _write(self, answer: dict[str, float | None]) -> None:
-        with contextlib.suppress(OSError):  # it has ended
+        with contextlib.suppress(OSError):  # the runner has ended
             os.write(self._descriptor, json.dumps(answer).encode() + b"\n")

@@ -1,8 +1,9 @@
-"""Stored programs: named in any language, with versions, in a folder of the robot.
+"""Stored programs in a folder of the robot. Their names can be in any language, and several versions of each
+are kept.
 
-Each version is a file of its own, which `keep` writes as a whole. So a full disk or a killed process leaves
+Each version is a separate file, which `keep` writes as a whole. So a full disk or a killed process leaves
 earlier versions unchanged. The files are read for each request, so there is no copy in memory that could
-differ.
+differ from them.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ from cobot.robot.kept import keep, read_kept
 from cobot.strict import shown
 
 MAX_PROGRAMS, MAX_VERSIONS = 200, 20
-"""Maximum number of programs, and of versions of each program. Beyond the latter the oldest versions are
-deleted.
+"""Maximum number of programs, and maximum number of versions of each program. If there are more versions, the
+oldest ones are deleted.
 """
 MAX_CHARACTERS = 400_000
 """Maximum length of a program's text, in characters."""
 MAX_TOTAL_BYTES = 200_000_000
 """Maximum size of the folder, in bytes."""
 MAX_DELETED = 1000
-"""Maximum number of deleted programs whose last versions are kept individually."""
+"""Maximum number of deleted programs for which the number of the last version is kept individually."""
 DELETED = ".deleted.json"
-"""The file with the last version of each deleted program. A new program with the same id continues the count.
-So a client that has opened the deleted program cannot overwrite the new one.
+"""Name of the file with the last version number of each deleted program. A new program with the same id
+continues the numbering. So a client that still has the deleted program open cannot overwrite the new one.
 """
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 SUFFIXES = {"sequence": ".json", "lua": ".lua"}
@@ -74,10 +75,11 @@ class ProgramVersion:
     """One version of a stored program.
 
     Attributes:
-        author: name of the client that saved it; without a token its own name in quotes.
+        author: name of the client that saved the version. Without a token, this is the name that the client
+            gives itself, in quotes.
         time: time of saving, ISO 8601 in UTC; for an example, the start of the service.
-        example: whether it belongs to the robot's cell. It can then be copied, but neither changed nor
-            deleted.
+        example: whether the program belongs to the robot's cell. An example can be copied, but neither
+            changed nor deleted.
     """
 
     id: str
@@ -95,22 +97,22 @@ class ProgramVersion:
 
 @dataclass(frozen=True, slots=True)
 class Deleted:
-    """The last versions of deleted programs.
+    """The last version numbers of deleted programs.
 
     Attributes:
-        last: the last version by the program's id, the newest deletion at the end.
-        others: the highest version of all programs that were dropped from `last`.
+        last: the last version number by the program's id, with the newest deletion at the end.
+        others: the highest version number of all programs that were dropped from `last`.
     """
 
     last: dict[str, int]
     others: int = 0
 
     def version_of(self, program: str) -> int:
-        """The version after which a new program with this id continues."""
+        """Return the version number after which a new program with this id continues."""
         return self.last.get(program, self.others)
 
     def with_program(self, program: str, version: int) -> Deleted:
-        """A copy to which a deleted program is added."""
+        """Return a copy to which a deleted program is added."""
         last = {each: number for each, number in self.last.items() if each != program} | {program: version}
         gone = list(last)[: max(len(last) - MAX_DELETED, 0)]
         others = max([self.others, *(last.pop(each) for each in gone)])
@@ -126,7 +128,7 @@ class StoredPrograms:
 
     Args:
         folder: folder of the programs. It is created with the first program; only the user can read it.
-        examples: programs of the robot's cell, which are listed too.
+        examples: example programs of the robot's cell, which are listed too.
     """
 
     def __init__(self, folder: Path, link: RobotLink, examples: Sequence[ExampleProgram] = ()) -> None:
@@ -138,11 +140,11 @@ class StoredPrograms:
         self._turn = asyncio.Lock()
 
     async def all(self) -> list[ProgramVersion]:
-        """The newest version of each program, by label."""
+        """List the newest version of each program, sorted by label."""
         return await asyncio.to_thread(self._all)
 
     async def read(self, program: str, version: int | None = None) -> ProgramVersion:
-        """One version, the newest by default.
+        """Read one version; by default the newest.
 
         Raises:
             NotFoundError: there is no such program or version.
@@ -151,7 +153,7 @@ class StoredPrograms:
         return await asyncio.to_thread(self._read, program, version)
 
     async def versions(self, program: str) -> list[ProgramVersion]:
-        """All kept versions of a program, the newest first.
+        """List all kept versions of a program, newest first.
 
         Raises:
             NotFoundError: there is no such program.
@@ -163,14 +165,15 @@ class StoredPrograms:
         return await asyncio.to_thread(lambda: [self._read(program, each) for each in reversed(numbers)])
 
     async def save(self, program: str, saved: ProgramText, base: int | None) -> ProgramVersion:
-        """Save a version. It is on disk when this returns. Saving the same again, after a lost answer, makes
-        no new version.
+        """Save a version. It has been written to disk when this returns. Saving the same text again, after a
+        lost answer, makes no new version.
 
         Args:
-            base: the version that was changed; None for a new program.
+            base: number of the version that was edited; None for a new program.
 
         Raises:
-            ChangedError: another version was saved meanwhile, or the program exists, or it was deleted.
+            ChangedError: a newer version was saved meanwhile, or the program already exists, or it was
+                deleted.
             InputError: the id is invalid, or the text is not a JSON object.
             ConflictError: there are too many programs, their folder is too large, or the program is an
                 example.
@@ -190,7 +193,8 @@ class StoredPrograms:
         """Delete a program with all its versions.
 
         Args:
-            base: the newest version that the client knows; None: delete any version.
+            base: number of the newest version that the client knows; None to delete the program regardless of
+                its version.
 
         Raises:
             NotFoundError: there is no such program.
@@ -234,7 +238,7 @@ class StoredPrograms:
         return [each.name for each in self._folder.iterdir() if _ID.fullmatch(each.name)]
 
     def _numbers(self, program: str) -> list[int]:
-        """Numbers of the kept versions, in ascending order."""
+        """List the numbers of the kept versions, in ascending order."""
         return _numbers_in(self._folder / program) if _ID.fullmatch(program) else []
 
     def _require(self, program: str) -> list[int]:
@@ -299,7 +303,7 @@ class StoredPrograms:
             raise UnavailableError(f"{self._folder}: cannot be created: {exc.strerror}") from exc
 
     def _deleted_version(self, program: str) -> int:
-        """The last version of a deleted program with this id."""
+        """Return the last version number of a deleted program with this id."""
         return max([self._deleted().version_of(program), *_numbers_in(self._deleted_file(program))])
 
     def _deleted(self) -> Deleted:
@@ -338,7 +342,7 @@ class StoredPrograms:
         newest = numbers[-1]
         try:
             there = self._read(program, None)
-        except UnavailableError:  # a damaged one can be deleted too
+        except UnavailableError:  # a damaged program can be deleted too
             there = ProgramVersion(program, newest, "?", "?", ProgramText(program, "sequence", ""))
         if base is not None and base != newest:
             raise ChangedError(
@@ -354,7 +358,7 @@ class StoredPrograms:
             os.truncate(aside / f"{newest}.json", 0)
         except OSError as exc:
             raise UnavailableError(f"{aside}: cannot be deleted: {exc.strerror}") from exc
-        # On a full disk the empty file, by its name, says which version was deleted.
+        # If the disk is full, the name of the empty file still states which version was deleted.
         with contextlib.suppress(UnavailableError):
             known = self._deleted().with_program(program, newest)
             keep(self._folder / DELETED, json.dumps(asdict(known)).encode(), f"program {shown(program)}")
@@ -372,7 +376,7 @@ def _example(program: ExampleProgram, started: str) -> ProgramVersion:
 
 
 def _numbers_in(folder: Path) -> list[int]:
-    """Numbers of the versions in a folder, in ascending order."""
+    """List the numbers of the versions in a folder, in ascending order."""
     if not folder.is_dir():
         return []
     found = (_VERSION.fullmatch(each.name) for each in folder.iterdir())

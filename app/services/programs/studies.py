@@ -1,8 +1,8 @@
-"""Studies that clients request. Each runs in a process of its own with the lowest priority, and writes into a
+"""Studies that clients request. Each runs in a separate process with the lowest priority, and writes into a
 folder.
 
 The folder's name is a hash of the question, the robot, its tool and its scene. If the same study is requested
-again, it continues where it ended, whatever ended it.
+again, it continues where it ended, regardless of why it ended.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ MAX_TASKS = 300_000
 MAX_TOTAL_BYTES = 1_000_000_000
 """Maximum size of all studies of a robot together, in bytes."""
 MIN_BYTES = 10_000_000
-"""Free part of `MAX_TOTAL_BYTES` that a study needs at its start, in bytes."""
+"""Part of `MAX_TOTAL_BYTES` that must be free when a study starts, in bytes."""
 MAX_STARTS = 3
-"""Maximum number of starts of a study's process, if it is killed."""
+"""Maximum number of times that the process of a study is started, if it is killed."""
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
 ENDED = "the service ended meanwhile"
@@ -52,8 +52,8 @@ class StudyService:
     """The studies of one robot.
 
     Args:
-        config: settings file; None for the one that ships with cobot.
-        turn: lock that is held while a study of any robot runs.
+        config: settings file; None for the file that ships with cobot.
+        turn: lock that is held while a study for any robot runs.
 
     Attributes:
         niceness: niceness of the computing processes.
@@ -78,19 +78,19 @@ class StudyService:
 
         Args:
             document: the study as in a study file, without references to files.
-            stored: text and file name of the stored program to which it refers.
-            max_s: maximum duration of this run.
+            stored: text and file name of the stored program to which the study refers.
+            max_s: maximum duration of this run, s.
 
         Raises:
             ConflictError: another study runs, or there are too many.
             CobotError: the study is invalid.
-            UnavailableError: its process cannot be started, or does not answer in time.
+            UnavailableError: the process of the study cannot be started, or does not answer in time.
         """
         if self._turn.locked():
             raise ConflictError(
                 "another study is running; wait for it, or cancel its job", details={"cause": "runs"}
             )
-        await self._turn.acquire()  # `_follow` releases it
+        await self._turn.acquire()  # `_follow` releases the lock
         try:
             request = await asyncio.to_thread(self._request, document, stored, max_s)
         except BaseException:
@@ -115,12 +115,12 @@ class StudyService:
         return run.status
 
     async def all(self) -> list[StudyStatus]:
-        """All studies, the newest first."""
+        """List all studies, newest first."""
         found = await asyncio.to_thread(self.files.all)
         return [self._with_run(each) for each in found]
 
     async def read(self, study: str) -> StudyStatus:
-        """One study.
+        """Return one study.
 
         Raises:
             NotFoundError: there is no such study.
@@ -128,10 +128,10 @@ class StudyService:
         return self._with_run(await asyncio.to_thread(self.files.read, study))
 
     async def file(self, study: str, *names: str) -> Path:
-        """The first of these files that exists for the study.
+        """Return the first of these files that exists for the study.
 
         Raises:
-            NotFoundError: there is no such study, or it has none of these files yet.
+            NotFoundError: there is no such study, or none of these files exists yet.
         """
         status = await self.read(study)
         for name in names:
@@ -154,7 +154,7 @@ class StudyService:
         await asyncio.to_thread(self.files.delete, study)
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
-        """End the study of this job with a partial answer. Returns whether the job is that of a study."""
+        """End the study of this job with a partial answer. Return whether the job belongs to a study."""
         run = self._run
         if run is None or run.job is not job:
             return False
@@ -204,7 +204,7 @@ class StudyService:
         }
 
     async def _follow(self, run: StudyRun) -> None:
-        """Compute a study to its end, even if its process is killed in between."""
+        """Follow a study to its end. If its process is killed, start the process again."""
         error: BaseException | None = None
         try:
             for _ in range(MAX_STARTS):
@@ -258,7 +258,7 @@ class StudyService:
             log.error("%s", exc)
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
-        """The current status of a study. For a running study the file is out of date.
+        """Return the current status of a study. The file of a running study is out of date.
 
         A study counts as running until the next one can be started.
         """

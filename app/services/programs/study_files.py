@@ -1,4 +1,4 @@
-"""The studies of a robot on disk: one folder each, with its status and its results."""
+"""The studies of a robot on disk. Each has one folder with its status and its results."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class StudyStatus:
     Attributes:
         state: running, finished, partial (it can be continued), or failed.
         reason: reason why the study is not finished; "" while it runs and after it has finished.
-        answer: answer from the results so far, by displayed names.
-        left_s: estimated remaining time; None while it is unknown.
+        answer: answer from the results so far, as values by displayed names.
+        left_s: estimated remaining time, s; None while it is unknown.
         placement: for a placement study, the poses of the best base and TCP: x, y, z, w, x, y, z.
-        maps: whether the study has a map.
-        job: job of the last run.
+        maps: whether the study produces a map.
+        job: id of the job of the last run.
     """
 
     id: str
@@ -59,14 +59,14 @@ _STATUS = TypeAdapter(StudyStatus)
 
 
 class StudyFiles:
-    """The kept studies. The methods block while they access the disk."""
+    """The studies that are kept on disk. The methods block while they access the disk."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     @property
     def total_bytes(self) -> int:
-        """Size of all studies together."""
+        """Size of all studies together, in bytes."""
         return size_of(self.folder)
 
     def keep(self, status: StudyStatus) -> None:
@@ -94,7 +94,7 @@ class StudyFiles:
         return []
 
     def all(self) -> list[StudyStatus]:
-        """All studies, the newest first, with their last written status."""
+        """List all studies with their last written status, newest first."""
         found = []
         for study in self.ids():
             try:
@@ -104,7 +104,7 @@ class StudyFiles:
         return sorted(found, key=lambda each: each.started_at, reverse=True)
 
     def read(self, study: str) -> StudyStatus:
-        """One study, with its last written status.
+        """Return one study with its last written status.
 
         Raises:
             NotFoundError: there is no such study.

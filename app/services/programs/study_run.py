@@ -1,4 +1,4 @@
-"""A running study: its process, and the process's reports."""
+"""A running study: its process, and the reports from this process."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _ERRORS: dict[str, type[CobotError]] = {
         UnavailableError,
     )
 }
-"""Errors of the process by their codes. Any other code means that the study does not fit the robot."""
+"""Errors that the process reports, by their codes. Any other code means that the study does not fit the
+robot.
+"""
 Keep = Callable[[StudyStatus], Awaitable[None]]
 
 
@@ -46,9 +48,9 @@ class StudyRun:
     """A running study.
 
     Attributes:
-        known: set once the folder is known. Also set if the study fails before, so that the next study may
-            start.
-        error: reason of a failure.
+        known: event that is set once the folder is known. It is also set if the study fails earlier, so that
+            the next study may start.
+        error: reason of a failure; None if there is none.
         cancelled: reason of a cancellation.
     """
 
@@ -65,7 +67,7 @@ class StudyRun:
         """Start the process, and follow it to its end.
 
         Args:
-            keep: called with the status once the folder of the study is known.
+            keep: function that is called with the status once the folder of the study is known.
         """
         self.process = await asyncio.create_subprocess_exec(
             *RUN_MODULE,
@@ -86,14 +88,14 @@ class StudyRun:
                 self.process.stdin.close()
             while (line := await self.process.stdout.readline()) and await self._take(json.loads(line), keep):
                 pass
-        except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
+        except ValueError:  # a line longer than LINE_BYTES, or the last line of a killed process
             self.error = self.error or ExecutionError("the answer of the study is too large, or was cut")
         finally:
             self.kill()
             await self.process.wait()
 
     async def _take(self, line: dict[str, Any], keep: Keep) -> bool:
-        """Handle a line from the process, see `cobot.studies.served`. Returns whether more lines may
+        """Handle a line from the process; see `cobot.studies.served`. Returns whether more lines may
         follow.
         """
         status = self.status
@@ -126,7 +128,7 @@ class StudyRun:
         return error is None
 
     def kill(self) -> None:
-        """Kill the process and its workers, which are in its session."""
+        """Kill the process and its workers, which belong to the same process session."""
         if self.process is not None and self.process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Health of the whole product: processes, cycle times, versions."""
+"""Reports the health of the whole product: processes, cycle times and versions."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ SHARES = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health. `status` is "ok", or "degraded" with the `problems`; the other fields are plain JSON
-    values.
+    """A health report. `status` is "ok", or "degraded" if there are `problems`. The other fields are plain
+    JSON values.
     """
 
     status: str
@@ -52,7 +52,7 @@ class Health:
 
 
 class HealthService:
-    """Collects the health. It answers even if other parts fail."""
+    """Makes the health report. It answers even if other parts fail."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class HealthService:
         self._started_s = link.clock.now_s()
 
     def health(self) -> Health:
-        """The current health."""
+        """Return the current health report."""
         problems: list[str] = []
         robot: dict[str, object] = {"name": self._robot, "mode": None, "reason": "", "settled": None}
         rtloop: dict[str, object] = {"alive": False, "pid": None}
@@ -137,7 +137,9 @@ class HealthService:
         )
 
     def obstacles(self) -> list[str]:
-        """The reasons why the robot would not execute a motion now, as sentences; empty if it is ready."""
+        """Return the reasons why the robot would not execute a motion now, as sentences; empty if it is
+        ready.
+        """
         starting = [] if self._planning.warm else ["the planning processes are starting"]
         try:
             state = self._link.state()
@@ -153,7 +155,7 @@ class HealthService:
         return starting
 
     def _session(self, state: RobotState) -> dict[str, object] | None:
-        """The streaming session, opened by this service or by another process."""
+        """Describe the streaming session that this service or another process has opened."""
         if state.session == 0:
             return None
         ours = self._streams.session
@@ -163,7 +165,7 @@ class HealthService:
 
 
 def _seconds_since(moments_ns: list[int], now_ns: int) -> dict[str, float | None]:
-    """Time since the last intervention, by kind, s; None if there was none."""
+    """Return the time since the last intervention of each kind, s; None if there was none."""
     seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
     return dict(zip(KINDS, seconds, strict=True))
 
@@ -181,7 +183,9 @@ def _process(statistics: np.ndarray) -> dict[str, object]:
 
 
 def _cycle_times(statistics: np.ndarray) -> dict[str, dict[str, float]]:
-    """Percentiles of each phase in µs, from its histogram. The last bucket also has all longer times."""
+    """Calculate the percentiles of each phase from its histogram, µs. The last bucket also counts all longer
+    times.
+    """
     times = {}
     for phase in Phase:
         counts = np.cumsum(statistics["histogram"][phase])

@@ -10,11 +10,11 @@ from app.services.events.ring import Event, Events
 from app.services.reports.states import StateTexts
 
 KEEP_ALIVE_S = 5.0
-"""Interval of keep-alive messages without events, s. A listener that misses them can conclude that its
-connection is lost.
+"""Interval of keep-alive messages while there are no events, s. A listener that misses them can conclude that
+its connection is lost.
 """
 BATCH = 64
-"""Maximum number of events that are sent at once, before other listeners get their turn."""
+"""Maximum number of events that are sent at once before it is the turn of other listeners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class EventFilter:
 
     Attributes:
         types: types of events; None for all.
-        robots: the robots whose events are wanted; None for all.
+        robots: names of the robots whose events are sent; None for all.
     """
 
     types: Collection[str] | None = None
@@ -36,12 +36,12 @@ class EventFilter:
 
 
 class Listener:
-    """A listening client. Its events are read from the ring when they can be sent, so a slow client delays
+    """A listening client. Events are read from the ring only when they can be sent, so a slow client delays
     nothing.
 
     Args:
         after: see `Events.place`.
-        states: the robots whose newest state is sent at `state_hz`.
+        states: names of the robots whose newest state is sent at `state_hz`.
 
     Attributes:
         epoch: epoch of its events.
@@ -75,7 +75,7 @@ class Listener:
         events.on_news.add(self._call)
 
     def close(self) -> None:
-        """Close the listener: `next` then ends."""
+        """Close the listener. A waiting `next` then returns."""
         self._closed = True
         self._timer.cancel()
         self._events.on_news.discard(self._call)
@@ -115,7 +115,7 @@ class Listener:
             wanted = [each for each in batch if each in self._wanted]
             if wanted:
                 yield from wanted
-                self._call()  # there may be more
+                self._call()  # there may be more events
                 return
 
     def _take_tick(self) -> Iterator[Event]:
@@ -128,8 +128,8 @@ class Listener:
             yield self._event("alive", {})
 
     def _tick(self) -> None:
-        """Make states due. The next tick stays on the grid of the rate, unless the event loop is a period
-        late.
+        """Make states due. The next tick stays on the time grid of the rate, unless the event loop is a whole
+        period late.
         """
         self._due = True
         self._call()
@@ -137,5 +137,5 @@ class Listener:
         self._timer = self._loop.call_at(self._tick_s, self._tick)
 
     def _event(self, kind: str, data: dict[str, object]) -> Event:
-        """An event about the listener's position. Its number is that position."""
+        """Make an event about the listener's position. The number of the event is this position."""
         return Event(self._place, kind, "", self._events.rendered(kind, "", data, self._place))

@@ -1,4 +1,4 @@
-"""Recordings for clients: the existing files, and requests to the recorder."""
+"""Recordings for clients: lists the existing files, and sends requests to the recorder."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from cobot.recording.control import HANG_S, SILENT_S, ask, socket_path
 from cobot.recording.store import Recording, RecordingStore
 
 START_S = 30.0
-"""Maximum time for which the first recorder of a `cobot run` may not answer, s, because it is still
-starting.
+"""Maximum time for which the first recorder of a `cobot run` may not answer because it is still starting,
+s.
 """
 LOOK_S = 0.2
-"""Interval between checks whether the recorder is alive, s."""
+"""Interval at which the service checks that the recorder is alive, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +31,11 @@ class RecorderStatus:
     """The status of a robot's recorder.
 
     Attributes:
-        alive: whether it has updated its heartbeat in the last seconds.
-        recording: the running continuous recording, "" for none.
-        lost: number of cycles that no recording has, because the recorder was too slow.
+        alive: whether the recorder has updated its heartbeat in the last few seconds.
+        recording: name of the running continuous recording; "" if there is none.
+        lost: number of cycles that are missing in the recordings, because the recorder was too slow.
         files, bytes: number and total size of all recordings.
-        problem: reason why nothing can be recorded; "" without a problem.
+        problem: reason why nothing can be recorded; "" if recording is possible.
     """
 
     alive: bool
@@ -52,7 +52,7 @@ class RecordingService:
 
     Args:
         settings: settings of the robot.
-        default_robot: name of the default robot, from which the recorder's socket gets its name.
+        default_robot: name of the default robot, from which the name of the recorder's socket is derived.
 
     Attributes:
         reading: lock, so that only one recording at a time is read.
@@ -71,11 +71,11 @@ class RecordingService:
         return self._store.max_bytes
 
     def all(self) -> list[Recording]:
-        """All recordings, the newest first."""
+        """List all recordings, newest first."""
         return self._store.all()
 
     def path(self, name: str) -> Path:
-        """The path of a finished recording.
+        """Return the path of a finished recording.
 
         Raises:
             InputError: the name is invalid.
@@ -90,14 +90,16 @@ class RecordingService:
     async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:
         """Make the recorder `dump` the last seconds, or `start` or `stop` a continuous recording.
 
-        It waits for a recorder that `cobot run` has just started.
+        This waits for a recorder that `cobot run` has just started.
 
         Returns:
-            The names of the files; for a started recording, the prefix of the future names.
+            The names of the files. For a recording that has been started, the prefix of the names of its
+                files.
 
         Raises:
             UnavailableError: the recorder does not run or hangs, or the file cannot be written.
-            ConflictError: a continuous recording already runs, or there is none to stop.
+            ConflictError: a continuous recording is already running, or none is running that could be
+                stopped.
         """
         asked_s = time.monotonic()
         await self._await_start(timeout_s)
@@ -106,7 +108,7 @@ class RecordingService:
         with contextlib.suppress(TornReadError):
             if (record := self._record()) is not None:
                 heard_ns = int(record["monotonic_ns"])
-        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # the wait ends then
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # this ends the wait
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
         asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
         try:
@@ -121,14 +123,14 @@ class RecordingService:
             asking.cancel()
 
     async def _await_start(self, timeout_s: float) -> None:
-        """Return when the recorder has started, or can no longer be expected to start."""
+        """Wait until the recorder has started, or can no longer be expected to start."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 while (status := self.status()) is not None and not status.pid and not status.problem:
                     await asyncio.sleep(LOOK_S)
 
     def _record(self) -> np.ndarray | None:
-        """The recorder's own status record; None if nothing is recorded.
+        """Read the recorder's own status record; None if nothing is recorded.
 
         Raises:
             TornReadError: the record cannot be read.
@@ -143,7 +145,7 @@ class RecordingService:
             return None
 
     def status(self) -> RecorderStatus | None:
-        """The status of the recorder; None if this robot is not recorded."""
+        """Return the status of the recorder; None if this robot is not recorded."""
         try:
             record = self._record()
         except TornReadError as exc:

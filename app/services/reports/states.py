@@ -1,4 +1,4 @@
-"""The newest state of a robot as text. It is made once for all clients that need it at about the same
+"""The newest state of a robot as text. The text is made once for all clients that need it at about the same
 time.
 """
 
@@ -18,11 +18,13 @@ from cobot.types import Array, JointLimits
 SHARED_S = 0.004
 """Maximum age of a text that is sent again, s."""
 DIGITS = 6
-"""Number of decimal places: micrometres and microradians. More would only make the text longer."""
+"""Number of decimal places, which gives micrometres and microradians. More would only make the text
+longer.
+"""
 
 
 class StateTexts:
-    """The events of type `state` of one robot, as JSON texts."""
+    """Makes the events of type `state` for one robot, as JSON texts."""
 
     def __init__(self, events: Events, link: RobotLink, limits: JointLimits) -> None:
         self.robot = link.memory.robot
@@ -31,7 +33,7 @@ class StateTexts:
         self._text = ""
 
     def text(self) -> str:
-        """The newest state as an event of the type `state`, in JSON."""
+        """Return the newest state as an event of type `state`, in JSON."""
         now_s = self._link.clock.now_s()
         if now_s - self._made_s > SHARED_S:
             self._made_s = now_s
@@ -79,7 +81,7 @@ def _pose(tcp: Array) -> dict[str, float]:
 
 
 def _share(values: Array, most: Array) -> float:
-    """The largest share of its limit that a joint uses."""
+    """Return the largest share of its limit that any joint uses."""
     return round(float(np.max(np.abs(values) / most)), 4)
 
 

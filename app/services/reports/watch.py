@@ -1,7 +1,8 @@
 """Publishes changes of rtloop's state as events. One task watches each robot.
 
-It reads the state often while there is a listener or the arm moves, and rarely otherwise, to save time. The
-state counts interventions and motions, so none of them is missed in either case.
+The task reads the state often while there is a listener or the arm moves. Otherwise it reads the state
+rarely, to save time. The state contains counts of interventions and motions, so none of them is missed in
+either case.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from cobot.types import RESTING, LoopMode
 
 PERIOD_S, IDLE_PERIOD_S = 0.01, 0.05
 EPISODE_S = 1.0
-"""Minimum time between two events of the same kind of intervention, s. The first is reported at once."""
+"""Minimum time between two events for the same kind of intervention, s. The first intervention is reported at
+once.
+"""
 
 
 class StateWatch:
@@ -32,8 +35,8 @@ class StateWatch:
 
     Args:
         stale_s: age of a state above which rtloop counts as silent, s.
-        streamer: description of the streaming process.
-        replaced: number of planning processes that were replaced.
+        streamer: function that returns a description of the streaming process.
+        replaced: function that returns the number of planning processes that were replaced.
     """
 
     def __init__(
@@ -144,7 +147,7 @@ async def _watch(link: RobotLink, ownership: Ownership, planning: PlanningServic
             state = link.state()
             cycle = int(link.memory.state.data["cycle"])
             log.look(state)
-        _ = ownership.lease.current  # a lease whose time has passed ends now
+        _ = ownership.lease.current  # ends a lease that has expired
         seen.look(state, cycle, link.clock.now_s())
         awake = link.events.ring.on_news or (state is not None and state.mode not in RESTING)
         await asyncio.sleep(PERIOD_S if awake else IDLE_PERIOD_S)
