@@ -24,7 +24,7 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 MAX_WAIT_S = 3600.0
-"""Longest single wait before `watch` checks the timeout again, s. It is finite because the timeout may be
+"""Longest single wait before the timeout is checked again, s. The wait is limited because the timeout may be
 infinite.
 """
 
@@ -36,11 +36,12 @@ class Caller:
     Attributes:
         name: name that other clients see.
         token: the token of the sequence on whose behalf the arm moves, if any.
-        stops: `Ownership.stops` when the request came in. A later stop applies to this motion too.
+        stops: `Ownership.stops` when the request arrived. A later stop applies to this motion too.
         timeout_s: time after which the motion must have ended, s.
-        gone: set when the client disconnects; then the arm stops.
+        gone: event that is set when the client disconnects. The arm then stops.
         job: the job of the motion; None if the caller needs the claim for something else.
-        waits: whether a client waits for the end. If not, `timeout_s` applies only to the beginning.
+        waits: whether a client waits for the end of the motion. If not, `timeout_s` applies only to its
+            beginning.
     """
 
     name: str
@@ -61,14 +62,14 @@ class Claim:
         stops: the link's count of stops when the claim was made.
         speed_override: speed override of the motion.
         since_s: time when the claim was made, on `clock`.
-        client: the client that has it.
+        client: the client that holds the claim.
         job: see `Caller`.
         timeout_s, left_s: timeout of the motion, and the remaining part of it, s.
         motion_id: number of the motion, once it runs.
         trajectory: trajectory of the motion, once it runs.
         goal: the goal of a single motion; None for all others.
-        interruption: the reason to end early; `interrupted` is set with it.
-        ended: set when the claim has ended.
+        interruption: the reason to end the motion early. The event `interrupted` is set at the same time.
+        ended: event that is set when the claim has ended.
     """
 
     name: str
@@ -88,18 +89,20 @@ class Claim:
     ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """Interrupt this motion. If it is called several times, the first cause counts."""
+        """Interrupt this motion. If this is called several times, the first cause is kept."""
         if self.interruption is None:
             self.interruption = cause
             self.interrupted.set()
 
     def accept(self) -> None:
-        """Note that all checks before planning have passed, so that the request is accepted."""
+        """Record that all checks before planning have passed, so that the request is accepted."""
         if self.job is not None:
             self.job.accepted.set()
 
     def fail(self, error: BaseException) -> None:
-        """Record why the motion failed; only for an error that does not pass through `Ownership.claim`."""
+        """Record why the motion failed. Only needed for an error that does not pass through
+        `Ownership.claim`.
+        """
         if self.job is not None:
             self.job.fail(error)
 
@@ -109,7 +112,7 @@ class Claim:
         self.interrupt(MotionTimeout(f"not {done} within {self.timeout_s:g} s"))
 
     def proceed(self) -> None:
-        """Raise the interruption, if there is one.
+        """Raise the error of the interruption, if there was one.
 
         The timeout may have passed unnoticed, because this process may have been suspended.
         """
@@ -143,7 +146,8 @@ class SequenceClaim:
         token: token of the sequence's requests.
         since_s: time when the claim was made, on the service's clock.
         fraction: speed override before the sequence, which is restored at its end.
-        lease: the lease at that time. If it has ended meanwhile, the speed override is not restored.
+        lease: the lease when the claim was made. If it has ended meanwhile, the speed override is not
+            restored.
         job: job of the sequence.
     """
 
@@ -158,9 +162,10 @@ class SequenceClaim:
 
 @contextlib.contextmanager
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
-    """Interrupt the motion, or its planning, when its client disconnects or its timeout passes.
+    """While the context is open, interrupt the motion or its planning if the client disconnects or the
+    timeout passes.
 
-    The timeout refers to full speed. It is extended while motions are slowed down or paused.
+    The timeout refers to full speed. It is extended while the motion is slowed down or paused.
     """
     override = claim.speed_override
     paused_s, slowed_s = override.paused_s, override.slowed_s

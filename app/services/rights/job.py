@@ -1,4 +1,6 @@
-"""A job: one motion from its request to its end, in the form in which people and programs follow it."""
+"""A job: one motion from its request to its end, in the form in which people and programs follow its
+progress.
+"""
 
 from __future__ import annotations
 
@@ -53,22 +55,22 @@ class JobState(StrEnum):
 
 
 def new_job_id() -> str:
-    """A new, unique job id, also across restarts."""
+    """Make a new job id, which is unique even across restarts."""
     return f"job_{secrets.token_hex(8)}"
 
 
 WITHOUT_ARM = frozenset({JobKind.GRIPPER, JobKind.STUDY})
-"""Kinds that continue while the arm is paused."""
+"""Kinds of jobs that continue while the arm is paused."""
 MAX_REQUEST = 500
 ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
 @dataclass(frozen=True, slots=True)
 class JobError:
-    """The reason why a job has not succeeded, as in the answer of its endpoint.
+    """The reason why a job has not succeeded, in the form of the endpoint's answer.
 
     Attributes:
-        detail: the sentence.
+        detail: the reason as a sentence.
         code, findings, details: code, findings and details of the error, see `CobotError`.
     """
 
@@ -88,25 +90,26 @@ class JobError:
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """A job at one moment. After its end this record is kept.
+    """The state of a job at one moment. The record of its end is kept.
 
     Attributes:
-        request: the request, or the newest change of its goal, shortened, in readable form.
-        path, body: path and body of this HTTP request; "" and None otherwise. A long body is omitted.
+        request: the request, or the newest change of its goal, in a short and readable form.
+        path, body: path and body of the HTTP request; "" and None if there was none. A long body is omitted.
         owner: the client that requested it.
-        parent: the job of its sequence, if it belongs to one.
-        motion_id: number of its newest motion, once there is one.
-        progress: completed share of that motion's path time, 0 to 1; for a sequence, of its waypoints.
+        parent: id of the sequence's job, if the job belongs to a sequence.
+        motion_id: number of the job's newest motion, once there is one.
+        progress: completed share of this motion's path time, 0 to 1. For a sequence, the completed share of
+            its waypoints.
         planned_duration_s: duration of the motion at its planned speed.
         remaining_s: the remaining time at the current speed override; None while it is unknown.
         note: see `Trajectory`.
         started_at: time when its first motion began.
-        actions: actions of its newest motion with actions.
-        waits_for: the condition for which the motion waits, in words; "" for none.
+        actions: results of the actions, for the newest motion that has actions.
+        waits_for: the condition for which the motion waits, in words; "" if there is none.
         stopped_by, contact: see `SignalResults`.
     """
 
-    # A finding may be infinite, and JSON has no number for this.
+    # A finding may be infinite, which JSON cannot express as a number.
     __pydantic_config__: ClassVar[dict[str, Any]] = {"ser_json_inf_nan": "constants"}
 
     id: str
@@ -138,10 +141,10 @@ class Job:
     """A job that has not ended. Its current state is derived from the motion; see `record`.
 
     Attributes:
-        on_change: called after each change of the state.
-        accepted: set when all checks before planning have passed.
-        ended: set at the end; then `end_record` is its last record.
-        motion_id: number of its newest motion.
+        on_change: function that is called after each change of the state.
+        accepted: event that is set when all checks before planning have passed.
+        ended: event that is set at the end. `end_record` is then the last record of the job.
+        motion_id: number of the job's newest motion.
         error: the reason of a failure, once it is known.
     """
 
@@ -183,16 +186,16 @@ class Job:
 
     @property
     def signals(self) -> SignalResults | None:
-        """The results of its actions and conditions; None if it has none."""
+        """The results of the job's actions and conditions; None if it has none."""
         return None if self._signals is None else self._signals()
 
     def begin(self, override: SpeedOverride) -> None:
-        """Note that the job has its claim, with this speed override."""
+        """Record that the job has its claim, with this speed override."""
         self._override = override
         self.on_change(self)
 
     def start(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
-        """Note that a motion of the job has begun; without a motion, that a sequence has begun."""
+        """Record that a motion of the job has begun or, without a motion, that a sequence has begun."""
         self.motion_id = motion_id
         if trajectory is not None:
             self.prolong(trajectory)
@@ -204,24 +207,26 @@ class Job:
         self._signals = results
 
     def prolong(self, trajectory: Trajectory) -> None:
-        """Note that the motion continues along this trajectory."""
+        """Record that the motion continues along this trajectory."""
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
 
     def change_goal(self, path: str, text: str, body: dict[str, Any] | None) -> None:
-        """Note the HTTP request that has changed the goal, in place of the former one."""
+        """Record the HTTP request that has changed the goal. It replaces the former request."""
         self.request = printable(f"{path} {text}", MAX_REQUEST)
         self.path, self.body = path, body
         self.on_change(self)
 
     def enqueue(self, duration_s: float, note: str) -> None:
-        """Record that the motion is planned and waits in the queue. The duration is that at full speed."""
+        """Record that the motion is planned and waits in the queue. `duration_s` is its duration at full
+        speed.
+        """
         self._planned_s, self._note = duration_s, note
         self.accepted.set()
         self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
-        """Record that the joint motion of several jobs has reached this job, and the remaining time of its
-        part.
+        """Record that the common motion of several jobs has reached this job, and the remaining time of this
+        job's part.
         """
         self._part_s, self._path_time_s = left_s, 0.0
         self._override = override
@@ -236,7 +241,7 @@ class Job:
         """Record the progress of a sequence.
 
         Args:
-            done: number of passed waypoints; the current one counts as a fraction.
+            done: number of waypoints that were passed. The current waypoint counts as a fraction.
             of: number of all waypoints.
         """
         self._waypoints = done, of
@@ -247,7 +252,7 @@ class Job:
         self.on_change(self)
 
     def fail(self, error: BaseException) -> None:
-        """Note why the job does not succeed. If it is called several times, the first cause counts."""
+        """Record why the job does not succeed. If this is called several times, the first cause is kept."""
         self.error = self.error or JobError.of(error)
 
     def end(self, state: JobState) -> None:
@@ -257,7 +262,7 @@ class Job:
         self.on_change(self)
 
     def record(self) -> JobRecord:
-        """The job's current state, as a record."""
+        """Make a record of the job's current state."""
         return self.end_record or self._recorded(self.state)
 
     def _recorded(self, state: JobState) -> JobRecord:
@@ -290,7 +295,7 @@ class Job:
         )
 
     def _progress(self) -> tuple[float, float | None]:
-        """The completed share of the path time, and the duration of the rest, s."""
+        """Return the completed share of the path time, and the remaining duration, s."""
         if self._waypoints is not None:
             done, of = self._waypoints
             return (min(done / of, 1.0) if of else 0.0), None

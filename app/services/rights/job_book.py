@@ -1,8 +1,8 @@
-"""All jobs of one robot: the active ones, and the newest ended ones.
+"""Keeps all active jobs of one robot, and the newest jobs that have ended.
 
-Records of ended jobs are kept in a file of JSON lines, which is limited in size. So they survive a restart of
-the service; motions do not. A job is written when it begins and when it ends. A job without an end in the
-file was interrupted by the end of the service.
+Records of ended jobs are kept in a file of JSON lines, which is limited in size. So records survive a restart
+of the service, although motions do not. A job is written when it begins and when it ends. If the file
+contains no end for a job, the job was interrupted by the end of the service.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ KEPT = 1000
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
-"""Number of lines after which unfinished jobs are written again, before the oldest lines are dropped."""
+"""Number of lines after which unfinished jobs are written again. This happens before the oldest lines are
+dropped.
+"""
 END_S = 1.0
 
 log = logging.getLogger("cobot.jobs")
@@ -42,11 +44,11 @@ _RECORD = TypeAdapter(JobRecord)
 
 
 class _Piece(NamedTuple):
-    """Lines for the file.
+    """A piece of text that is to be written to the file.
 
     Attributes:
-        number: number of changes before the lines were made.
-        whole: whether the lines have all jobs at that time.
+        number: number of changes to the book before the lines were made.
+        whole: whether the lines contain all jobs at that time.
     """
 
     number: int
@@ -55,14 +57,14 @@ class _Piece(NamedTuple):
 
 
 class JobBook:
-    """The jobs of one robot, see the module.
+    """The jobs of one robot; see the module.
 
     Args:
-        file: file of the records; None: no file.
+        file: file for the records; None to keep them only in memory.
 
     Attributes:
-        on_change: called with the record of each job that has changed its state.
-        ending: whether the service is shutting down. Jobs that end then were interrupted.
+        on_change: function that is called with the record of each job that has changed its state.
+        ending: whether the service is shutting down. Jobs that end from then on count as interrupted.
     """
 
     def __init__(self, link: RobotLink, file: Path | None = None) -> None:
@@ -87,7 +89,7 @@ class JobBook:
 
     @property
     def problem(self) -> str:
-        """Reason why jobs cannot be recorded now; "" if they can."""
+        """Reason why jobs cannot be recorded now; "" if they can be recorded."""
         if self._outlet is None or not self._outlet.error:
             return ""
         reason = os.strerror(self._outlet.error) if self._outlet.error > 0 else "its log has the details"
@@ -96,17 +98,18 @@ class JobBook:
     def new(
         self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
     ) -> Job:
-        """A new job of the client on whose behalf the current task runs. It is in the book once it begins.
+        """Make a new job for the client on whose behalf the current task runs. It is in the book once it
+        begins.
 
         Args:
-            number: id of the job; None: make a new id.
+            number: id of the job; None to make a new id.
         """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
         number, created_at = number or new_job_id(), utc_now(self._link.clock)
         return Job(self._link, kind, request, owner, self._note_change, number, created_at, parent)
 
     def records(self, count: int, states: frozenset[JobState] = frozenset(JobState)) -> list[JobRecord]:
-        """The newest jobs in one of these states, the newest first."""
+        """Return the newest jobs in one of these states, newest first."""
         found = [job.record() for job in reversed(self._live.values()) if job.state in states]
         for record in reversed(self._past.values()):
             if len(found) >= count:
@@ -116,16 +119,16 @@ class JobBook:
         return found[:count]
 
     def live(self, number: str) -> Job | None:
-        """A job that has not ended, or None."""
+        """Return a job that has not ended; None if there is no such job."""
         return self._live.get(number)
 
     def find(self, number: str) -> JobRecord | None:
-        """A job with its current state; None if it is unknown or has expired."""
+        """Return a record of a job's current state; None if the job is unknown or has expired."""
         job = self._live.get(number)
         return self._past.get(number) if job is None else job.record()
 
     def report_pause(self) -> None:
-        """Report the beginning or end of a pause of the speed override, for all jobs that it affects."""
+        """Report the beginning or the end of a pause, for all jobs that it affects."""
         for job in list(self._live.values()):
             if job.state is not JobState.QUEUED:
                 self.on_change(job.record())
@@ -166,9 +169,10 @@ class JobBook:
         self._told = bool(self.problem)
 
     def _append(self, piece: _Piece) -> None:
-        """Append a piece. The writing thread calls it.
+        """Append a piece to the file. The writing thread calls this.
 
-        A piece that waited while the whole book was rewritten is outdated: it may list ended jobs as active.
+        A piece that waited while the whole book was rewritten is outdated, because it may list ended jobs as
+        active.
         """
         assert self._file is not None
         if piece.number > self._whole or piece.whole:
@@ -178,7 +182,7 @@ class JobBook:
             self._whole = piece.number
 
     def _everything(self, lost: int) -> _Piece:
-        """All records, after some lines were lost. The writing thread calls it."""
+        """Make lines for all records, after some lines were lost. The writing thread calls this."""
         del lost
         number = self._written  # read first, because a change meanwhile has a line of its own
         lines = dict(self._lines)
@@ -194,7 +198,7 @@ class JobBook:
         for path in reversed(aside(file, OLDER_FILES)):
             with contextlib.suppress(OSError), path.open("rb") as lines:
                 for line in lines:
-                    with contextlib.suppress(ValidationError):  # an incomplete line, or one of another format
+                    with contextlib.suppress(ValidationError):  # an incomplete line, or a different format
                         record = _RECORD.validate_json(line)
                         found[record.id] = record
                         found.move_to_end(record.id)
@@ -207,10 +211,10 @@ class JobBook:
 
 
 def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobRecord:
-    """The record of a job whose end was not written.
+    """Make the last record for a job whose end was not written.
 
     Args:
-        alive: time at which the service last wrote a record of any job.
+        alive: time at which the service last wrote a record for any job.
         found: the current time.
     """
     ended_at = max(alive, record.started_at or record.created_at)
@@ -234,7 +238,7 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
 
 
 def unknown(number: str) -> NotFoundError:
-    """The error for an unknown job."""
+    """Make the error for an unknown job."""
     return NotFoundError(
         f"there is no job {shown(number)}: the newest {KEPT} ended jobs are kept; GET /jobs lists them"
     )

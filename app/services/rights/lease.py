@@ -1,8 +1,9 @@
-"""The control lease: the exclusive right to move a robot, also between motions.
+"""The control lease: the exclusive right to move a robot, including the time between motions.
 
-During a motion, a session or a sequence no other client can move the robot: see `Ownership`. To prevent this
-before, between or after them too, a client takes a lease. The lease ends when it is released, when its client
-disconnects, when it expires unused, or when another client takes it over. A stop never needs it.
+During a motion, a session or a sequence no other client can move the robot; see `Ownership`. A client takes a
+lease to keep other clients from moving the robot before, between or after them. The lease ends when it is
+released, when its client disconnects, when it expires unused, or when another client takes it over. A stop
+never needs a lease.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ TIMEOUTS_S = (1.0, 3600.0)
 """Minimum and maximum timeout of an unused lease, s."""
 TIMEOUT_S = 60.0
 KEPT_ENDS = 100
-"""Number of ended leases that are remembered, so that clients that still use them get the reason."""
+"""Number of ended leases that are remembered, so that clients that still use them are told the reason."""
 
 
 @dataclass(slots=True)
@@ -27,9 +28,10 @@ class Lease:
     """A lease of one client.
 
     Attributes:
-        token: identifies the holder. A WebSocket that has taken the lease need not send it.
-        since_s, until_s: on the service's clock; `until_s` moves on while it is used.
-        timeout_s: time after which it ends if unused, s.
+        token: text that identifies the holder. A WebSocket that has taken the lease need not send it.
+        since_s, until_s: beginning and end, on the service's clock. `until_s` is moved forward while the
+            lease is used.
+        timeout_s: time after which an unused lease ends, s.
     """
 
     client: RequestClient
@@ -44,10 +46,11 @@ class ControlLease:
     next read.
 
     Args:
-        moving: returns whether a motion or a sequence runs. Meanwhile the lease does not expire.
-        ended: called when a lease has ended.
-        tell: called with the change of a lease ("taken", "released", "expired", "taken over", "disconnected"
-            or "revoked") and with the lease.
+        moving: function that returns whether a motion or a sequence runs. Meanwhile the lease does not
+            expire.
+        ended: function that is called when a lease has ended.
+        tell: function that is called with the change of a lease ("taken", "released", "expired", "taken
+            over", "disconnected" or "revoked") and with the lease.
     """
 
     def __init__(
@@ -80,10 +83,10 @@ class ControlLease:
         return lease is not None and (lease.client is client or lease.token in client.leases)
 
     def require_not_lost(self, client: RequestClient) -> None:
-        """Check that a client does not still use a lease that it has lost.
+        """Check that a client is not using a lease that it has lost.
 
         Raises:
-            ConflictError: its lease has ended; the error has the reason.
+            ConflictError: the client's lease has ended; the error gives the reason.
         """
         if self.holds(client):
             return
@@ -95,8 +98,8 @@ class ControlLease:
         """Check that no other client has the lease.
 
         Raises:
-            ConflictError: another client has it (named in the error); or this client's own has ended, with
-                the reason.
+            ConflictError: another client has the lease, and the error names this client; or this client's own
+                lease has ended, and the error gives the reason.
         """
         self.require_not_lost(client)
         lease = self.current
@@ -109,7 +112,9 @@ class ControlLease:
             )
 
     def take(self, client: RequestClient, timeout_s: float) -> Lease:
-        """Give the lease to a client, even if another has it. The client's own lease is renewed."""
+        """Give the lease to a client, even if another client has it. If the client already has the lease, it
+        is renewed.
+        """
         now_s = self._clock.now_s()
         if self._lease is not None and self.holds(client):
             self._lease.timeout_s, self._lease.until_s = timeout_s, now_s + timeout_s
@@ -126,7 +131,7 @@ class ControlLease:
             self._lease.until_s = self._clock.now_s() + self._lease.timeout_s
 
     def release(self, client: RequestClient) -> None:
-        """Release the lease. Does nothing without a lease.
+        """Release the lease. Does nothing if there is no lease.
 
         Raises:
             ConflictError: see `require`.

@@ -1,4 +1,4 @@
-"""The exclusive right to move the arm (claim), which one caller has at a time."""
+"""The exclusive right to move the arm, called a claim. Only one caller at a time holds it."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ from cobot.trajectory import Trajectory
 BY_STOP = "stopped by POST /stop"
 COMMAND = "cobot stop"
 BY_COMMAND = f"stopped by {COMMAND}"
-"""Reason for a stop by `cobot stop`. It counts stops in shared memory; the audit log has the user."""
+"""Reason for a stop by `cobot stop`, which counts stops in shared memory. The audit log names the user."""
 
 
 class Ownership:
     """Gives the claim on the arm to one request at a time.
 
-    A running sequence has the claim from its start to its end; requests with its token move on its behalf. A
-    speed override that a sequence or the holder of a lease has set ends with the sequence or the lease.
+    A running sequence holds the claim from its start to its end. Requests with its token move the arm on its
+    behalf. If a sequence or the holder of a lease has set a speed override, the override ends with the
+    sequence or the lease.
 
     Attributes:
-        stops: number of calls of POST /stop.
+        stops: number of calls of POST /stop so far.
         speed_override: speed override of all motions.
-        lease: the control lease; while a client holds it, no other may request motions.
-        jobs: the records of all motions.
-        on_sequence_end: called with the token of each sequence that has ended.
-        before_motion: waits for work that must be done before a motion claims the arm.
+        lease: the control lease. While a client holds it, no other client may request motions.
+        jobs: the jobs of all motions.
+        on_sequence_end: function that is called with the token of each sequence that has ended.
+        before_motion: function that waits for work that must be done before a motion claims the arm.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -57,14 +58,14 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """The request that moves the arm now, in words; None while no request moves it."""
+        """Description of the request that moves the arm now; None while no request moves it."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()
 
     @property
     def moving(self) -> Claim | SequenceClaim | None:
-        """The current motion, otherwise the current sequence."""
+        """The claim of the current motion or, without one, of the current sequence."""
         return self._claim or self._sequence
 
     @property
@@ -76,7 +77,7 @@ class Ownership:
         return claim.motion_id, claim.trajectory
 
     def claim_of(self, job: Job) -> Claim | None:
-        """The claim of a job; None if the job does not have it now."""
+        """Return the claim of a job; None if the job does not hold the claim now."""
         return self._claim if self._claim is not None and self._claim.job is job else None
 
     @property
@@ -86,7 +87,7 @@ class Ownership:
 
     @property
     def speed_fraction(self) -> float:
-        """The speed of a motion that would begin now, as a share of its planned speed."""
+        """Speed at which a motion would begin now, as a share of its planned speed."""
         _ = self.lease.current  # ends an expired lease, and its speed override with it
         return self.speed_override.fraction
 
@@ -96,10 +97,11 @@ class Ownership:
         return None if self._sequence is None else self._sequence.job
 
     def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
-        """A new job for a `Caller`. The job of a sequence's own request belongs to the sequence's job.
+        """Make a new job for a `Caller`. If a sequence sends the request, the job belongs to the sequence's
+        job.
 
         Args:
-            number: id of the job; None: make a new id.
+            number: id of the job; None to make a new id.
         """
         sequence = self._sequence
         own = sequence is not None and sequence.token == CLIENT.get().sequence
@@ -170,7 +172,7 @@ class Ownership:
         """Check that no other client has the lease, on behalf of a running sequence.
 
         Raises:
-            ConflictError: another client has it.
+            ConflictError: another client has the lease.
         """
         client = CLIENT.get()
         if self._sequence is None or self._sequence.token != client.sequence:
@@ -195,7 +197,7 @@ class Ownership:
             )
 
     async def set_speed_fraction(self, fraction: float) -> None:
-        """Set the speed override, for the current motion and all later ones.
+        """Set the speed override for the current motion and all later ones.
 
         Raises:
             ConflictError: another client moves the arm or has control, or a streaming session runs.
@@ -215,7 +217,7 @@ class Ownership:
         self.speed_override.restore(self._fraction)
 
     def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:
-        """End a job. `error` is the reason of a failure; `stopped` is set if the job was stopped on
+        """End a job. `error` is the reason of a failure. `stopped` is true if the job was stopped on
         request.
         """
         if error is not None:
@@ -228,9 +230,9 @@ class Ownership:
             job.end(JobState.CANCELLED if stopped else JobState.FAILED)
 
     def _tell_lease(self, what: str, lease: Lease) -> None:
-        """Report a change of the lease, and the client that caused it.
+        """Report a change of the lease and the client that caused it.
 
-        For a new lease this is its holder. A lease may also end during another client's request.
+        For a new lease this client is the holder. A lease may also end during another client's request.
         """
         client, by = lease.client, CLIENT.get()
         more = {"by": str(by)} if what == "taken over" else {}
@@ -257,8 +259,8 @@ class Ownership:
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Claim the arm while the context is open. If a stop was requested after this motion was requested,
-        the claim is interrupted.
+        """Claim the arm while the context is open. If a stop was requested later than this motion, the claim
+        is interrupted.
 
         Raises:
             ConflictError: another client moves the arm.
@@ -284,28 +286,28 @@ class Ownership:
             self._claim = None
             if job is not None:
                 self.end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
-                if self._sequence is None:  # the pause of this job must not hold the next motion
+                if self._sequence is None:  # a pause of this job must not delay the next motion
                     self.speed_override.reset()
             self.lease.renew()
             claim.ended.set()
             logs.bind(motion=None)
 
     def stops_before(self, begun_s: float | None) -> int:
-        """`stops` at the time when a request began to arrive; None: now. A later stop applies to its motion
-        too.
+        """Return `stops` at the time when a request began to arrive; None for now. A later stop applies to
+        the request's motion too.
         """
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 
     def stop(self, reason: StopReason | None = None) -> Claim | None:
-        """Interrupt the motion that is being read, planned or executed. Returns its claim, which will end, or
-        None.
+        """Interrupt the motion that is being read, planned or executed. Returns the claim that will end; None
+        if there is none.
         """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()
         return self.interrupt((reason or StopReason(BY_STOP)).error)
 
     def cancel(self, job: Job, cause: MotionStopped) -> None:
-        """Interrupt the motion of this job. Does nothing if it has ended or is ending."""
+        """Interrupt the motion of this job. Does nothing if the motion has ended or is ending."""
         if self._claim is not None and self._claim.job is job:
             self.interrupt(cause)
 

@@ -1,4 +1,4 @@
-"""Results of a motion's actions and conditions, in the form that answers and job records have."""
+"""Results of a motion's actions and conditions, in the form that answers and job records use."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ActionOutcome:
-    """An action on the path.
+    """The result of an action on the path.
 
     Attributes:
         action: field of the action in the request.
         does: description of the action.
-        at: description of its place.
-        planned_s: path time at which it was planned to fire.
-        fired: whether it has fired; None if the service has not seen the end of the motion.
-        path_time_s, robot_time_s: times of the cycle in which it fired.
-        position: position of the TCP in the base frame, measured in that cycle, m.
-        problem: reason why it had no effect; "" if it had one, or has not fired.
+        at: description of the action's place.
+        planned_s: path time at which the action was planned to fire, s.
+        fired: whether the action has fired; None if the service has not seen the end of the motion.
+        path_time_s, robot_time_s: path time and robot time of the cycle in which the action fired, s.
+        position: position of the TCP in the base frame, measured in this cycle, m.
+        problem: reason why the action had no effect; "" if it had an effect or has not fired.
     """
 
     action: str
@@ -33,16 +33,16 @@ class ActionOutcome:
 
 @dataclass(frozen=True, slots=True)
 class ContactOutcome:
-    """The moment at which `until` was met.
+    """The moment at which the condition `until` was met.
 
     Attributes:
         position, quaternion: pose of the TCP in the base frame, m and (x, y, z, w).
-        force, torque: at the TCP in the base frame, N and N·m, relative to the zero.
+        force, torque: force and torque at the TCP in the base frame, N and N·m, relative to the zero point.
         value: value of the quantity that the condition compares.
-        path_time_s, robot_time_s: times of the cycle.
-        overshoot_m: distance that the TCP moved after the contact until it was at rest, m; None while it
+        path_time_s, robot_time_s: path time and robot time of the cycle, s.
+        overshoot_m: distance that the TCP moved after the contact until it was at rest, m; None while the TCP
             moves.
-        retracted_m: distance that it moved back afterwards, m.
+        retracted_m: distance that the TCP moved back afterwards, m.
     """
 
     position: tuple[float, ...]
@@ -61,7 +61,7 @@ class SignalResults:
     """All results of one motion.
 
     Attributes:
-        waits_for: the condition for which the motion waits, in words; "" for none.
+        waits_for: the condition for which the motion waits, in words; "" if there is none.
         stopped_by: the condition that has ended the motion; "" if none has.
     """
 

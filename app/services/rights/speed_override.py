@@ -1,5 +1,5 @@
-"""The speed override: the speed of motions along their paths, as a fraction of the planned speed, and
-pauses.
+"""The speed override: sets the speed of motions along their paths, as a fraction of the planned speed, and
+pauses them.
 """
 
 from __future__ import annotations
@@ -21,21 +21,22 @@ from cobot.types import RESTING
 REST_TIMEOUT_S = 3.0
 """Time within which a motion must be at rest after a request to pause, s."""
 MAX_PAUSE_S = 3600.0
-"""Maximum total duration of pauses by which the timeout of a motion is extended, s."""
+"""Maximum time by which pauses extend the timeout of a motion, s."""
 FRACTIONS = (0.01, 1.0)
-"""The smallest and the largest fraction of full speed that may be set, in addition to 0."""
+"""Smallest and largest fraction of full speed that may be set. A fraction of 0 is also permitted."""
 
 
 class SpeedOverride:
-    """The speed override of one robot's motions. Streaming sessions have none.
+    """The speed override for one robot's motions. It does not apply to streaming sessions.
 
     Args:
-        changed: called when a pause has begun or ended.
+        changed: function that is called when a pause has begun or ended.
 
     Attributes:
         fraction: speed of motions that are not paused, as a fraction of full speed.
         opened: event that is set while motions may begin.
-        others: the overrides of robots that move together with this one. They pause and continue together.
+        others: the speed overrides of robots that move together with this one. They pause and continue
+            together.
         follows_stream: whether the current streaming session handles pauses and the fraction itself.
     """
 
@@ -60,21 +61,21 @@ class SpeedOverride:
 
     @property
     def paused_s(self) -> float:
-        """Total duration of all pauses, including the current one, s."""
+        """Total duration of all pauses, including the current pause, s."""
         return self._paused_s + (self._lasts_s if self.paused else 0.0)
 
     def excused_s(self, paused_s: float) -> float:
-        """The time by which pauses extend the timeout of a motion, at most MAX_PAUSE_S.
+        """Return the time by which pauses extend the timeout of a motion, at most MAX_PAUSE_S.
 
         Args:
-            paused_s: `paused_s` when the motion began.
+            paused_s: value of `SpeedOverride.paused_s` when the motion began.
         """
         return min(self.paused_s - paused_s, MAX_PAUSE_S)
 
     @property
     def slowed_s(self) -> float:
-        """Total time by which motions have taken longer because the fraction was below 1, without pauses,
-        s.
+        """Total time by which motions have taken longer because the fraction was below 1, s. Pauses are not
+        included.
         """
         return self._slowed_s + (0.0 if self.paused else (1.0 - self.fraction) * self._lasts_s)
 
@@ -84,7 +85,7 @@ class SpeedOverride:
         return self._link.clock.now_s() - self._since_s
 
     async def set_fraction(self, fraction: float) -> None:
-        """Set the speed, for the current motion and all later ones.
+        """Set the fraction for the current motion and all later ones.
 
         Raises:
             ConflictError: the robot moves together with other robots.
@@ -104,7 +105,7 @@ class SpeedOverride:
         await self._apply()
 
     def restore(self, fraction: float) -> None:
-        """Return to a fraction, because the control of the client that set another one has ended.
+        """Return to an earlier fraction, because the client that set the current one no longer has control.
 
         A motion that waits because the fraction is 0 continues.
         """
@@ -121,14 +122,14 @@ class SpeedOverride:
         self._settle()
 
     async def _restore(self) -> None:
-        with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be held
+        with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be paused
             await self._apply()
 
     async def pause(self) -> None:
-        """Pause: stop the arm on its path, with all robots that move together with it, and let no motion
-        begin.
+        """Pause the arm and all robots that move together with it. They stop on their paths, and no motion
+        begins.
 
-        Returns when all are at rest.
+        Returns when all of them are at rest.
 
         Raises:
             ConflictError: a streaming session runs, which has no path.
@@ -159,7 +160,7 @@ class SpeedOverride:
             await asyncio.sleep(POLL_S)
 
     async def resume(self) -> None:
-        """Resume the paused motion and the waiting ones.
+        """Resume the paused motion and all waiting ones.
 
         Raises:
             UnavailableError: rtloop does not answer.

@@ -1,4 +1,4 @@
-"""Why a motion is stopped: in words for people, and as a cause and a client for programs."""
+"""The reason why a motion is stopped: in words for people, and as a cause and a client for programs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class StopReason:
 
     Attributes:
         text: the reason as a sentence.
-        by: the client that caused it; "" if it is not known, or if no client did.
+        by: the client that caused the stop; "" if it is not known, or if no client caused it.
     """
 
     text: str
@@ -46,5 +46,5 @@ class StopReason:
 
     @property
     def error(self) -> MotionStopped:
-        """The error for the motion that is stopped."""
+        """Make the error for the motion that is stopped."""
         return MotionStopped(self.text, details={"cause": self.cause, "by": self.by})

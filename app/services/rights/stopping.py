@@ -23,13 +23,17 @@ MOTION_STOP_S = 5.0
 """Timeout for stopping a single motion, s. Stopping takes at most 2.5 s."""
 LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
 DRIVES_S = 3.0
-"""Timeout for the drives once the arm is at rest, s. rtloop allows 2 s for the arm to settle."""
+"""Timeout for the drives to be switched off once the arm is at rest, s. rtloop allows 2 s for the arm to
+settle.
+"""
 HELD, FAST = 2, 1
 """Stop categories of IEC 60204-1 that `POST /stop` accepts."""
 StopPrograms = Callable[[StopReason], Awaitable[str | None]]
-"""Ends the running sequence or program for a reason. Returns a description of it, or None."""
+"""Type of a function that ends the running sequence or program for a reason. It returns a description of what
+it ended, or None.
+"""
 UNMEASURED_S = 0.25
-"""Maximum age of a measurement, s. With an older one it is unknown whether the arm is at rest."""
+"""Maximum age of a measurement, s. With an older measurement it is unknown whether the arm is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +42,12 @@ class Stopped:
 
     Attributes:
         success: whether everything has ended and the arm is known to be at rest.
-        stopped: description of the ended request.
+        stopped: description of the request that was ended.
         position: measured joint positions, rad; None if rtloop does not answer.
-        category: stop category of IEC 60204-1 that was carried out: 2: the drives hold the arm; 1: the drives
-            are off.
-        confirmed: whether the device itself reports it; if not, only cobot has determined that the arm is at
-            rest.
+        category: stop category of IEC 60204-1 that was carried out. Category 2 means that the drives hold the
+            arm, category 1 that the drives are off.
+        confirmed: whether the device itself reports that the arm is at rest. If not, only cobot has
+            determined this.
     """
 
     success: bool
@@ -57,15 +61,15 @@ class Stopped:
 
     @property
     def confirmed_by(self) -> str | None:
-        """The source that confirms the arm at rest: the device itself or cobot; None for neither."""
+        """Source that confirms that the arm is at rest: the device itself or cobot; None if neither does."""
         if not self.at_rest:
             return None
         return "device" if self.confirmed else "cobot"
 
 
 def together(stops: dict[str, Stopped]) -> Stopped:
-    """The combined result for several robots, with the position of the first. The result of a single robot is
-    returned unchanged.
+    """Combine the results for several robots, with the position of the first robot. The result for a single
+    robot is returned unchanged.
     """
     first = next(iter(stops.values()))
     if len(stops) == 1:
@@ -92,17 +96,18 @@ class StopService:
         self._following: set[asyncio.Task[Stopped]] = set()
 
     def follow(self) -> None:
-        """After a stop from outside this service: end all requests that would move the arm again."""
+        """End all requests that would move the arm again, after a stop from outside this service."""
         task = asyncio.create_task(self.stop(MIN_STOP_S, StopReason(BY_COMMAND, by=COMMAND)))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 
     async def stop(self, timeout_s: float, reason: StopReason | None = None, category: int = HELD) -> Stopped:
-        """End the sequence, the planning and the motion. Never raises; the result says what could not be
+        """End the sequence, the planning and the motion. Never raises. The result states what could not be
         confirmed.
 
         Args:
-            reason: the reason that is reported to the motion's owner; None: a client has requested it.
+            reason: the reason that is reported to the client whose motion is stopped; None if a client has
+                requested the stop.
             category: `HELD` or `FAST`.
         """
         begun_s = self._link.clock.now_s()
@@ -137,7 +142,9 @@ class StopService:
         )
 
     async def _confirm_category(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
-        """Wait for the drives to be off. Returns the category, and whether the device reports it."""
+        """Wait for the drives to be switched off. Returns the stop category, and whether the device reports
+        it.
+        """
         until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
         while True:
             named = self._link.device()
@@ -166,13 +173,13 @@ class StopService:
     async def stop_motion(self, reason: StopReason, timeout_s: float = MOTION_STOP_S) -> None:
         """End the current motion of any client. Returns when the arm is at rest.
 
-        Nothing else ends; a sequence continues after its stopped motion.
+        Nothing else ends. A sequence continues after its stopped motion.
 
         Args:
-            reason: the reason that is reported to its owner.
+            reason: the reason that is reported to the client whose motion is stopped.
 
         Raises:
-            ExecutionError: the arm is not known to be at rest; the error has the reason.
+            ExecutionError: the arm is not known to be at rest; the error gives the reason.
         """
         claim = self._ownership.interrupt(reason.error)
         if claim is None and self._unclaimed_motion() is None:
@@ -188,7 +195,7 @@ class StopService:
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. Earlier requests cannot move the arm any more. A sequence or program that
+        """Leave ESTOP or FAULT. Earlier requests can no longer move the arm. A sequence or program that
         waited during the ESTOP or FAULT ends.
 
         Raises:
@@ -206,7 +213,7 @@ class StopService:
         )
 
     def _unclaimed_motion(self) -> str | None:
-        """Description of a motion without a claim: of a local client, or of an earlier service that has
+        """Describe a motion without a claim, which is from a local client or from an earlier service that has
         died.
         """
         try:
@@ -216,7 +223,9 @@ class StopService:
         return self._link.streamer() or (None if _idle(state) else f"motion {state.motion_id}")
 
     async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
-        """The state when the arm is at rest; after the timeout, the last state that was read."""
+        """Wait until the arm is at rest. Returns the state at that time, or the last state that was read
+        before the timeout.
+        """
         deadline_s = self._link.clock.now_s() + timeout_s
         state: RobotState | None = None
         while self._link.clock.now_s() < deadline_s:

@@ -15,7 +15,7 @@ class CellService:
     """Reads and resets the cell.
 
     Attributes:
-        cell: the content of the cell file; None without a cell.
+        cell: the content of the cell file; None if there is no cell.
     """
 
     def __init__(self, link: RobotLink, cell: Cell | None) -> None:
@@ -23,7 +23,7 @@ class CellService:
         self._link = link
 
     def require(self) -> Cell:
-        """The cell. Raises NotFoundError: there is none; the error says what to do."""
+        """Return the cell. Raises NotFoundError if there is none; the error states what to do."""
         if self.cell is None:
             raise NotFoundError(
                 "this robot has no simulated cell; start it with cobot run --cell FILE, or set robot.cell"
@@ -31,7 +31,7 @@ class CellService:
         return self.cell
 
     def parts(self) -> dict[str, Numbers7]:
-        """The poses of the parts in the base frame.
+        """Return the poses of the parts in the base frame.
 
         Raises:
             NotFoundError: there is no cell.
@@ -44,7 +44,7 @@ class CellService:
         return poses
 
     def switches(self) -> list[IoPoint]:
-        """The inputs of the switches and of their counters.
+        """Return the inputs that report the switches and their counters.
 
         Raises:
             NotFoundError: there is no cell.
@@ -59,7 +59,8 @@ class CellService:
         ]
 
     async def reset(self) -> None:
-        """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
+        """Reset the parts, the hand, the outputs and the counters to their initial state. The arm stays where
+        it is.
 
         Raises:
             NotFoundError: there is no cell.

@@ -1,4 +1,6 @@
-"""Commands to rtloop, and their acknowledgements. All commands are sent here."""
+"""Sends commands to rtloop and waits for their acknowledgements. All commands are sent through this
+module.
+"""
 
 from __future__ import annotations
 
@@ -63,12 +65,12 @@ class Commands:
             The number of the motion.
 
         Raises:
-            ExecutionError: rtloop rejects the motion; the error has the reason.
+            ExecutionError: rtloop rejects the motion; the error gives the reason.
             UnavailableError: rtloop does not answer, or see `Heartbeat.require_awake`.
             InputError: the motion is larger than a slot.
         """
         async with self._turn:
-            # The state may be of the cycle before the last acknowledgement.
+            # The state may be from the cycle before the last acknowledgement.
             self._last_motion = max(self._last_motion, self._link.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
             self._slot, self.handed_over = number, (motion_id, trajectory)
@@ -76,7 +78,7 @@ class Commands:
             motions.prepare(motion_id, trajectory.duration_s)
             try:
                 await self._write(number, motion_id, trajectory, fence, signals)
-            except BaseException:  # also if cancelled: nothing has been sent
+            except BaseException:  # also if cancelled, when nothing has been sent
                 self.handed_over = None
                 motions.forget_begin()
                 raise
@@ -105,17 +107,18 @@ class Commands:
         tool: int = 0,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Continue the current motion with another trajectory, as the same motion and within the same fence.
+        """Continue the current motion on a new trajectory. It remains the same motion, within the same fence.
 
         Args:
-            trajectory: equal to the current one up to the place of the arm when rtloop has read it.
+            trajectory: the new trajectory. It must equal the current one up to the point that the arm has
+                reached when rtloop has read it.
             offset_s: path time of the current trajectory at which the new one begins.
             stops, tool: see `start`.
-            signals: actions and conditions, at path times of the new trajectory. Actions that have fired do
+            signals: actions and conditions, with path times of the new trajectory. Actions that have fired do
                 not fire again.
 
         Raises:
-            ExecutionError: rtloop rejects the trajectory; the error has the reason. The motion continues
+            ExecutionError: rtloop rejects the trajectory; the error gives the reason. The motion continues
                 unchanged.
             UnavailableError, InputError: see `start`.
         """
@@ -142,8 +145,8 @@ class Commands:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Write a trajectory into a slot. Returns, or raises, only when nothing writes into the slot any
-        more, so that the next command never shares it with a thread of this one.
+        """Write a trajectory into a slot. This returns or raises only when nothing writes into the slot any
+        longer, so that the next command never shares the slot with a thread of this command.
         """
         slot = self._memory.slots[number]
         if trajectory.segments <= IN_THREAD_SEGMENTS:
@@ -159,7 +162,7 @@ class Commands:
             raise
 
     async def set_rate(self, rate: float) -> None:
-        """Change the rate of path time per clock time of the current motion, from 0 (pause) to 1.
+        """Change the rate of path time per clock time for the current motion, from 0 (pause) to 1.
 
         Raises:
             ExecutionError: no motion is running.
@@ -188,8 +191,9 @@ class Commands:
         """Send the value of an output to the device. The output is set when the device reports it.
 
         Raises:
-            ExecutionError: the device rejects the value; the error has the reason.
-            UnavailableError: rtloop does not answer this or an earlier command. The output is not set later.
+            ExecutionError: the device rejects the value; the error gives the reason.
+            UnavailableError: rtloop does not answer this command or an earlier one. The output is not set
+                later.
         """
         try:
             async with asyncio.timeout(ACKNOWLEDGE_S):
@@ -208,7 +212,7 @@ class Commands:
             self._turn.release()
 
     async def reset_cell(self) -> None:
-        """Reset the simulated cell to its state at the start.
+        """Reset the simulated cell to its initial state.
 
         Raises:
             ExecutionError: rtloop rejects the reset, for example because the arm moves; the error has the
@@ -233,7 +237,7 @@ class Commands:
         """Pull the simulated arm at a point of a link towards a target; without a link, release it.
 
         Raises:
-            ExecutionError: rtloop rejects the pull; the error has the reason.
+            ExecutionError: rtloop rejects the pull; the error gives the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -255,14 +259,14 @@ class Commands:
             await self._send(Command.SCENE, stops=self._link.stops, scene=version)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. Earlier requests that still wait cannot move the arm any more.
+        """Leave ESTOP or FAULT. Earlier requests that still wait can no longer move the arm.
 
         Args:
             timeout_s: timeout for the robot to be enabled.
 
         Raises:
             ConflictError: the arm moves, so there is nothing to reset.
-            NotReadyError: the cause persists; the error has rtloop's reason.
+            NotReadyError: the cause persists; the error gives rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
         state = await self._link.await_fresh_state(min(timeout_s, STATE_S))
@@ -298,8 +302,8 @@ class Commands:
         scene: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
-        """Send a command and wait for its execution. It is never executed later: rtloop rejects a command if
-        a stop was requested after it.
+        """Send a command and wait for its execution. The command is never executed later, because rtloop
+        rejects a command if a stop was requested after it.
         """
         number = int(self._memory.head.data["id"]) + 1
         command = self._memory.commands[number % RING]
@@ -331,7 +335,7 @@ class Commands:
 
 
 def loading_s(segments: int, period_s: float) -> float:
-    """Maximum time for rtloop to load a motion, s. A busy computer may miss as many cycles as the loading
-    needs.
+    """Return the maximum time for rtloop to load a motion, s. A busy computer may miss as many cycles as the
+    loading needs.
     """
     return 2.0 * period_s * segments / LOADED_SEGMENTS

@@ -1,4 +1,6 @@
-"""The first contact with hardware: the arm moves slowly until a person has checked rtloop's findings."""
+"""Acknowledges the first contact with hardware. The arm moves slowly until a person has checked rtloop's
+findings.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,10 @@ from cobot.errors import InputError, UnavailableError
 
 
 async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
-    """Acknowledge the first contact. Returns its findings, "" if there is nothing to acknowledge.
+    """Acknowledge the first contact. Returns its findings; "" if there is nothing to acknowledge.
 
     Args:
-        payload_checked: whether the client confirms that the model's own tool and load are those of the arm.
+        payload_checked: whether the client confirms that the arm carries the tool and the load in the model.
 
     Raises:
         InputError: the tool and load of the arm are not confirmed.

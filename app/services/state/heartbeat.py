@@ -1,4 +1,6 @@
-"""The service's heartbeat to rtloop, and the detection of pauses and outside stops between two beats."""
+"""Sends the service's heartbeat to rtloop, and detects pauses of the service and stops from outside between
+two beats.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from cobot.ipc.shm import RobotMemory
 
 HEARTBEAT_S = 0.05
 PAUSE_S = 1.0
-"""Minimum duration of a pause of the service that counts, s. By then rtloop has stopped the arm."""
+"""Minimum duration at which an interruption of the service counts as a pause, s. By then rtloop has stopped
+the arm.
+"""
 CATCH_UP_S = 0.25
 """Time after a pause in which the service reads all requests that waited, s."""
 
@@ -22,10 +26,11 @@ log = logging.getLogger("cobot.service")
 
 
 class Heartbeat:
-    """The heartbeat. The event loop itself sends it, so a blocked event loop sends none.
+    """Sends the heartbeat. The event loop itself sends it, so a blocked event loop sends none.
 
     Attributes:
-        on_outside_stop: called when the arm was stopped through shared memory, as `cobot stop` does.
+        on_outside_stop: function that is called when the arm was stopped through shared memory, as `cobot
+            stop` does.
     """
 
     def __init__(self, memory: RobotMemory, clock: Clock, label: str) -> None:
@@ -67,7 +72,7 @@ class Heartbeat:
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:
-        """Note whether this process has just resumed after a pause."""
+        """Record whether this process has just resumed after a pause."""
         now_s = self._clock.now_s()
         if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
             self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s

@@ -21,7 +21,8 @@ class IoService:
         self._turn = asyncio.Lock()
 
     def points(self) -> tuple[str, list[IoPoint] | None]:
-        """The backend's name, and its inputs and outputs; None if the backend cannot have any.
+        """Return the backend's name and its inputs and outputs. The latter are None if the backend cannot
+        have any.
 
         Raises:
             UnavailableError: the inputs and outputs cannot be read.
@@ -39,9 +40,9 @@ class IoService:
             value: true or false, or a number, according to the kind of the output.
 
         Raises:
-            NotFoundError: there is no such output; the text names the existing ones.
-            InputError, LimitError: it is an input, or the value is invalid.
-            DeviceError: the device rejects the value; the text has its reason.
+            NotFoundError: there is no such output; the text lists the existing ones.
+            InputError, LimitError: the name belongs to an input, or the value is invalid.
+            DeviceError: the device rejects the value; the text gives the device's reason.
             DeviceTimeout: the device has not reported the value in time.
             UnavailableError: rtloop does not answer.
         """

@@ -45,8 +45,8 @@ class RobotLink:
         heartbeat: heartbeat of the service.
         commands: sends all other commands to rtloop. Only one service at a time may send them.
 
-    Raises (constructor): UnavailableError: the robot's shared memory does not exist. ConflictError: another
-    service uses it. LayoutError: its shared memory has another version.
+    The constructor raises UnavailableError if the robot's shared memory does not exist, ConflictError if
+    another service uses it, and LayoutError if it is of a different version.
     """
 
     def __init__(
@@ -71,8 +71,8 @@ class RobotLink:
         self.memory.close()
 
     def _take_over(self) -> None:
-        """Continue the counters of the previous service, and end its motion. If the counters cannot be read,
-        those that rtloop has read are used.
+        """Continue the counters of the previous service, and end its motion. If these counters cannot be
+        read, the values that rtloop has last read are used.
         """
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
@@ -88,10 +88,10 @@ class RobotLink:
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
         if seen is not None and seen["motion_result"] == MotionResult.RUNNING:
-            self.request_stop()  # Its service has ended, and no client waits for the end of its motion.
+            self.request_stop()  # The service that began it has ended. No client waits for its end.
 
     def state(self) -> RobotState:
-        """The newest state, of any age.
+        """Return the newest state, regardless of its age.
 
         Raises:
             UnavailableError: rtloop has never published a state, or died while writing one.
@@ -107,7 +107,7 @@ class RobotLink:
         return state
 
     def silence(self, state: RobotState) -> str:
-        """The reason why this state is out of date; "" while rtloop is alive.
+        """Return the reason why this state is out of date; "" while rtloop is alive.
 
         This also checks the process, because a state that was published just before rtloop died is still
         fresh.
@@ -118,7 +118,9 @@ class RobotLink:
         return f"rtloop (pid {pid}) has ended" if is_gone(pid) else ""
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
-        """The newest publication's number, and a copy of the publication if it is newer than this number."""
+        """Return the number of the newest publication, and a copy of the publication if it is newer than the
+        given number.
+        """
         block = self.memory.state
         for _ in range(STATE_TRIES):
             newest = block.sequence
@@ -130,14 +132,16 @@ class RobotLink:
         return publication, None
 
     def streamer(self) -> str | None:
-        """Description of the streaming process; None without a session."""
+        """Describe the streaming process; None if there is no session."""
         process = self.streaming_process()
         if process is None:
             return None
         return f"a streaming client (process {process})" if process else "a streaming client"
 
     def streaming_process(self) -> int | None:
-        """The process that has opened the session. 0 if it cannot be read, None without a session."""
+        """Return the id of the process that has opened the session; 0 if it cannot be read, None if there is
+        no session.
+        """
         try:
             state = self.state()
             if state.session == 0 or self.silence(state):
@@ -149,14 +153,14 @@ class RobotLink:
             return 0
 
     def sessions(self) -> int | None:
-        """The number of requested streaming sessions so far; None if it cannot be read."""
+        """Return the number of streaming sessions that were requested so far; None if it cannot be read."""
         try:
             return int(self.memory.session.read()["number"])
         except TornReadError:
             return None
 
     def statistics(self) -> np.ndarray:
-        """A copy of rtloop's statistics block.
+        """Return a copy of rtloop's statistics block.
 
         Raises:
             UnavailableError: the block cannot be read.
@@ -167,10 +171,10 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
 
     async def await_fresh_state(self, timeout_s: float) -> RobotState:
-        """Wait for a fresh state of rtloop and return it.
+        """Wait for a fresh state from rtloop and return it.
 
         Raises:
-            UnavailableError: there is no fresh state within the timeout; the error has rtloop's status.
+            UnavailableError: there is no fresh state within the timeout; the error gives rtloop's status.
         """
         deadline_s = self.clock.now_s() + timeout_s
         while True:
@@ -186,10 +190,10 @@ class RobotLink:
             await asyncio.sleep(0.01)
 
     async def await_measured_state(self, timeout_s: float) -> RobotState:
-        """A fresh state with fresh measurements.
+        """Wait for a fresh state with fresh measurements and return it.
 
         Raises:
-            UnavailableError: see `await_fresh_state`; or the robot cannot be read, and the error has the
+            UnavailableError: see `await_fresh_state`; or the robot cannot be read, and the error gives the
                 reason.
         """
         state = await self.await_fresh_state(timeout_s)
@@ -200,15 +204,17 @@ class RobotLink:
         return state
 
     async def await_measured_record(self, timeout_s: float) -> np.ndarray:
-        """A copy of the state block, see `state_dtype`; raises the same errors as `await_measured_state`."""
+        """Return a copy of the state block, see `state_dtype`. Raises the same errors as
+        `await_measured_state`.
+        """
         return (await self.await_measured_state(timeout_s)).record
 
     async def await_ready_state(self, timeout_s: float) -> RobotState:
-        """A fresh state in which motion is permitted.
+        """Wait for a fresh state in which motion is permitted and return it.
 
         Raises:
             UnavailableError: see `await_fresh_state`.
-            NotReadyError: the mode is ESTOP or FAULT; the error has the reason and what to do.
+            NotReadyError: the mode is ESTOP or FAULT; the error gives the reason and what to do.
         """
         state = await self.await_fresh_state(timeout_s)
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
@@ -222,19 +228,20 @@ class RobotLink:
 
     @property
     def stops(self) -> int:
-        """Number of requested stops so far. rtloop rejects a motion with an older count."""
+        """Number of stops that were requested so far. rtloop rejects a motion with an older count."""
         return int(self.memory.requests.data["stops"]) + self.memory.outside_stops.value
 
     @property
     def estops(self) -> int:
-        """Number of requested e-stops so far."""
+        """Number of e-stops that were requested so far."""
         return int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
 
     def request_stop(self, *, fast: bool = False) -> None:
         """Stop the arm on its path, from rtloop's next cycle on.
 
         Args:
-            fast: stop as fast as the limits permit, then switch the drives off. Latched until a reset.
+            fast: whether to stop as fast as the limits permit and then switch the drives off. This stop is
+                latched until a reset.
         """
         self.memory.requests.data["stops"] += 1
         if fast:
@@ -248,7 +255,7 @@ class RobotLink:
         self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
 
     def device(self) -> tuple[str, DeviceReport] | None:
-        """The name of the backend and a description of its device; None if they cannot be read."""
+        """Return the name of the backend and a description of its device; None if they cannot be read."""
         if self.memory.device.sequence == 0:
             return None
         try:
@@ -258,7 +265,7 @@ class RobotLink:
             return None
 
     def io(self) -> IoReport | None:
-        """The device's report of its inputs and outputs; None if it cannot be read."""
+        """Return the device's report of its inputs and outputs; None if it cannot be read."""
         if self.memory.io.sequence == 0:
             return None
         try:
@@ -267,12 +274,12 @@ class RobotLink:
             return None
 
     def publish_gripper(self, state: GripperState, read_ns: int) -> None:
-        """Let rtloop publish a reading of the gripper with the arm's state, from its next cycle on."""
+        """Make rtloop publish a reading of the gripper with the arm's state, from its next cycle on."""
         fill_gripper(self.memory.gripper.data, state, read_ns)
         self.memory.gripper.publish()
 
     def signals(self) -> SignalReport | None:
-        """rtloop's report of the actions and conditions of the motion; None if it cannot be read."""
+        """Return rtloop's report of the actions and conditions of the motion; None if it cannot be read."""
         block = self.memory.signals
         if block.sequence == 0 or not block.try_read():
             return None
@@ -282,7 +289,9 @@ class RobotLink:
             return None
 
     def cell(self) -> dict[str, Numbers7] | None:
-        """The poses of the parts of a simulated cell in the base frame; None if they cannot be read."""
+        """Return the poses of the parts of a simulated cell in the base frame; None if they cannot be
+        read.
+        """
         if self.memory.cell.sequence == 0:
             return None
         try:
@@ -295,12 +304,12 @@ class RobotLink:
 
     @property
     def tool_version(self) -> int | None:
-        """The version of the tool in rtloop; None if it cannot be read."""
+        """Version of the tool that rtloop uses; None if it cannot be read."""
         return self._version("tool_version")
 
     @property
     def scene_version(self) -> int | None:
-        """The version of the scene that rtloop last received; None if it cannot be read."""
+        """Version of the scene that rtloop last received; None if it cannot be read."""
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:
@@ -312,8 +321,8 @@ class RobotLink:
             return None
 
     def rtloop_pid(self) -> int:
-        """The process id of rtloop. Raises the same errors as `statistics`. Does not copy the block, because
-        the id is needed for each state.
+        """Return rtloop's process id. Raises the same errors as `statistics`. Does not copy the block,
+        because the id is needed for each state.
         """
         try:
             return int(self.memory.statistics.read()["pid"])

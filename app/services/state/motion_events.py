@@ -1,4 +1,4 @@
-"""Events of motions: the beginning and the end of each."""
+"""Publishes events for the beginning and the end of each motion."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ ENDS = {
     MotionResult.STOPPED_ASIDE: "stopped",
     MotionResult.FAILED: "failed",
 }
-"""Result that the event states, by the result of the motion."""
+"""Result that the event reports, by the result of the motion."""
 
 
 class MotionEvents:
     """Publishes the beginning and the end of each motion once.
 
     Attributes:
-        ended: number of ended motions by result. No motion is missed, because a motion begins only after the
-            service has seen the result of the previous one.
+        ended: number of motions that have ended, by result. No motion is missed, because a motion begins only
+            after the service has seen the result of the previous one.
         last_ended: number of the last motion whose end is known.
     """
 
@@ -55,7 +55,7 @@ class MotionEvents:
             return
         self.last_ended = state.motion_id
         self.ended[state.motion_result] += 1
-        if state.motion_id == self._beginning.get("motion"):  # it was short, and its beginning went unnoticed
+        if state.motion_id == self._beginning.get("motion"):  # short, and its beginning went unnoticed
             self.publish_begin()
         result = state.motion_result
         reason = Reason("") if result is MotionResult.ARRIVED else state.reason

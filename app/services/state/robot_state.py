@@ -23,7 +23,7 @@ Number = TypeVar("Number", int, float)
 
 
 class _Scalar(Generic[Number]):
-    """A property with a number of the record, under the same name."""
+    """A property that reads the number with the same name from the record."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._place = PLACES[name]
@@ -34,7 +34,7 @@ class _Scalar(Generic[Number]):
 
 
 class _Vector:
-    """A property with an array of the record, under the same name."""
+    """A property that reads the array with the same name from the record."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -45,14 +45,16 @@ class _Vector:
 
 
 class RobotState:
-    """A copy of rtloop's state block. Fields have the names, units and meanings of `cobot.ipc.state_fields`.
+    """A copy of rtloop's state block. Its fields have the names, units and meanings that
+    `cobot.ipc.state_fields` defines.
 
     Attributes:
-        record: all fields.
+        record: the record with all fields.
         published_s: time of publication, on the link's clock.
         age_s: time since the publication, s.
         measured_age_s: time since the robot was read, s.
-        interventions, intervened_ns: in the order of `Intervention`.
+        interventions, intervened_ns: number of interventions of each kind, and time of the last one, in the
+            order of `Intervention`.
     """
 
     __slots__ = ("_now_ns", "record", "scalars")
@@ -73,7 +75,7 @@ class RobotState:
         """
         octets = record.tobytes()
         self.record = record_of(octets, record.dtype)
-        self.scalars = STATE_STRUCT.unpack_from(octets)  # many times as fast as numpy
+        self.scalars = STATE_STRUCT.unpack_from(octets)  # many times faster than numpy
         self._now_ns = now_ns
 
     @property
