@@ -1,4 +1,4 @@
-"""Force control: its settings, and a session of its own that runs when no other session is active."""
+"""Force control: keeps its settings, and runs a separate session while no other session is active."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ PERIOD_S = 0.01
 SESSION_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 3.0
 MAX_VELOCITY = (0.1, 0.1, 0.1, 0.5, 0.5, 0.5)
-"""Default maximum velocity of force control: m/s, rad/s."""
+"""Default maximum velocity of force control, m/s and rad/s."""
 NO_LIMIT = (np.inf,) * 6
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, slots=True)
 class ForceSettings:
-    """The settings of force control. Six values each: x, y, z in m and N, then about x, y, z in rad, N·m.
+    """The settings of force control. Most consist of six values: three along x, y and z in m or N, then three
+    about x, y and z in rad or N·m.
 
     Attributes:
         enabled: whether force control is enabled.
         axes: axes of the force frame along which the force is controlled instead of the position.
         wrench: the wrench that the TCP exerts on its surroundings, in the force frame.
         max_velocity: the maximum velocity of force control.
-        stiffness: stiffness of the TCP; None for the robot's nominal one.
+        stiffness: stiffness of the TCP; None for the robot's nominal stiffness.
         damping_ratio: damping ratio of the TCP, from 0.3 to 1.
         in_tcp: whether the force frame is given in the TCP frame; if not, in the base frame.
-        frame: pose of the force frame: x, y, z, then w, x, y, z.
-        thresholds: external wrench at the TCP, in the base frame, above which the arm is stopped. Checked
-            every 10 ms in any mode while force control is enabled.
-        limits: external wrench in the same form, above which rtloop ends a session. Checked in every cycle,
-            in sessions that begin later.
+        frame: pose of the force frame: position x, y, z, then quaternion w, x, y, z.
+        thresholds: external wrench at the TCP, in the base frame, above which the arm is stopped. It is
+            checked every 10 ms in any mode while force control is enabled.
+        limits: external wrench in the same form, above which rtloop ends a session. It is checked in every
+            cycle of sessions that begin later.
     """
 
     enabled: bool = False
@@ -81,12 +82,12 @@ class ForceService:
     """Keeps the settings. While force control is enabled, it holds the TCP's pose and exerts the wrench along
     the force axes.
 
-    Another client's Cartesian session may take force control over: `lend` ends this session, and the other
-    one uses `settings`, whose `wrench` may change at any time.
+    A Cartesian session of another client may take over force control. `lend` then ends this session, and the
+    other session uses `settings`, whose `wrench` may change at any time.
 
     Attributes:
         settings: the current settings.
-        reason: reason why force control last ended by itself, "" if it never has.
+        reason: reason why force control last ended by itself; "" if it never has.
     """
 
     def __init__(
@@ -115,7 +116,7 @@ class ForceService:
         """Enable force control.
 
         Raises:
-            InputError: the settings are invalid; the error has the reason.
+            InputError: the settings are invalid; the error gives the reason.
             ConflictError: another client moves the arm, or a servo session has begun without force axes.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
@@ -165,9 +166,9 @@ class ForceService:
         """Set the axes of force control and the wrench.
 
         Args:
-            axes: 6 values, true for an axis with force control.
-            wrench: 6 values, N and N·m: the wrench of the TCP on its surroundings.
-            max_velocity: 6 values, m/s and rad/s, 0 for the default; empty for all defaults.
+            axes: 6 values, which are true for the axes with force control.
+            wrench: 6 values, N and N·m: the wrench that the TCP exerts on its surroundings.
+            max_velocity: 6 values, m/s and rad/s. 0 means the default; an empty list means all defaults.
             frame: pose of the force frame, x, y, z, w, x, y, z.
 
         Raises:
@@ -192,12 +193,13 @@ class ForceService:
         """Set the compliance of the TCP along the axes that keep their position.
 
         Args:
-            damping_ratio: 6 values from 0.3 to 1, 0 for 0.7; empty for all defaults.
-            stiffness: 6 values, N/m and N·m/rad, 0 for the nominal one; empty for all defaults.
+            damping_ratio: 6 values from 0.3 to 1. 0 means 0.7; an empty list means all defaults.
+            stiffness: 6 values, N/m and N·m/rad. 0 means the nominal stiffness; an empty list means all
+                defaults.
 
         Raises:
-            InputError: there are not six numbers, or a value is outside the robot's range; the error has the
-                range.
+            InputError: there are not six numbers, or a value is outside the robot's range; the error gives
+                the range.
             ConflictError: force control is enabled.
         """
         ratio = vector(damping_ratio or [0.0] * 6, 6, name="damping ratio")
@@ -212,7 +214,7 @@ class ForceService:
         self._change(damping_ratio=tuple(ratio.tolist()), stiffness=tuple(wanted.tolist()))
 
     def set_thresholds(self, thresholds: list[float]) -> None:
-        """Set the external wrench above which the arm is stopped: 6 values, N and N·m, 0 for no threshold.
+        """Set the external wrench above which the arm is stopped: 6 values, N and N·m. 0 means no threshold.
 
         Raises:
             InputError: there are not six numbers of at least 0.
@@ -220,7 +222,7 @@ class ForceService:
         self.settings = replace(self.settings, thresholds=_bounds(thresholds, "thresholds"))
 
     def set_limits(self, limits: list[float]) -> None:
-        """Set the external wrench above which rtloop ends a session: 6 values, N and N·m, 0 for no limit.
+        """Set the external wrench above which rtloop ends a session: 6 values, N and N·m. 0 means no limit.
 
         Raises:
             InputError: there are not six numbers of at least 0.
@@ -229,7 +231,7 @@ class ForceService:
         self._change(limits=_bounds(limits, "limits"))
 
     def external_wrench(self) -> Array:
-        """The estimated wrench of the surroundings on the TCP, in the base frame: N, N·m, shape (6,).
+        """Estimated wrench that the surroundings exert on the TCP, in the base frame, shape (6,), N and N·m.
 
         Raises:
             UnavailableError: rtloop has died while writing a state.
@@ -252,7 +254,7 @@ class ForceService:
         self.settings.describe(request)
         self._session = await self._streams.open(request, NAME, SESSION_TIMEOUT_S)
         self._sequence = 0
-        # The commanded pose is held, because the measured one yields to external forces.
+        # The commanded pose is held, because the measured pose yields to external forces.
         pose = self._robot.model.forward(self._link.state().commanded_position)
         self._setpoint["pose"][:3], self._setpoint["pose"][3:] = pose.position, pose.quaternion
         self._feed()
@@ -271,7 +273,7 @@ class ForceService:
         self._session.take_setpoint(self._sequence, self._setpoint)
 
     async def _run(self) -> None:
-        """Feed the session and watch the thresholds until force control ends by itself."""
+        """Send targets to the session and watch the thresholds until force control ends by itself."""
         while not (reason := self._step()):
             await asyncio.sleep(PERIOD_S)
         ended = self._link.stops != self._stops or (self._session is not None and self._session.over != "")
@@ -282,7 +284,7 @@ class ForceService:
             await self._stopping.stop(STOP_TIMEOUT_S)
 
     def _step(self) -> str:
-        """The reason why force control has to end, "" if it continues."""
+        """Run one step. Returns the reason why force control has to end; "" if it continues."""
         try:
             wrench = self.external_wrench()
             for axis, value, threshold in zip(AXES, wrench.tolist(), self.settings.thresholds, strict=True):

@@ -1,10 +1,12 @@
 """Motions with force: press, follow, search and insert, as jobs.
 
-Each is a Cartesian session with force control along the push. rtloop controls the force and checks its
-maximum in every cycle. The service commands the pose of the TCP and the force a hundred times a second, as
-calculated by the stages in `force_stages`. A pause keeps the contact and holds the TCP where it is.
+Each of these motions is a Cartesian session with force control along the direction of the push. rtloop
+controls the force and checks its maximum in every cycle. The service commands the pose of the TCP and the
+force a hundred times a second, as calculated by the stages in `force_stages`. A pause keeps the contact and
+holds the TCP where it is.
 
-Forces are relative to those at the beginning of the motion, so a small error in the payload has no effect.
+Forces are relative to the forces at the beginning of the motion, so a small error in the payload has no
+effect.
 """
 
 from __future__ import annotations
@@ -55,18 +57,18 @@ from cobot.types import Array
 ANSWER_S = 2.0
 """Timeout for rtloop's answer when a session begins, s."""
 MIN_ROOM_N = 20.0
-"""Minimum margin of the default of `max_force` above `force`, N."""
+"""Minimum amount by which the default of `max_force` exceeds `force`, N."""
 MOVED_RAD = 1e-3
-"""Maximum motion of a joint while the path was planned, rad."""
+"""Maximum motion of a joint that is permitted while the path is planned, rad."""
 INSERT_SHARE = 0.2
-"""Stiffness of the TCP across the push during an insertion, as a share of the nominal one. A higher one would
-turn the peg in the hand when its edge touches the hole.
+"""Stiffness of the TCP across the push during an insertion, as a share of the nominal stiffness. A higher
+stiffness would turn the peg in the hand when the edge of the peg touches the hole.
 """
 LET_GO = "the motion with force has ended"
 
 
 class ForceMotionService:
-    """Motions with force of one robot."""
+    """Executes the motions with force of one robot."""
 
     def __init__(
         self,
@@ -94,8 +96,8 @@ class ForceMotionService:
         """Run a motion with force. Returns when the arm is at rest.
 
         Args:
-            goal: goal of the path of a `FollowMotion`, otherwise None.
-            until: condition on an input that ends a search; None for none.
+            goal: goal of the path, for a `FollowMotion`; otherwise None.
+            until: condition on an input that ends a search; None if there is none.
 
         Raises:
             InputError: the path has no length, or its fields are invalid.
@@ -152,7 +154,7 @@ class ForceMotionService:
         return outcome
 
     def _stages(self, work: ForceRun, path: Trajectory | None, until: Condition | None) -> Stage:
-        """All stages of a motion, as one generator."""
+        """Run all stages of a motion, as one generator."""
         body, push, outcome = work.body, work.push, work.outcome
         felt = outcome.held.append
         touched = yield from approach(push)
@@ -173,7 +175,7 @@ class ForceMotionService:
         return last
 
     def _input_holds(self, until: Condition | None) -> Callable[[], bool]:
-        """A function that returns whether the device reports the input with the value that the condition
+        """Make a function that returns whether the device reports the value of the input that the condition
         requires.
         """
 
@@ -227,7 +229,7 @@ class ForceMotionService:
         return request
 
     def _stiffness(self, body: AnyForceMotion) -> Array:
-        """Stiffness of the TCP, shape (6,), N/m and N·m/rad."""
+        """Return the stiffness of the TCP, shape (6,), N/m and N·m/rad."""
         stiffness: Array = self._streams.info["cartesian_stiffness"].copy()
         if isinstance(body, InsertMotion):
             stiffness[:3] *= INSERT_SHARE
@@ -236,7 +238,7 @@ class ForceMotionService:
 
 
 def _max_force(body: AnyForceMotion) -> float:
-    """The force above which rtloop stops the arm, N."""
+    """Return the force above which rtloop stops the arm, N."""
     return body.max_force or max(2.0 * body.force, body.force + MIN_ROOM_N)
 
 
@@ -247,7 +249,7 @@ def _unit(body: AnyForceMotion) -> Array:
 
 
 def _frame_along(axis: Array) -> Array:
-    """Quaternion (w, x, y, z) of a frame whose z axis points along a unit vector."""
+    """Return the quaternion (w, x, y, z) of a frame whose z axis points along a unit vector."""
     w = 1.0 + float(axis[2])
     if w < 1e-9:
         return np.array([0.0, 1.0, 0.0, 0.0])

@@ -22,7 +22,7 @@ from cobot.reasons import Reason
 
 PERIOD_S = 0.01
 FORCE_INTEGRAL_PER_S = 2.0
-"""Gain of the integral that removes a lasting force error, for example on a slope, 1/s."""
+"""Gain of the integral part that removes a lasting force error, for example on a slope, 1/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +36,13 @@ class TouchPoint:
 
 @dataclass(slots=True)
 class ForceOutcome:
-    """The result of a motion with force. Forces are along the push, distances from the start; the pose is
-    that of the TCP.
+    """The result of a motion with force. Forces are measured along the direction of the push, distances from
+    the start. The pose is the pose of the TCP.
 
     Attributes:
         error: None if the end was reached, or if the request does not require it.
-        stopped_by: word for the cause of the end; "" before the end.
-        force_n: mean while the force was held, N; None if it was not held.
+        stopped_by: word for the cause that ended the motion; "" before the end.
+        force_n: mean force while the force was held, N; None if it was not held.
     """
 
     error: CobotError | None = None
@@ -57,7 +57,7 @@ class ForceOutcome:
 
 
 def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
-    """A function that stores the word for the end of a search."""
+    """Make a function that stores the word for the cause that ended a search."""
 
     def note(word: str) -> None:
         outcome.stopped_by = word
@@ -86,11 +86,11 @@ class ForceRun:
         self._paused_s = ownership.speed_override.paused_s
         self._before_s = link.clock.now_s()
         self._number = 0
-        self._missing_n = 0.0  # force missing in contact, summed over time
+        self._missing_n = 0.0  # missing contact force, integrated over time
         self._aim = Aim(push.start, 0.0)
 
     async def drive(self, session: StreamSession, stages: Stage) -> None:
-        """Run the stages, then release the contact, whatever the result of the stages.
+        """Run the stages, then release the contact regardless of the result of the stages.
 
         Raises:
             NotMet: a limit was reached first.
@@ -100,14 +100,14 @@ class ForceRun:
             most_s = self.caller.timeout_s if self.caller.waits else np.inf
             await self._run(session, stages, min(self.body.max_time_s, most_s))
         except NotMet:
-            with contextlib.suppress(NotMet):  # the answer reports the first bound
+            with contextlib.suppress(NotMet):  # the answer reports the limit that was reached first
                 await self._let_go(session)
             raise
         await self._let_go(session)
 
     async def _let_go(self, session: StreamSession) -> None:
         last = self._sample(0.0)
-        # A pause on the way back is bounded as well.
+        # A pause on the way back is limited as well.
         most_s = self._active_s() + self.body.max_time_s
         await self._run(session, let_go(self.push, last, self._aim, self.body.retract), most_s)
 
@@ -133,12 +133,12 @@ class ForceRun:
                 return
 
     def _active_s(self) -> float:
-        """Duration of the motion so far, without pauses that extend its timeout, s."""
+        """Return the duration of the motion so far, without pauses that extend the timeout, s."""
         excused_s = self._ownership.speed_override.excused_s(self._paused_s)
         return self._link.clock.now_s() - self._begun_s - excused_s
 
     def _account(self, aim: Aim, sample: ForceSample) -> None:
-        """Integrate the error of the force while it is held."""
+        """Integrate the force error while the force is held."""
         if self.outcome.contact is None or aim.force_n != self.push.force_n:
             self._missing_n = 0.0
             return
@@ -162,7 +162,7 @@ class ForceRun:
         setpoint = session.setpoint.copy()
         setpoint["number"] = self._number
         setpoint["pose"] = aim.pose.numbers
-        # rtloop compares with the measured force, which had this share when the TCP was free.
+        # rtloop compares with the measured force, which included this share when the TCP was free.
         setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
         session.take_setpoint(self._number, setpoint)
 
@@ -170,8 +170,8 @@ class ForceRun:
         """Check that nothing has ended the motion.
 
         Raises:
-            MotionStopped: a stop, a cancellation, or the client has disconnected.
-            ExecutionError: rtloop has ended the session; the error has the reason.
+            MotionStopped: the motion was stopped or cancelled, or the client has disconnected.
+            ExecutionError: rtloop has ended the session; the error gives the reason.
         """
         if self.caller.gone.is_set() and self.caller.job is not None:
             gone = StopReason("the client went away", "client_left").error

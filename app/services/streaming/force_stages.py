@@ -1,7 +1,7 @@
 """The stages of motions with force: approach, hold, follow, search, insert, release.
 
 A stage is a generator. It receives samples of the measurements, and yields the commanded pose and force. It
-returns when it has reached its end, and raises `NotMet` if a limit is reached first. It does not depend on
+returns when it has reached its goal, and raises `NotMet` if a limit is reached first. It does not depend on
 sessions or clocks, so a test can run it with any model of a contact.
 """
 
@@ -22,17 +22,18 @@ CONTACT_SHARE = 0.5
 """Share of the commanded force above which the TCP counts as touching."""
 MIN_CONTACT_N = 1.0
 FREE_SHARE = 0.1
-"""Share of the force up to which the TCP counts as released."""
+"""Share of the commanded force up to which the TCP counts as released."""
 LET_GO_S = 1.0
 RETRACT_S = 20.0
 AT_REST_S = 0.5
-"""Time without progress after which a push has reached its end, s."""
+"""Time without progress after which a push counts as completed, s."""
 AT_REST_M = 2e-4
 GIVE_WAY_PER_S = 5.0
 """Gain with which an insertion reduces forces and torques across the push, 1/s."""
 GETTING_UP_S, SLOWEST = 0.3, 0.1
-"""Time in which a search accelerates to its speed, s, and its share of that speed at the start and in
-corners."""
+"""Time in which a search accelerates to its full speed, s, and the share of this speed at the start and in
+corners.
+"""
 SETTLING_S = 1.0
 """Maximum time for the force to reach its value before a search begins to move, s."""
 
@@ -54,8 +55,8 @@ class ForceSample:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """Commanded pose of the TCP, which is controlled across the push, and commanded force along it, N. A
-    negative force pulls.
+    """The commanded pose of the TCP, which is controlled across the direction of the push, and the commanded
+    force along this direction, N. A negative force pulls.
     """
 
     pose: Pose
@@ -70,7 +71,7 @@ class Push:
         start: pose of the TCP at the beginning of the motion.
         axis: unit vector of the push in the base frame at the start, shape (3,).
         force_n: commanded force, N.
-        approach_n: commanded force that moves the free TCP at the speed of the approach, N.
+        approach_n: commanded force with which the free TCP moves at the approach speed, N.
         max_distance_m: maximum distance along the axis, m.
     """
 
@@ -82,20 +83,20 @@ class Push:
 
     @property
     def contact_n(self) -> float:
-        """The force above which the TCP counts as touching, N."""
+        """Force above which the TCP counts as touching, N."""
         return max(CONTACT_SHARE * self.force_n, MIN_CONTACT_N)
 
     def distance_m(self, pose: Pose) -> float:
-        """The distance of a pose from the start along the axis, m."""
+        """Return the distance of a pose from the start, measured along the axis, m."""
         return float((pose.position - self.start.position) @ self.axis)
 
     def beside(self, position: Array) -> Array:
-        """A position, moved along the axis to the height of the start, shape (3,)."""
+        """Return a position moved along the axis to the height of the start, shape (3,)."""
         moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
         return moved
 
     def shifted(self, offset: SearchOffset) -> Pose:
-        """The start pose, moved and tilted across the push."""
+        """Return the start pose, moved and tilted across the direction of the push."""
         x, y = across(self.axis, self.start.rotation)
         lean = Pose.from_numbers((0.0, 0.0, 0.0, *exp((offset.rx * x + offset.ry * y).tolist())))
         turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
@@ -103,7 +104,7 @@ class Push:
 
 
 class NotMet(Exception):
-    """A limit was reached before the requested end.
+    """Raised if a limit is reached before the requested end.
 
     Attributes:
         by: the word for the limit.
@@ -118,7 +119,9 @@ Stage = Generator[Aim, ForceSample, ForceSample]
 
 
 def across(axis: Array, rotation: Array) -> tuple[Array, Array]:
-    """Two unit vectors across an axis, the first as near to the tool's x (or y) as possible."""
+    """Return two unit vectors across an axis. The first one is as close as possible to the tool's x axis, or
+    to its y axis.
+    """
     tool = rotation[:, 0] if abs(rotation[:, 0] @ axis) < 0.9 else rotation[:, 1]
     x = tool - (tool @ axis) * axis
     x /= np.linalg.norm(x)
@@ -167,7 +170,7 @@ def follow(
 
     Args:
         touched: the sample at the first contact.
-        path: pose of the TCP at a time of the path, s.
+        path: function that returns the pose of the TCP at a time along the path, s.
         felt: called with each measured force, N.
     """
     in_tool = push.start.rotation.T @ push.axis
@@ -190,7 +193,7 @@ def follow(
 
 
 def pattern_of(body: SearchMotion) -> Search:
-    """The search pattern of a request."""
+    """Return the search pattern of a request."""
     if body.pattern == "tilt":
         return tilt(body.angle)
     return (spiral if body.pattern == "spiral" else raster)(body.radius, body.pitch)
@@ -205,12 +208,12 @@ def search(
 ) -> Stage:
     """Move along a pattern in contact until the TCP drops, reaches the target, or `input_holds` returns true.
 
-    A drop is measured from the place that the TCP reaches under the whole force, because a soft surface gives
-    way under it.
+    A drop is measured from the position that the TCP reaches under the full force, because a soft surface
+    yields to the force.
 
     Args:
-        input_holds: returns whether the condition on the input is met.
-        found: called with the cause of the end, as a word.
+        input_holds: function that returns whether the condition on the input is met.
+        found: function that is called with the cause of the end, as a word.
     """
     pattern, way_m = pattern_of(body), 0.0
     start_m, settling_s = push.distance_m(touched.pose), SETTLING_S
@@ -220,7 +223,7 @@ def search(
         if offset is None:
             raise NotMet("pattern_end", f"the {body.pattern} has ended and nothing was found")
         sample = yield Aim(push.shifted(offset), push.force_n)
-        # A force above the commanded one has pressed the TCP into the surface: that is not a hole.
+        # A force above the commanded one has pressed the TCP into the surface, so this is not a hole.
         most_n = push.contact_n if settling_s > 0.0 else push.force_n
         if push.distance_m(sample.pose) - start_m >= body.drop and sample.force_n <= most_n:
             found("drop")
@@ -242,7 +245,7 @@ def search(
 
 
 def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMotion) -> Stage:
-    """Push at the place where the search has ended, until the depth is reached.
+    """Push at the position where the search has ended, until the depth is reached.
 
     The commanded pose yields to the walls. Otherwise a peg that is held at a wrong position or angle would
     jam.
@@ -269,8 +272,8 @@ def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMot
 
 
 def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: InsertMotion) -> Pose:
-    """The commanded pose, moved towards the measured one, at most `radius` and `angle` away from the first
-    pose.
+    """Return the commanded pose, moved towards the measured pose, but at most `radius` and `angle` away from
+    the first pose.
     """
     share = 1.0 - np.exp(-GIVE_WAY_PER_S * sample.step_s)
     position = aim.position + share * (push.beside(sample.pose.position) - aim.position)
@@ -301,7 +304,7 @@ def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
 
 
 def _require_near(push: Push, sample: ForceSample) -> None:
-    """Check that the TCP has not moved further than allowed. Raises NotMet if it has."""
+    """Check that the TCP has not moved further than allowed. Raises NotMet if it has moved further."""
     if push.distance_m(sample.pose) > push.max_distance_m:
         raise NotMet(
             "max_distance",

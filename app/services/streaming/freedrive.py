@@ -1,15 +1,16 @@
 """Freedrive: the arm moves where a hand pushes it, and stays where it is released.
 
-It is a streaming session with soft springs, so that the arm yields at once. This module makes its targets
-follow the hand (admittance control): the external torque on a joint, above a threshold, becomes that joint's
-velocity, as with a damper. The nearer the measured arm is to a joint limit or an obstacle, the smaller is the
-velocity, as in a jog (`jog_limits`). A joint that is pushed further resists.
+Freedrive is a streaming session with soft springs, so that the arm yields at once. This module makes the
+session's targets follow the hand (admittance control): the part of the external torque on a joint above a
+threshold is converted to a velocity of this joint, as with a damper. The closer the measured arm is to a
+joint limit or an obstacle, the smaller the velocity, as in a jog (`jog_limits`). A joint that is pushed
+further resists.
 
-A device that releases its arm itself does the rest too: there are no targets, and the arm does not slow down
-before a limit or an obstacle.
+If a device can release its arm itself, the device also controls the motion. Then there are no targets, and
+the arm does not slow down before a limit or an obstacle.
 
-Freedrive ends when it is switched off, by a stop, and when it is not renewed in time, for example because the
-client is disconnected. A renewal does not restart freedrive that has ended.
+Freedrive ends when it is switched off, when the arm is stopped, and when it is not renewed in time, for
+example because the client is disconnected. A renewal does not restart freedrive after it has ended.
 """
 
 from __future__ import annotations
@@ -32,13 +33,15 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
 TIMEOUTS_S = (0.5, 60.0)
-"""Minimum and maximum time after which freedrive has to be renewed, s."""
+"""Minimum and maximum of the time after which freedrive must be renewed, s."""
 TIMEOUT_S = 3.0
 SOFTNESS = 16.0
-"""Ratio of the robot's nominal stiffness to that of the springs: a quarter of the frequency."""
+"""Ratio of the robot's nominal stiffness to the stiffness of the springs. It reduces their natural frequency
+to a quarter.
+"""
 FOLLOW_S = 0.15
-"""Delay of the arm behind a hand that moves it steadily, s. A shorter one would make the arm lighter, but
-unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
+"""Delay of the arm behind a hand that moves it steadily, s. A shorter delay would make the arm feel lighter,
+but unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
 """
 SMOOTHING_S = 0.1
 """Time constant with which the velocity follows the hand, s."""
@@ -47,11 +50,13 @@ TOUCH_SHARE = 0.005
 because estimates are not exact.
 """
 PUSHED_SHARE = 0.02
-"""Maximum external torque when freedrive starts, as a share of the effort limit. Above it, the arm would
-drift without being pushed.
+"""Maximum external torque when freedrive starts, as a share of the effort limit. With a higher torque the arm
+would drift without being pushed.
 """
 PUSHED_N = 20.0
-"""Maximum force on the TCP when a device releases its arm itself, N: more than the noise of a sensor."""
+"""Maximum force on the TCP when a device releases its arm itself, N. It is more than the noise of a
+sensor.
+"""
 ROOM_RAD = 0.05
 """Distance from a joint's limit that is kept free, rad or m, because soft springs yield to continued
 pushing.
@@ -68,10 +73,10 @@ class FreedriveState:
     """State of freedrive.
 
     Attributes:
-        session: number of the current session, None while freedrive is off.
-        left_s: time until it ends without a renewal, s; 0 while it is off.
-        limited_by: reason why the arm does not follow the push, "" if it does.
-        ended: reason of the last end, "" if it has never ended.
+        session: number of the current session; None while freedrive is off.
+        left_s: time until freedrive ends unless it is renewed, s; 0 while it is off.
+        limited_by: reason why the arm does not follow the push; "" if it does.
+        ended: reason why freedrive last ended; "" if it has never ended.
     """
 
     session: int | None
@@ -99,7 +104,7 @@ class Guidance:
         self.velocity = self._wanted = np.zeros(robot.limits.dof)
 
     def step(self, target: Array, position: Array, external: Array, step_s: float) -> tuple[Array, Reason]:
-        """The next target.
+        """Calculate the next target.
 
         Args:
             target: the last target, rad or m, shape (dof,).
@@ -108,7 +113,7 @@ class Guidance:
             step_s: time since the last target, s.
 
         Returns:
-            The target, and the reason why the arm does not follow the push, "" if it does.
+            The target, and the reason why the arm does not follow the push; "" if it does.
         """
         asked = (external - np.clip(external, -self._touch, self._touch)) / self._damping
         bounded, why = self._within_limits(asked, position)
@@ -120,8 +125,8 @@ class Guidance:
         return np.clip(target + step_s * self.velocity, low, high), near or why
 
     def _within_limits(self, asked: Array, position: Array) -> tuple[Array, Reason]:
-        """The velocities, reduced near the joint limits. A joint that is pushed beyond its limit moves
-        back.
+        """Return the velocities, reduced near the joint limits. A joint that was pushed beyond its limit
+        moves back.
         """
         bounds = self._bounds
         up = RATE_PER_S * (bounds.max_position - ROOM_RAD - position)
@@ -143,7 +148,9 @@ def _at_limit(name: str, value: float, limit: float, unit: str, where: str) -> R
 
 
 def outside(limits: JointLimits, position: Array) -> Reason:
-    """The joint that is furthest outside its limits, and what to do; "" if all are within them."""
+    """Describe the joint that is furthest outside its limits, and what to do; "" if all joints are within
+    their limits.
+    """
     past = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(past.argmax())
     if not past[joint] > 0.0:
@@ -192,7 +199,7 @@ class FreedriveService:
 
         Args:
             name: displayed name of the client.
-            timeout_s: the time after which it ends unless `renew` is called.
+            timeout_s: time after which freedrive ends unless `renew` is called, s.
             answer_s: timeout for rtloop's answer, s.
 
         Raises:
@@ -224,21 +231,21 @@ class FreedriveService:
             session: number of the session.
 
         Raises:
-            ConflictError: the session has ended (the error has the reason), another freedrive session is on,
-                or another client has control.
+            ConflictError: the session has ended (the error gives the reason), another freedrive session is
+                on, or another client has control.
         """
         if session != self._number:
             raise ConflictError(f"there is no freedrive session {session}: start one without `session`")
         if self.state.session is None:
             ended = self.state.ended
             raise ConflictError(f"freedrive has ended: {ended}", details=ended.fields())
-        if not CLIENT.get().same(self._client):  # the client that guides the arm has to be connected
+        if not CLIENT.get().same(self._client):  # the client that guides the arm must be connected
             raise ConflictError(f"freedrive was started by {self._client}; no other client may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
 
     def require(self, client: RequestClient) -> None:
-        """Require that this client guides the arm now.
+        """Check that this client is guiding the arm now.
 
         Raises:
             ConflictError: freedrive is off, or another client has started it.
@@ -264,7 +271,9 @@ class FreedriveService:
         self._until_s = self._link.clock.now_s() + timeout_s
 
     def _require_able(self) -> bool:
-        """Whether the device releases the arm itself, without springs."""
+        """Check that the device supports freedrive. Return whether it releases the arm itself, without
+        springs.
+        """
         named = self._link.device()
         if named is None:
             raise ConflictError("freedrive: the capabilities of the robot's backend cannot be read")
@@ -275,7 +284,7 @@ class FreedriveService:
         return device.capabilities.guides
 
     def _require_untouched(self, by_device: bool) -> None:
-        """Check that nothing pushes the arm yet, because any measured effort would move it."""
+        """Check that nothing is pushing the arm yet, because any measured effort would move it."""
         state, limits = self._link.state(), self._robot.limits
         force = float(np.linalg.norm(state.wrench[:3]))
         if by_device and force > PUSHED_N:
@@ -306,11 +315,13 @@ class FreedriveService:
             session.end("freedrive has failed")
         reason = await asyncio.shield(session.ended)
         self._ended = reason
-        if self._session is session:  # otherwise the next one has begun
+        if self._session is session:  # otherwise the next session has begun
             self._session = None
 
     async def _watch(self, session: StreamSession) -> None:
-        """End hand guiding by the device if it is not renewed, and report a joint outside its limits."""
+        """While the device itself lets a person guide the arm, end this if it is not renewed, and report a
+        joint outside its limits.
+        """
         while not session.over:
             await asyncio.sleep(PERIOD_S)
             if self._link.clock.now_s() > self._until_s:

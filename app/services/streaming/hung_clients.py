@@ -1,9 +1,9 @@
-"""Hung local streaming clients: a process that is suspended, for example by SIGSTOP or a debugger, loses its
-session.
+"""Watches for hung local streaming clients. A process that is suspended, for example by SIGSTOP or a
+debugger, loses its session.
 
-rtloop stops the arm when no targets arrive, and notices the end of the client's process. But a suspended
-process has not ended, so this module watches for it. The connection of a hung remote client ends because the
-client answers no ping.
+rtloop stops the arm when no targets arrive, and detects the end of the client's process. But a suspended
+process has not ended, so this module watches for it. A hung remote client needs no such check: its connection
+ends because the client answers no ping.
 """
 
 from __future__ import annotations

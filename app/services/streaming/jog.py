@@ -1,13 +1,14 @@
 """Jogging: the arm moves while the client repeats its request several times a second, within safe limits.
 
-Each frame requests velocities of the joints or of the TCP. They become joint targets of a streaming session,
-so all limits of streaming sessions apply. In addition, this module reduces the velocity the nearer a joint is
-to its limit, or the arm to an obstacle. The approach is exponential, so neither is reached. All joints are
-slowed down by the same factor, which keeps the direction. The TCP stays on its line (`jog_line`).
+Each frame requests velocities of the joints or of the TCP. They are converted to joint targets of a streaming
+session, so all limits of streaming sessions apply. In addition, this module reduces the velocity when a joint
+approaches its limit, or the arm approaches an obstacle. The approach is exponential, so that neither is
+reached. All joints are slowed down by the same factor, which keeps the direction. The TCP stays on its line
+(`jog_line`).
 
-The session ends and the arm stops when the client releases it, when no frame arrives for `SILENCE_S`, and
-when the session is ended from outside. In the last case the client has to release before it can begin again,
-because a button that is still held must not restart the arm after a stop.
+The session ends and the arm stops when the client releases the jog, when no frame arrives for `SILENCE_S`,
+and when the session is ended from outside. In the last case the client must release the jog before it can
+begin again, because a button that is still held must not restart the arm after a stop.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ from cobot.robot.limits import streamed
 from cobot.types import Array
 
 SILENCE_S = 0.2
-"""Time without a frame of the client after which the jog ends, s."""
+"""Time without a frame from the client after which the jog ends, s."""
 PERIOD_S = 0.02
 """Interval between targets, s."""
 MAX_STEP_S = 0.05
-"""Maximum time that one target covers, s, if the service itself was late."""
+"""Maximum time that one target covers if the service itself was late, s."""
 SMOOTHING_S = 0.15
-"""Time constant with which the velocity, of the joints or of the TCP, follows the requested one, s."""
+"""Time constant with which the velocity of the joints or of the TCP follows the requested velocity, s."""
 MAX_LEAD_RAD = 0.1
-"""Maximum lead of the targets over the arm, rad or m. Beyond it the targets wait for the arm."""
+"""Maximum distance of the targets ahead of the arm, rad or m. Beyond it the targets wait for the arm."""
 LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)
 SILENT = Reason(f"no jog frame for {SILENCE_S:g} s: let go, then press again", ReasonCode.JOG_SILENT)
 GONE = Reason("the connection to the client was lost", ReasonCode.CONNECTION_LOST)
@@ -48,12 +49,13 @@ NOT_AT_REST = Reason("the arm must come to rest first", ReasonCode.NOT_AT_REST)
 
 @dataclass(frozen=True, slots=True)
 class JogCommand:
-    """A jog command: velocities of the joints, or of the TCP.
+    """A jog command with velocities of the joints or of the TCP.
 
     Attributes:
-        joints: velocities of the joints, shape (dof,), rad/s or m/s; None: `twist` moves the TCP.
-        twist: velocity of the TCP, shape (6,), m/s and rad/s; used if there are no joints.
-        in_tool: whether the twist is given along the axes of the TCP frame; if not, of the base frame.
+        joints: velocities of the joints, shape (dof,), rad/s or m/s. If None, `twist` moves the TCP.
+        twist: velocity of the TCP, shape (6,), m/s and rad/s. Used if `joints` is None.
+        in_tool: whether the twist is given along the axes of the TCP frame. If not, it is given along the
+            axes of the base frame.
     """
 
     joints: Array | None
@@ -67,7 +69,7 @@ class JogAnswer:
 
     Attributes:
         share: commanded velocity as a share of the requested one.
-        limited_by: reason why the share is below 1; "" if it is not.
+        limited_by: reason why the share is below 1; "" if it is 1.
     """
 
     share: float
@@ -75,7 +77,7 @@ class JogAnswer:
 
 
 class Jog:
-    """The jogging of one client."""
+    """Jogs the arm for one client."""
 
     def __init__(
         self,
@@ -86,7 +88,7 @@ class Jog:
     ) -> None:
         """
         Args:
-            ended: called with the reason when a jog has ended and the arm is at rest.
+            ended: function that is called with the reason when a jog has ended and the arm is at rest.
         """
         self._robot, self._link = robot, link
         self._streams = streams
@@ -96,10 +98,10 @@ class Jog:
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
         self._heard_s = 0.0
-        self._spent = UNLIMITED  # reason for the end of the last session, until the client releases
+        self._spent = UNLIMITED  # reason why the last session ended, until the client releases the jog
         self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
-        self._line: JogLine | None = None  # of the TCP
+        self._line: JogLine | None = None  # velocity of the TCP
         self._let_go = False
 
     async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
@@ -213,13 +215,13 @@ class Jog:
             wanted = self._limits.wanted(None, twist, self._position)
             line.twist = line.twist + gain * (wanted.speed * twist - line.twist)
             change = self._limits.of_twist(line.corrected(self._position), self._position) - self._velocity
-            # Near a singularity the TCP leaves its line, and another one begins where it is.
+            # Near a singularity the TCP leaves its line, and a new line begins at its position.
             self._line = None if wanted.reason else line
         self._velocity += self._limits.gentle_share(change / step_s) * change
         return wanted
 
     def _obstacle(self, here: Array) -> Reason:
-        """The reason why the real-time loop slows the arm down."""
+        """Return the reason why the real-time loop slows the arm down."""
         section = self._streams.section
         within_m = section.collision_margin_m + section.slow_down_m
         near = self._limits.nearest(here, self._velocity, within_m)

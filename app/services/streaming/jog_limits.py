@@ -1,5 +1,5 @@
-"""Maximum speed of a jog at the arm's position: limits of the joints and of the TCP's speed, singularities,
-obstacles.
+"""Calculates the maximum speed of a jog at the arm's position, from the limits of the joints and of the TCP's
+speed, singularities and obstacles.
 """
 
 from __future__ import annotations
@@ -14,26 +14,28 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits, vector
 
 TCP_M_S = 0.25
-"""Maximum speed of the TCP during a jog: reduced speed of ISO 10218-1."""
+"""Maximum speed of the TCP during a jog, m/s: the reduced speed of ISO 10218-1."""
 JOINT_SHARE = 0.5
 """Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
-"""Maximum velocity towards a limit, as a multiple of the distance that is left: an exponential approach, the
-velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away this would require too much deceleration,
-so the deceleration is constant there.
+"""Maximum velocity towards a limit, as a multiple of the remaining distance, 1/s. This makes the approach
+exponential: the velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away it would require too much
+deceleration, so the deceleration is constant there.
 """
 JOINT_ROOM = 0.01
 """Distance from a joint's limit that is kept free, rad or m, so that a planned motion can begin there."""
 OBSTACLE_ROOM_M = 0.003
 """Distance from obstacles that is kept free in addition to the margin of planned motions, m."""
 FAR_M = 0.3
-"""Distance above which an obstacle is ignored, m, because of the low velocities of a jog."""
+"""Distance above which an obstacle is ignored, m. This is possible because a jog is slow."""
 LOOK_S = 0.01
 """Look-ahead time for which the approach to obstacles is calculated, s."""
 APPROACH_M_S = 1e-3
-"""Approach speed up to which an obstacle counts as not approaching, m/s."""
+"""Speed of approach up to which an obstacle counts as not approaching, m/s."""
 SINGULAR = 0.06
-"""Threshold of the singular values of the Jacobian, m/rad or 1. Smaller ones are damped."""
+"""Threshold for the singular values of the Jacobian, m/rad or dimensionless. Velocities along directions with
+smaller singular values are damped.
+"""
 UNLIMITED = Reason("")
 SLOWED = 0.98
 """Share of the requested velocity below which the reason is reported."""
@@ -44,10 +46,10 @@ class LimitedVelocity:
     """Joint velocities within all speed limits.
 
     Attributes:
-        velocity: shape (dof,), rad/s or m/s.
-        speed: the share to which the speed limits reduce the request.
-        share: velocity as a share of the requested one.
-        reason: reason why the share is below 1, "" if it is not.
+        velocity: joint velocities, shape (dof,), rad/s or m/s.
+        speed: share to which the speed limits reduce the requested velocity.
+        share: velocity as a share of the requested velocity.
+        reason: reason why the share is below 1; "" if it is 1.
     """
 
     velocity: Array
@@ -57,12 +59,14 @@ class LimitedVelocity:
 
 
 class JogLimits:
-    """Limits of a jog of one robot. They use the model's scratch memory, like the service's kinematics."""
+    """The limits of a jog for one robot. They use the model's scratch memory, like the service's
+    kinematics.
+    """
 
     def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
         """
         Args:
-            stream: limits of the session's joints; None: those of the robot.
+            stream: joint limits of the session; None for the robot's limits.
         """
         self._robot = robot
         self._rates = stream or robot.limits
@@ -71,13 +75,13 @@ class JogLimits:
         """Reject velocities with a wrong number of joints.
 
         Raises:
-            InputError: the number is wrong; the error has the right one.
+            InputError: the number is wrong; the error gives the correct number.
         """
         if joints is not None:
             vector(joints, self._robot.limits.dof, name="joints")
 
     def wanted(self, joints: Array | None, twist: Array | None, position: Array) -> LimitedVelocity:
-        """The joint velocities for a request, reduced to the speed limits.
+        """Calculate the joint velocities for a request, reduced to the speed limits.
 
         Args:
             joints: see `JogCommand`.
@@ -85,7 +89,7 @@ class JogLimits:
             position: joint positions, shape (dof,).
 
         Raises:
-            InputError: neither joints nor a twist.
+            InputError: the request contains neither joints nor a twist.
         """
         _, _, jacobian = self._robot.model.forward_and_jacobian(position)
         share, reason = 1.0, UNLIMITED
@@ -105,25 +109,27 @@ class JogLimits:
         return LimitedVelocity(velocity * fast, fast, share * fast, reason)
 
     def of_twist(self, twist: Array, position: Array) -> Array:
-        """The joint velocities for a twist in the base frame, within the speed limits, shape (dof,)."""
+        """Calculate the joint velocities for a twist in the base frame, within the speed limits, shape
+        (dof,).
+        """
         _, _, jacobian = self._robot.model.forward_and_jacobian(position)
         velocity = damped(jacobian, twist)
         return velocity * self._too_fast(velocity, jacobian)
 
     def _too_fast(self, velocity: Array, jacobian: Array) -> float:
-        """The share of a velocity that is within the speed limits."""
+        """Return the share of a velocity that is within the speed limits."""
         fastest = np.minimum(JOINT_SHARE * self._robot.limits.max_velocity, self._rates.max_velocity)
         of_joints = (np.abs(velocity) / fastest).max()
         of_tcp = np.linalg.norm(jacobian[:3] @ velocity) / TCP_M_S
         return float(1.0 / np.max([1.0, of_joints, of_tcp]))
 
     def gentle_share(self, acceleration: Array) -> float:
-        """The share of a joint acceleration that is within the limits."""
+        """Return the share of a joint acceleration that is within the limits."""
         return float(1.0 / max(1.0, (np.abs(acceleration) / self._rates.max_acceleration).max()))
 
     def share(self, position: Array, velocity: Array) -> tuple[float, Reason]:
-        """The share of a velocity that is safe at this position, 0 to 1, and the reason if it is below 1,
-        otherwise "".
+        """Return the share of a velocity that is safe at this position, 0 to 1, and the reason if it is below
+        1, otherwise "".
         """
         share, reason = self._of_limits(position, velocity)
         near, why = self.of_obstacles(position, velocity)
@@ -145,8 +151,8 @@ class JogLimits:
         return float(shares[joint]), Reason(words, ReasonCode.JOINT_LIMIT, (name,), value, limit, unit)
 
     def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, Reason]:
-        """The share of a velocity that is safe with respect to obstacles, and the reason why it is below
-        1.
+        """Return the share of a velocity that is safe with respect to obstacles, and the reason if it is
+        below 1.
         """
         here, closing = self._approach(position, velocity, FAR_M)
         room = here - self._robot.collision.margin_m - OBSTACLE_ROOM_M
@@ -160,7 +166,7 @@ class JogLimits:
         return float(shares[pair]), self._distance(pair, here)
 
     def nearest(self, position: Array, velocity: Array, within_m: float) -> Reason:
-        """The nearest pair of parts that approach each other, and their distance, in words; "" if there is
+        """Describe the nearest pair of parts that approach each other, and their distance; "" if there is
         none.
         """
         here, closing = self._approach(position, velocity, within_m)
@@ -170,7 +176,7 @@ class JogLimits:
         return self._distance(int(distances.argmin()), here)
 
     def _approach(self, position: Array, velocity: Array, farthest_m: float) -> tuple[Array, Array]:
-        """The distance of each pair, m, and the speed at which it decreases, m/s."""
+        """Return the distance of each pair, m, and the speed at which it decreases, m/s."""
         rows = np.stack([position, position + LOOK_S * velocity])
         here, there = self._robot.collision.clearance.distances(rows, farthest_m)
         return here, (here - there) / LOOK_S
@@ -182,7 +188,7 @@ class JogLimits:
 
 
 def allowed_speed(room: Array, deceleration: Array) -> Array:
-    """Maximum speed of approach at a distance `room`, m or rad: see `RATE_PER_S`.
+    """Return the maximum speed of approach at a distance `room`, m or rad; see `RATE_PER_S`.
 
     The deceleration, in the same unit per s², is never exceeded on the way.
     """
@@ -192,8 +198,8 @@ def allowed_speed(room: Array, deceleration: Array) -> Array:
 
 
 def damped(jacobian: Array, twist: Array) -> Array:
-    """The smallest joint velocities for a twist, shape (dof,). Near a singularity they are damped, because
-    the exact ones would grow without bound.
+    """Return the smallest joint velocities that produce a twist, shape (dof,). Near a singularity they are
+    damped, because the exact velocities would grow without bound.
 
     Args:
         jacobian: shape (6, dof).

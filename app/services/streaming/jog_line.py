@@ -1,9 +1,9 @@
 """The line along which a jog moves the TCP, and the rotation about an axis.
 
-With velocities of the joints alone, the TCP would leave its line, because the Jacobian changes on the way. So
-the pose on the line is kept, and deviations from it are corrected. When a jog ends, rtloop stops each joint
-separately, as quickly as it can. Then the TCP also leaves the line, by up to 3 mm and 0.7° at 0.1 m/s. The
-next jog corrects this deviation, so that the deviations of many jogs do not add up.
+If only joint velocities were commanded, the TCP would leave its line, because the Jacobian changes on the
+way. So the pose on the line is tracked, and deviations from it are corrected. When a jog ends, rtloop stops
+each joint separately, as quickly as possible. During this stop the TCP also leaves the line, by up to 3 mm
+and 0.7° at 0.1 m/s. The next jog corrects this deviation, so that the deviations of many jogs do not add up.
 """
 
 from __future__ import annotations
@@ -18,22 +18,26 @@ from cobot.types import Array
 CORRECTION_PER_S = 10.0
 """Gain with which the TCP returns to its line, 1/s."""
 MOVED_RAD = 1e-3
-"""If a joint differs by more than this from the last target, something else has moved the arm, rad or m."""
+"""Maximum distance of a joint from the last target, rad or m. At a larger distance something else has moved
+the arm.
+"""
 FAR_M, FAR_RAD = 0.01, 0.05
-"""Deviations from the line, after a jog, that the next jog does not correct: it must move as expected."""
+"""Maximum deviation from the line after a jog that the next jog corrects, m and rad. Larger deviations are
+not corrected, because the jog must move as expected.
+"""
 MAX_CORRECTION = 0.5
-"""Largest correction, as a share of the velocity along the line."""
+"""Maximum velocity of the correction, as a share of the velocity along the line."""
 
 
 class JogLine:
-    """The line from the pose at which a motion of the TCP has begun.
+    """The line along which the TCP moves, from the pose at which its motion began.
 
     Attributes:
         twist: velocity along the line, shape (6,), in the base frame, m/s and rad/s.
     """
 
     def __init__(self, model: RobotModel, position: Array, velocity: Array) -> None:
-        """position, velocity: the joints at the beginning, shape (dof,)."""
+        """position, velocity: positions and velocities of the joints at the beginning, shape (dof,)."""
         self._model = model
         self._pose = model.forward(position)
         _, _, jacobian = model.forward_and_jacobian(position)
@@ -46,7 +50,7 @@ class JogLine:
         return np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
 
     def corrected(self, position: Array) -> Array:
-        """The twist that keeps the TCP on the line, or brings it back to the line, shape (6,)."""
+        """Return the twist that keeps the TCP on the line, or brings it back to the line, shape (6,)."""
         moved, turned = self._deviation(self._model.forward(position))
         correction = -CORRECTION_PER_S * np.concatenate([moved, turned])
         size = float(np.linalg.norm(correction))
@@ -62,8 +66,8 @@ class JogLine:
         self._pose = _shifted(self._pose, way[:3], way[3:])
 
     def rest(self, position: Array) -> None:
-        """The arm has come to rest at these joints. The line continues from there, but without the deviation
-        of the stop, unless that is large.
+        """Record that the arm has come to rest at these joint positions. The line continues from there, but
+        without the deviation caused by the stop, unless it is large.
         """
         pose = self._model.forward(position)
         moved, turned = self._deviation(pose)
@@ -72,11 +76,13 @@ class JogLine:
         self.twist, self._rest = np.zeros(6), position.copy()
 
     def rests_at(self, position: Array) -> bool:
-        """Whether the arm still is where it came to rest."""
+        """Whether the arm is still where it came to rest."""
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
     def _deviation(self, pose: Pose) -> tuple[Array, Array]:
-        """The deviation of a pose across the line: m, and a rotation vector in the base frame, rad."""
+        """Return the deviation of a pose across the line, m, and as a rotation vector in the base frame,
+        rad.
+        """
         turned = quaternion.between(self._pose.quaternion.tolist(), pose.quaternion.tolist())
         return (
             _across(pose.position - self._pose.position, self.twist[:3]),
@@ -85,12 +91,14 @@ class JogLine:
 
 
 def _shifted(pose: Pose, way: Array, turn: Array) -> Pose:
-    """The pose, moved by a displacement and turned by a rotation vector, both in the base frame."""
+    """Return the pose, moved by a displacement and rotated by a rotation vector, both in the base frame."""
     turned = quaternion.product(quaternion.exp(turn.tolist()), pose.quaternion.tolist())
     return Pose(pose.position + way, np.array(turned, float))
 
 
 def _across(vector: Array, direction: Array) -> Array:
-    """The part of a vector that is normal to a direction; the whole vector if there is no direction."""
+    """Return the part of a vector that is normal to a direction; the whole vector if there is no
+    direction.
+    """
     size = float(direction @ direction)
     return np.asarray(vector - (vector @ direction) / size * direction if size > 0.0 else vector)

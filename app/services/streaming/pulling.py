@@ -1,7 +1,7 @@
-"""Pulling a link of the simulated arm during freedrive, as a hand pulls a real arm.
+"""Pulls a link of the simulated arm during freedrive, as a hand pulls a real arm.
 
-Only the simulation supports it. The simulation limits the force, and ends each pull `cobot.ipc.layout.PULL_S`
-after the last frame, even if client and service have died.
+Only the simulation supports this. It limits the force, and ends each pull `cobot.ipc.layout.PULL_S` after the
+last frame, even if the client and the service have died.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ class Pulling:
         """Pull for `PULL_S`, or until the next call.
 
         Args:
-            link: name of a body that the joints move.
-            point: point of the link, in the link's frame, m.
-            target: position to which it is pulled, in the base frame, m.
+            link: name of a body that is moved by the joints.
+            point: point on the link, in the link's frame, m.
+            target: position to which the point is pulled, in the base frame, m.
 
         Raises:
-            NotSupportedError: the backend moves a real arm, or is another simulation. The error names it.
-            ConflictError: this client does not guide the arm, or the link cannot be pulled.
+            NotSupportedError: the backend moves a real arm, or is a simulation that does not support this.
+                The error names the backend.
+            ConflictError: this client is not guiding the arm, or the link cannot be pulled.
             UnavailableError: rtloop does not answer.
         """
         self._require_simulation()
@@ -60,7 +61,7 @@ class Pulling:
         try:
             await self.let_go()
         except CobotError:
-            return  # the simulation ends it by itself
+            return  # the simulation ends the pull by itself
 
     def _require_simulation(self) -> None:
         named = self._link.device()

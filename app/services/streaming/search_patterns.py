@@ -1,9 +1,9 @@
-"""Patterns along which a tool in contact searches for a hole or an edge, as offsets from the place of
+"""Patterns along which a tool in contact searches for a hole or an edge, as offsets from the point of
 contact.
 
-A pattern is a function of the distance along it. It returns the offset across the direction of the push (m)
-and the rotation vector of the tool across it (rad), or None at the end of the pattern. The TCP slows down in
-corners and narrow curves, because a jump of its velocity would disturb the force.
+A pattern is a function of the distance along it. It returns an offset (m) and a rotation vector of the tool
+(rad), both across the direction of the push, or None at the end of the pattern. The TCP slows down in corners
+and narrow curves, because a jump of its velocity would disturb the force.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Search:
     """A search pattern.
 
     Attributes:
-        offset: the offset at a distance along the pattern, m; None beyond its end.
-        room_m: the room for speed there, m: the distance to the nearest corner or to the start, or half the
-            radius of a curve.
+        offset: function that returns the offset at a distance along the pattern, m; None beyond its end.
+        room_m: function that returns the length on which the speed at this distance depends, m: the distance
+            to the nearest corner or to the start, or half the radius of a curve.
     """
 
     offset: Callable[[float], SearchOffset | None]
@@ -40,18 +40,18 @@ class Search:
 
 
 LEVER_M = 0.05
-"""Lever of a tilt, m: tilting by an angle counts as this lever's distance, so that one speed fits all
+"""Length by which an angle of a tilt is multiplied to get a distance, m, so that one speed fits all
 patterns.
 """
 LEANINGS = 12
-"""Number of directions into which a tilt leans, one after the other."""
+"""Number of directions in which a tilt leans, one after the other."""
 
 
 def spiral(radius_m: float, pitch_m: float) -> Search:
     """An Archimedean spiral outwards: r = a φ, with a = pitch / 2π.
 
-    The distance s reaches φ = √(1 + 2 s / a) - 1. The speed along the spiral is then √(1 + φ²) / (1 + φ)
-    times that of s, which is from 71 % to 100 %.
+    At the distance s the angle is φ = √(1 + 2 s / a) - 1. The speed along the spiral is then √(1 + φ²) / (1 +
+    φ) times the speed of s, which is from 71 % to 100 %.
     """
     last = 2.0 * math.pi * radius_m / pitch_m
 

@@ -1,7 +1,7 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
 This module connects the protocol's rules in `cobot.servo.protocol` with the modes in rtloop. `servo_sessions`
-begins and ends sessions, `servo_points` handles their points, `servo_wrench` their wrench.
+begins and ends sessions, `servo_points` handles their points, and `servo_wrench` handles their wrench.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FAR_POINT = (
 
 
 class ServoService:
-    """One robot's servo sessions, one at a time. A session holds the claim on the arm.
+    """Manages one robot's servo sessions, one at a time. A session holds the claim on the arm.
 
     Attributes:
         rules: the protocol's state and counts.
@@ -75,7 +75,7 @@ class ServoService:
 
     @property
     def session(self) -> int:
-        """The number of the last requested session."""
+        """Number of the last session that was requested."""
         return self._sessions.generation
 
     def holds(self, session: int) -> bool:
@@ -83,11 +83,11 @@ class ServoService:
         return self.rules.active and self.session == session
 
     async def handle(self, text: str) -> None:
-        """Handle one message of /{robot}/joint_cmd. A rejected one is counted, see `feedback`."""
+        """Handle one message from /{robot}/joint_cmd. Rejected messages are counted; see `feedback`."""
         self.receive(text)
 
     def receive(self, text: str) -> None:
-        """Like `handle`, but without waiting. A session begins in the background; points that arrive
+        """Like `handle`, but without waiting. A session begins in the background, and points that arrive
         meanwhile wait for it.
         """
         message = self.rules.read(text)
@@ -118,21 +118,21 @@ class ServoService:
         stops: int | None = None,
         owner: str = "",
     ) -> int:
-        """Begin a session, after the previous one has ended and the arm is at rest. Mode 0 only ends the
-        previous one.
+        """Begin a session, after the previous session has ended and the arm is at rest. Mode 0 only ends the
+        previous session.
 
         Args:
-            watchdog_s: time without a point after which the session ends, s; 0 for 0.5 s.
-            send_period_s: interval between points, s; 0 for the control period.
-            stops: `RobotLink.stops` at the time of the request; None: now.
+            watchdog_s: time without a point after which the session ends, s. 0 means 0.5 s.
+            send_period_s: interval between points, s. 0 means the control period.
+            stops: `RobotLink.stops` at the time of the request; None for its current value.
             owner: the only client that may send its points; "" for any client.
 
         Returns:
-            the number of the session, for `holds`.
+            The number of the session, for `holds`.
 
         Raises:
             InputError: the mode does not exist, or a time is out of range.
-            ConflictError: another client moves the arm, or a stop was requested after the session.
+            ConflictError: another client moves the arm, or a stop was requested later than the session.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         try:
@@ -161,15 +161,15 @@ class ServoService:
         gain: float = 0.0,
         owner: str = "",
     ) -> None:
-        """Send a point to the session: joint angles in rad, or [x, y, z, rx, ry, rz]. The other values are 0
-        by default.
+        """Send a point to the session: joint angles in rad, or a pose [x, y, z, rx, ry, rz]. All other values
+        are 0 by default.
 
         Args:
             owner: see `begin`.
 
         Raises:
             ConflictError: there is no session, the buffer is full, or another client has control.
-            LimitError, UnreachableError, InputError: the target is impossible; the error has the reason.
+            LimitError, UnreachableError, InputError: the target is impossible; the error gives the reason.
         """
         self._streams.require_control()
         try:
@@ -185,8 +185,8 @@ class ServoService:
             raise _error(exc) from None
 
     def feedback(self) -> dict[str, Any]:
-        """State of the session, and the points that were rejected since it began. Without a session, the
-        counts of the last one.
+        """Report the state of the session, and the points that were rejected since it began. Without a
+        session, report the counts of the last session.
         """
         rules = self.rules
         counts = dict.fromkeys(("points_taken", "points_dropped", "points_buffered", "underruns"), 0)
@@ -222,7 +222,7 @@ class ServoService:
 
 
 def _error(broken: BrokenRule) -> CobotError:
-    """The error for the caller of `ServoService.point`."""
+    """Make the error for the caller of `ServoService.point`."""
     match broken.kind:
         case Refusal.NOT_ACTIVE | Refusal.OVERRUN:
             return ConflictError(str(broken))

@@ -1,5 +1,5 @@
-"""Servo points on their way to rtloop: inverse kinematics, and the wait for a session that has not begun
-yet.
+"""Handles servo points on their way to rtloop: solves the inverse kinematics, and keeps points until their
+session begins.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ would keep the service busy.
 
 
 class PointInverse:
-    """Inverse kinematics of points. Each solution is the nearest to that of the previous point."""
+    """Solves the inverse kinematics of points. Each solution is the one nearest to the solution for the
+    previous point.
+    """
 
     def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
@@ -39,15 +41,19 @@ class PointInverse:
         self._not_before_s = 0.0
 
     def restart(self) -> None:
-        """Restart: the next point is the first one and continues from the arm's commanded position."""
+        """Start again. The next point counts as the first one and continues from the arm's commanded
+        position.
+        """
         self._before = None
 
     def accept(self, joints: Sequence[float]) -> None:
-        """Note the accepted joint angles, rad, shape (dof,). The next point continues from them."""
+        """Record the accepted joint angles, rad, shape (dof,). The next point continues from them."""
         self._before = np.array(joints)
 
     def joints(self, point: Point) -> Sequence[float]:
-        """The joint angles of a point, rad, shape (dof,). Raises BrokenRule: out of reach, or not tried."""
+        """Calculate the joint angles for a point, rad, shape (dof,). Raises BrokenRule if the point is out of
+        reach or was not tried.
+        """
         if not point.cartesian:
             return point.position
         begun_s = time.perf_counter()  # The time of this computation does not count on the service's clock.
@@ -82,7 +88,7 @@ class ServoPoints:
 
     @property
     def waiting(self) -> int:
-        """The number of points that wait for the session to begin."""
+        """Number of points that wait for the session to begin."""
         return len(self._waiting)
 
     def drop(self) -> int:

@@ -1,5 +1,5 @@
-"""When servo sessions begin and end. Each begins after the previous one has come to rest, and ends for one
-reason.
+"""Begins and ends servo sessions. Each begins after the arm has come to rest from the previous one, and ends
+for exactly one reason.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cobot.servo.protocol import ServoRules, SetMode
 NAME = "a servo session"
 OPEN_TIMEOUT_S = 2.0
 PATIENCE_S = 0.5
-"""Timeout for a motion that has just arrived to release its claim on the arm, s."""
+"""Timeout for a motion that has just ended to release its claim on the arm, s."""
 RETRY_S = 0.02
 FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
 
@@ -56,29 +56,29 @@ class ServoSessions:
         self._rules = rules
         self._points = points
         self._inverse = inverse
-        self._session: StreamSession | None = None  # rtloop's session, until the arm rests
-        self._belongs_to = 0  # the generation for which it was begun
+        self._session: StreamSession | None = None  # rtloop's session, until the arm is at rest
+        self._belongs_to = 0  # the generation for which the session was begun
         self._task: asyncio.Task[None] | None = None
         self._followers: set[asyncio.Task[None]] = set()
 
     @property
     def current(self) -> StreamSession | None:
-        """The last requested session, once it has begun; None once it is ending."""
+        """The last requested session, once it has begun; None as soon as it is ending."""
         return self._session if self._belongs_to == self.generation else None
 
     @property
     def phase(self) -> str:
-        """The phase of the session, as a word of the feedback."""
+        """Phase of the session, as the word that the feedback uses."""
         if not self._rules.active:
             return "idle" if self._session is None else "closing"
         return "opening" if self.current is None else "active"
 
     def request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
-        """Leave the current session, and begin another one unless the mode is 0. The task is done when the
-        new one has begun.
+        """Leave the current session, and begin a new one unless the mode is 0. The returned task is done when
+        the new session has begun.
 
         Args:
-            stops: `RobotLink.stops` at the time of the request; None: now.
+            stops: `RobotLink.stops` at the time of the request; None for its current value.
             owner: the only client that may send its points; "" for any client.
         """
         before, session = self._task, self._session
@@ -94,7 +94,7 @@ class ServoSessions:
         return self._task
 
     def leave(self, reason: str, *, at_once: bool = True) -> None:
-        """Accept no further points. The arm stops at once, or after the points that it already has."""
+        """Accept no further points. The arm stops at once, or after the points that were already accepted."""
         self.generation += 1
         self._points.drop()
         if self._rules.active:
@@ -152,8 +152,8 @@ class ServoSessions:
         self._points.begin(session)
 
     async def _begin(self, request: SetMode, stops: int) -> StreamSession:
-        """Request the session from rtloop, which rejects it if a stop was requested later. First wait for a
-        claim that is being released.
+        """Wait for a claim that is being released, then request the session from rtloop. rtloop rejects the
+        session if a stop was requested later.
         """
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
@@ -195,11 +195,11 @@ class ServoSessions:
 
 
 def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) -> np.ndarray:
-    """The request to rtloop: a record of `cobot.ipc.layout.session_dtype`.
+    """Make the request to rtloop: a record of `cobot.ipc.layout.session_dtype`.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.
-        force: settings of force control, for the modes with force control while it is enabled.
+        force: settings of force control. They apply to the modes with force control while it is enabled.
     """
     asked = nominal_session(info)
     asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s

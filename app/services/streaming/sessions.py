@@ -1,4 +1,4 @@
-"""Streaming sessions of remote clients, one at a time. A session holds the claim on the arm."""
+"""Streaming sessions of remote clients. Only one is open at a time, and it holds the claim on the arm."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class StreamSession:
     """One session, from its acceptance by rtloop until the arm is at rest.
 
     Attributes:
-        number, stream: number and kind of the session in rtloop.
+        number, stream: number of the session in rtloop, and its kind.
         name: displayed name of the client.
         setpoint: the newest accepted setpoint.
         refused: number of frames that arrived out of order.
         over: reason why targets are no longer followed; "" while they are.
-        ended: future that is done when the arm is at rest; its result is the reason.
-        tell: called once with a message if the first target is too far from the arm.
+        ended: future that is done when the arm is at rest. Its result is the reason why the session ended.
+        tell: function that is called once with a message if the first target is too far from the arm.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class StreamSession:
             setpoint: record of `cobot.ipc.layout.setpoint_dtype`.
 
         Raises:
-            InputError: the setpoint is invalid; nothing has changed.
-            MotionStopped: the session is over; the error has the reason.
+            InputError: the setpoint is invalid. Nothing has changed.
+            MotionStopped: the session is over; the error gives the reason.
         """
         self._require_next(sequence)
         check_setpoint(setpoint, self.stream)
@@ -108,7 +108,7 @@ class StreamSession:
         self._writer.chunk(chunk)
 
     def estop(self) -> None:
-        """Latch an e-stop; the arm stops."""
+        """Latch an e-stop, which stops the arm."""
         if self.ended.done():
             raise ConflictError(
                 "the session has ended: only the streaming client may request an e-stop here; use POST /stop"
@@ -116,7 +116,9 @@ class StreamSession:
         self._writer.estop()
 
     def end(self, reason: str = "the client has ended the session") -> None:
-        """End the session; the arm stops. `ended` is done when it is at rest. Does nothing if it is over."""
+        """End the session, which stops the arm. `ended` is done when the arm is at rest. Does nothing if the
+        session is over.
+        """
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.end()
@@ -139,7 +141,7 @@ class StreamService:
     """Begins sessions and follows them to their end, even if their clients die.
 
     Attributes:
-        session: the current session, or None.
+        session: the current session; None if there is none.
     """
 
     def __init__(
@@ -158,13 +160,15 @@ class StreamService:
 
     @property
     def info(self) -> np.ndarray:
-        """rtloop's last description of the robot. The flange-to-TCP transform in it changes with the tool.
+        """The last description of the robot from rtloop. The flange-to-TCP transform in it changes with the
+        tool.
 
-        All zeros until rtloop has written a description, which may be after the start of the service.
+        It consists of zeros until rtloop has written a description, which may be after the start of the
+        service.
         """
         block = self._link.memory.info
         if (sequence := block.sequence) != self._info_sequence:
-            with contextlib.suppress(TornReadError):  # Then the next call finds it.
+            with contextlib.suppress(TornReadError):  # The next call then finds the description.
                 self._info, self._info_sequence = block.read().copy(), sequence
         return self._info
 
@@ -182,7 +186,9 @@ class StreamService:
 
     @contextlib.contextmanager
     def connection(self) -> Iterator[None]:
-        """Context of a connection, which is counted. Raises UnavailableError: there are too many."""
+        """Count a connection while the context is open. Raises UnavailableError if there are too many
+        connections.
+        """
         if self._connections >= MAX_CONNECTIONS:
             raise UnavailableError(
                 f"{MAX_CONNECTIONS} streaming connections are already open, which is the maximum"
@@ -215,14 +221,14 @@ class StreamService:
             request: record of `cobot.ipc.layout.session_dtype`.
             name: displayed name of the client.
             timeout_s: timeout for rtloop's answer, s.
-            stops: `RobotLink.stops` at the time of the request; None: now.
-            caller: the caller of a session that is a job.
+            stops: `RobotLink.stops` at the time of the request; None for its current value.
+            caller: the caller, for a session that is a job.
 
         Raises:
             InputError: the request is invalid.
             ConflictError: another client moves the arm or streams. The error names it.
             NotReadyError: the mode is ESTOP or FAULT.
-            ExecutionError: rtloop rejects the session; the error has the reason.
+            ExecutionError: rtloop rejects the session; the error gives the reason.
             UnavailableError: rtloop does not answer.
         """
         check_session(request, self.info)
@@ -230,7 +236,7 @@ class StreamService:
         if last is not None and self._link.state().session != last.number:
             await asyncio.shield(
                 last.ended
-            )  # its client knows the end from rtloop; the service reads it a moment later
+            )  # the client knows from rtloop that the session has ended; the service reads it a moment later
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(await self._ownership.claim_motion(caller))
@@ -259,7 +265,7 @@ class StreamService:
         return session
 
     def estop(self, session: StreamSession) -> None:
-        """Latch an e-stop on behalf of the streaming client; the arm stops."""
+        """Latch an e-stop on behalf of the streaming client, which stops the arm."""
         session.estop()
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
@@ -303,7 +309,7 @@ class StreamService:
             audit.note("session ended", session=session.number, reason=reason)
 
     async def _end(self, session: StreamSession, claim: Claim) -> str:
-        """The reason for the end of the session, once it has ended."""
+        """Wait for the end of the session, and return the reason."""
         while True:
             try:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
@@ -312,7 +318,7 @@ class StreamService:
                 return str(exc)
             session.report_refusal(state.record)
             cause = claim.interruption
-            if cause is not None and str(cause) != BY_STOP:  # for which rtloop has a message of its own
+            if cause is not None and str(cause) != BY_STOP:  # rtloop has its own message for this case
                 code, by = cause.details.get("cause", ""), cause.details.get("by", "")
                 session.over = session.over or Reason(str(cause), code, (by,) if by else ())
             if state.session != session.number:
