@@ -1,9 +1,9 @@
 """The web service.
 
-The validator and serializer of a pydantic model are built when the model is first used, not when its class is
-defined. A service imports 400 such classes, including FastAPI's for OpenAPI, and most runs need only a few.
-This saves a third of the import time. In return, the first request to an endpoint takes some milliseconds
-longer.
+The validator and the serializer of a pydantic model are built when the model is first used, and not when its
+class is defined. A service imports 400 such classes, including FastAPI's classes for OpenAPI, and most runs
+need only a few of them. This saves a third of the import time. In return, the first request to an endpoint
+takes some milliseconds longer.
 """
 
 import warnings

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def read_arguments() -> argparse.Namespace:
-    """The arguments that `cobot run` passes."""
+    """Read the arguments that `cobot run` passes to the service."""
     parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
     parser.add_argument("--config", type=Path, help="settings file; default: the one that ships with cobot")
     parser.add_argument(

@@ -1,4 +1,6 @@
-"""Everything that runs while the application runs, from opening shared memory to the final stop."""
+"""Starts and ends everything that runs while the application runs, from opening shared memory to the final
+stop.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ class Lifetime:
 
     Attributes:
         robots: the robots by name.
-        agents: the MCP endpoint; its running requests end with the application.
+        agents: the MCP endpoint. Its running requests end with the application.
         reload_by_signal: whether SIGHUP reloads the configuration.
     """
 
@@ -45,7 +47,7 @@ class Lifetime:
 
     @contextlib.asynccontextmanager
     async def of(self, app: FastAPI) -> AsyncIterator[None]:
-        """Serve the robots while the context is open; at its end all arms are stopped."""
+        """Serve the robots while the context is open. At its end all arms are stopped."""
         events = self.shared.events
         async with saying_why(app), contextlib.AsyncExitStack() as stack:
             await self._begin(app, stack)
@@ -81,10 +83,10 @@ class Lifetime:
 
 
 def _settle_memory() -> None:
-    """Exclude all current objects from garbage collection, and enable it again; `app.__main__` has disabled
-    it.
+    """Exclude all current objects from garbage collection, and enable garbage collection again, which
+    `app.__main__` has disabled.
 
-    A collection of what the imports have left would take a tenth of a second and find almost nothing.
+    Collecting the garbage that the imports have left would take a tenth of a second and free almost nothing.
     """
     gc.freeze()
     gc.enable()

@@ -1,6 +1,6 @@
-"""The composition of the web service: its parts, its middleware and its documentation.
+"""Composes the web service from its parts, its middleware and its documentation.
 
-Its routes are in `app.routes`; the tasks that run while it lives are in `app.lifetime`.
+The routes are in `app.routes`. The tasks that run as long as the service are in `app.lifetime`.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ def create_app(
         config: the settings file, for the planning processes.
         base_url: base URL of this service, for the sequence runner.
         clock: clock of all services.
-        planner: makes the planner of a robot, from the settings file, the number of workers and the robot's
-            name.
+        planner: function that makes the planner of a robot, from the settings file, the number of workers and
+            the robot's name.
         host: address that the service listens on.
         ros_token: token of the DDS process.
         fleet_token: token of the fleet process.
-        source: the file that a reload reads, see `Reloading`.
+        source: the file that a reload reads; see `Reloading`.
 
     Raises:
         ConfigError: the configuration is invalid.
@@ -133,7 +133,7 @@ def _authenticator(
 
 
 def _application(lifetime: Lifetime) -> FastAPI:
-    """An application without endpoints, which runs the background tasks of `lifetime`."""
+    """Make an application without endpoints, which runs the background tasks of `lifetime`."""
     app: FastAPI = FastAPIOffline(
         title="cobot",
         summary="The REST API of cobot, a service that moves robot arms.",
@@ -149,7 +149,7 @@ def _application(lifetime: Lifetime) -> FastAPI:
 
 
 def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints: dict[str, Endpoint]) -> None:
-    """Fill `app.state` for the requests. `Lifetime` adds the parts that it starts."""
+    """Fill `app.state` with the data that requests need. `Lifetime` adds the parts that it starts."""
     app.state.events = shared.events
     app.state.endpoints = endpoints | {twin_name(name): each for name, each in endpoints.items()}
     app.state.large_body = asyncio.Lock()
@@ -161,7 +161,9 @@ def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints:
 
 
 def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, required: bool) -> None:
-    """Add the middleware, the innermost first. So rejected requests appear in the audit log too."""
+    """Add the middleware, innermost first, in an order in which rejected requests appear in the audit log
+    too.
+    """
     app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     app.add_middleware(StartFailure)
@@ -179,7 +181,9 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
 
 
 def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str, Role] | None) -> None:
-    """Describe the REST API. `table` has the role that each endpoint needs; None if no tokens are needed."""
+    """Describe the REST API. `table` contains the role that each endpoint requires; None if no tokens are
+    required.
+    """
     limits = {name: robot.limits for name, robot in robots.items()}
     swagger.install(app, partial(openapi.version, limits))
     app.openapi = openapi.with_limits(app.openapi, limits)  # type: ignore[method-assign]
@@ -188,7 +192,7 @@ def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str
 
 
 def _document_vendor(app: FastAPI, names: list[str], table: dict[str, Role] | None) -> None:
-    """Describe the vendor services of the robots with these names; `table` as in `_document`."""
+    """Describe the vendor services of the robots with these names. `table` is the same as in `_document`."""
 
     def schema() -> dict[str, Any]:
         return vendor.schema(app.openapi(), names)

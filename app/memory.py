@@ -1,4 +1,4 @@
-"""Returns memory to the system after requests that needed much of it.
+"""Returns memory to the system after requests that needed much memory.
 
 Python and the C library keep freed memory for reuse. After a flood of large messages they keep four times as
 much as the service needs.
@@ -17,7 +17,7 @@ from pathlib import Path
 LOOK_S, MAX_S = 2.0, 15.0
 """Interval between two checks of the memory, s. It grows to the second value while freeing has no effect."""
 GROWTH = 1.05
-"""Growth of the memory, as a factor, above which it is freed. Freeing takes some milliseconds."""
+"""Factor of growth above which memory is freed. Freeing takes some milliseconds."""
 ARENAS = 2
 _M_ARENA_MAX = -8
 _libc = ctypes.CDLL(None)
@@ -38,7 +38,7 @@ async def give_back() -> None:
     """Return memory while the service runs. With a C library other than glibc, only Python's own memory is
     returned.
     """
-    # opened now, because later no descriptor may be free
+    # opened now, because later no file descriptor may be free
     with Path("/proc/self/statm").open("rb", buffering=0) as statm:
         await _give_back(lambda: int(os.pread(statm.fileno(), 99, 0).split()[1]) * _page_bytes)
 

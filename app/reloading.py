@@ -1,10 +1,10 @@
-"""Reload of the configuration while all robots are at rest: POST /admin/reload, and SIGHUP.
+"""Reloads the configuration while all robots are at rest, for POST /admin/reload and for SIGHUP.
 
 Either the whole configuration is reloaded, or nothing changes. The files are copied and the copy is validated
-as a whole (see `cobot.launch.running_config`). Then named positions, joint limits and the web settings of
-`LIVE_WEB` are applied. Other changes need a restart; the answer lists them. New joint limits apply in the
-service at once, in new planning processes, and in rtloop, which the supervisor restarts. Until rtloop has
-restarted no motion may begin.
+as a whole (see `cobot.launch.running_config`). Then named positions, joint limits and the web settings in
+`LIVE_WEB` are applied. Other changes need a restart; the answer lists them. New joint limits apply at once in
+the service, in new planning processes, and in rtloop, which the supervisor restarts. Until rtloop has
+restarted, no motion may begin.
 """
 
 from __future__ import annotations
@@ -49,24 +49,24 @@ from cobot.robot.limits import check_positions
 from cobot.types import RESTING, JointLimits
 
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
-"""Settings of the section `web` that a reload changes. Code that uses them reads `app.state.web` each time,
+"""Settings in the section `web` that a reload changes. Code that uses them reads `app.state.web` each time,
 or is notified.
 """
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf", "robot.cell"}
-"""Settings with a file name. Their change is detected by the file's content, not by its name."""
+"""Settings that name a file. A change is detected by the file's content and not by its name."""
 STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02
 NAME = "the reload of the configuration"
 SIGNAL = "SIGHUP", "this computer", NAME
-"""The client, the address and the action in the audit entry for a reload by signal."""
+"""Client, address and action in the audit log entry for a reload by signal."""
 
 log = logging.getLogger("cobot.reload")
 
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """The result of a reload, as sentences: changes that apply now, and changes that need a restart."""
+    """The result of a reload, in sentences: changes that apply now, and changes that need a restart."""
 
     taken_over: list[str]
     needs_restart: list[str]
@@ -74,7 +74,7 @@ class Reloaded:
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """The new configuration: the new description of each robot, and the answer of the reload."""
+    """The new configuration: the new description of each robot, and the answer to the reload request."""
 
     settings: Settings
     robots: dict[str, RobotDescription]
@@ -88,8 +88,8 @@ class Reloading:
     Args:
         settings: the current settings.
         config: the file from which they were read.
-        source: the file that the user edits, if `config` is the supervisor's copy of it. None without a
-            supervisor; then new joint limits need a restart.
+        source: the file that the user edits, if `config` is the supervisor's copy of this file. None without
+            a supervisor; in that case new joint limits need a restart.
         state: state of the application. A reload replaces its `web` and updates its `origins`.
     """
 
@@ -115,7 +115,7 @@ class Reloading:
         """Reload the files and apply their changes.
 
         Raises:
-            InputError: the files are not valid; the error says where. Nothing has changed.
+            InputError: the files are not valid; the error states where. Nothing has changed.
             ConflictError: a client moves a robot, or a robot is outside the new limits.
             UnavailableError: a robot does not answer, so it is unknown whether it is at rest; or rtloop has
                 not restarted with the new limits.
@@ -137,11 +137,11 @@ class Reloading:
         return read.answer
 
     def processes(self) -> dict[str, ProcessState]:
-        """The processes that the supervisor runs, by name; empty without a supervisor."""
+        """Return the processes that the supervisor runs, by name; empty without a supervisor."""
         return {} if self._running is None else self._running.processes()
 
     def begin(self) -> None:
-        """Reload in the background, for a signal. The log has the result."""
+        """Reload in the background, for a signal. The result is written to the log."""
         self._task = asyncio.create_task(self._reload_and_log())
 
     async def _reload_and_log(self) -> None:
@@ -203,7 +203,7 @@ class Reloading:
         return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
 
     def _merge(self, new: Settings) -> Settings:
-        """The current settings, with those new values that need no restart."""
+        """Return the current settings with those new values that need no restart."""
         web = {key: getattr(new.web, key) for key in LIVE_WEB}
         merged = []
         for name, each in self._settings.each.items():
@@ -232,7 +232,7 @@ class Reloading:
             robots[name].servo.restore_limits()
 
     async def _enforce(self, services: Services) -> None:
-        """Make planning processes and rtloop use the new limits."""
+        """Make the planning processes and rtloop use the new limits."""
         await asyncio.gather(services.planning.renew(), self._restart_rtloop(services))
 
     async def _restart_rtloop(self, services: Services) -> None:
@@ -267,7 +267,7 @@ async def _require_rest(services: Services) -> None:
 
 
 def _require_within(services: Services, limits: JointLimits) -> None:
-    """Reject new limits that do not include the arm's current position."""
+    """Check that the new limits include the arm's current position."""
     position = services.link.state().commanded_position
     try:
         check_positions(limits, position, f"robot {services.robot.name} is outside the new limits: the angle")
@@ -276,7 +276,7 @@ def _require_within(services: Services, limits: JointLimits) -> None:
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:
-    """The differences that a reload does not apply."""
+    """List the differences that a reload does not apply."""
     if list(old.each) != list(new.each):
         yield f"robots: {', '.join(old.each)} → {', '.join(new.each)}"
     said = set()

@@ -1,4 +1,6 @@
-"""All services for one robot. Routers call only these; only these access shared memory."""
+"""All services for one robot. Routers call only these services, and only these services access shared
+memory.
+"""
 
 from __future__ import annotations
 
@@ -72,11 +74,11 @@ class SharedParts:
 
     Attributes:
         slowest_move_s: the longest timeout of a request that moves the arm, s.
-        sync: moves the robots together.
+        sync: service that moves several robots together.
         several: whether there is more than one robot, so that log lines and addresses must name it.
-        tokens: the tokens of running programs.
+        tokens: the access tokens of running programs.
         events: the events of the service, for its listeners.
-        study_turn: a lock that is held while a study of any robot runs.
+        study_turn: lock that is held while a study for any robot runs.
     """
 
     config: Path | None
@@ -175,7 +177,7 @@ def _services(
     link: RobotLink,
     planning: PlanningService,
 ) -> Services:
-    """Make all services of one robot, each after those that it depends on."""
+    """Make all services of one robot, each after the services that it depends on."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     # The timeout of a motion refers to full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S

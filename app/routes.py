@@ -70,9 +70,7 @@ OF_A_ROBOT = (
     common.router,
     stream.router,
 )
-"""Routers whose routes exist a second time, below the name of each robot. Frequently polled routes come
-first.
-"""
+"""Routers whose routes also exist below the name of each robot. Frequently polled routes come first."""
 OF_THE_SERVICE = (
     robots.router,
     operations.router,
@@ -87,15 +85,15 @@ OF_THE_SERVICE = (
 def install(
     app: FastAPI, endpoints: Mapping[str, Endpoint], names: list[str], agents: McpEndpoint | None
 ) -> None:
-    """Serve all enabled endpoints, with priority over the existing routes.
+    """Add the routes of all enabled endpoints, with priority over the existing routes.
 
-    Routes are matched one after the other, so those of the documentation come last. `include_router` is not
-    used, because FastAPI would then match nested routers in each request.
+    Routes are matched one after the other, so the routes of the documentation come last. `include_router` is
+    not used, because FastAPI would then match nested routers in each request.
 
     Args:
         endpoints: the endpoints by name, with the user's changes.
         names: names of all robots, for the documentation.
-        agents: the endpoint for agents; None if it is disabled.
+        agents: the MCP endpoint for agents; None if it is disabled.
     """
     plain = _enabled(OF_A_ROBOT, endpoints)
     routes = [*plain, *robots.twins(plain, names), *_enabled(OF_THE_SERVICE, endpoints)]
@@ -108,14 +106,14 @@ def install(
 
 
 def _enabled(routers: Iterable[APIRouter], endpoints: Mapping[str, Endpoint]) -> list[BaseRoute]:
-    """Copies of the routes of all enabled endpoints. They are copies, because each application adds its own
+    """Copy the routes of all enabled endpoints. Copies are needed because each application adds its own
     access check.
     """
     return [copy(route) for endpoint, route in _routes(routers) if endpoints[endpoint.name].enabled]
 
 
 def _routes(routers: Iterable[APIRouter]) -> Iterator[tuple[Endpoint, BaseRoute]]:
-    """Each route with the declaration of its endpoint."""
+    """Yield each route with the declaration of its endpoint."""
     for router in routers:
         for route in router.routes:
             endpoint = declared(route)

@@ -41,7 +41,7 @@ log = logging.getLogger("cobot.service")
 
 
 class Server(uvicorn.Server):
-    """The server. Each connection needs a place in a crowd."""
+    """The HTTP server. Each connection needs a place in a crowd."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Server(uvicorn.Server):
     ) -> None:
         """
         Args:
-            end_streams: called at the end to close answers that never end by themselves.
+            end_streams: function that is called at the end to close answers that never end by themselves.
         """
         super().__init__(config)
         self._limits = limits
@@ -60,7 +60,7 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         limits = self._limits
         shared = Shared(crowd_for(limits), Turns(), limits)
-        await super().startup(sockets=[])  # reports that it has started
+        await super().startup(sockets=[])  # uvicorn reports here that it has started
 
         def protocol(visit: Visit) -> HttpProtocol:
             return HttpProtocol(
@@ -110,7 +110,7 @@ def main(
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    if secure:  # programs that are started here trust it, whatever host names it has
+    if secure:  # programs that are started here trust the certificate, regardless of its host names
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
     app.state.losses = SupervisorLosses(arguments.losses_fd)
@@ -129,7 +129,7 @@ def main(
         timeout_keep_alive=int(limits.idle_timeout_s),
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
-        proxy_headers=False,  # the client is the peer of the connection, whatever its headers say
+        proxy_headers=False,  # the client is the peer of the connection, regardless of its headers
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )
@@ -143,7 +143,7 @@ def main(
 
 
 def _url(host: str, port: int, secure: bool) -> str:
-    """The URL of this service on this computer."""
+    """Return the URL of this service on this computer."""
     host = ANY_ADDRESS.get(host, host)
     scheme = "https" if secure else "http"
     return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"

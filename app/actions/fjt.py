@@ -1,10 +1,10 @@
 """The action /{robot}/follow_joint_trajectory (control_msgs/action/FollowJointTrajectory).
 
-A goal becomes one planned motion. The service checks the whole motion before it starts; rtloop then executes
-it without further help from the service. With an `fjt_mode` from 1 to 7 it becomes a servo session with
-points from the same polynomials. Invalid goals are accepted and then aborted with an error code and a
-message, because a ROS rejection has no field for them. A goal is rejected only if the action is disabled,
-another client moves the arm, or an e-stop is active.
+A goal is executed as one planned motion. The service checks the whole motion before it starts, and rtloop
+then executes it without further help from the service. With an `fjt_mode` from 1 to 7 the goal is executed as
+a servo session with points from the same polynomials. Invalid goals are accepted and then aborted with an
+error code and a message, because a ROS rejection has no field for them. A goal is rejected only if the action
+is disabled, another client moves the arm, or an e-stop is active.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ WATCH_S = 0.01
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""Duration of a motion to the arm's current position, s. Used for a goal whose only point is that position.
+"""Duration of a motion to the arm's current position, s. It is used for a goal whose only point is this
+position.
 """
 PLAN_S = 30.0
 
@@ -135,7 +136,7 @@ class FollowJointTrajectory:
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[TrajectoryRun]:
-        """Make this the newest goal. Ends the previous goal first. A cancel or a newer goal ends this one."""
+        """End the previous goal, then make this the newest goal. A cancel request or a newer goal ends it."""
         run, before = TrajectoryRun(), self._newest
         self._newest = run
 
@@ -158,7 +159,9 @@ class FollowJointTrajectory:
     async def _work(
         self, run: TrajectoryRun, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> str:
-        """Plan the goal and execute it. Returns how the motion differs from the goal, "" if it does not."""
+        """Plan the goal and execute it. Returns a description of how the motion differs from the goal; "" if
+        it does not differ.
+        """
         # Streamed points have no path time: this is a session and has no job.
         planned = settings.mode is ServoMode.NONE
         job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
@@ -177,8 +180,8 @@ class FollowJointTrajectory:
         return trajectory.note
 
     async def _plan(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
-        """Plan the motion through all points. It is slower than requested where the limits need it and the
-        goal permits it.
+        """Plan the motion through all points. It is slower than requested where the limits require this and
+        the goal permits it.
         """
         start, points = state.commanded_position, goal.points
         if points[-1].time_from_start_s == 0.0:
@@ -203,7 +206,7 @@ class FollowJointTrajectory:
         return trajectory
 
     def _require_there(self, start: Array, position: Sequence[float]) -> None:
-        """Check that a single point at time 0 is the arm's current position, as in a plan of MoveIt for an
+        """Check that a single point at time 0 is the arm's current position. MoveIt makes such a plan for an
         arm that is already at the goal.
         """
         off = np.abs(np.asarray(position) - start)
@@ -227,7 +230,7 @@ class FollowJointTrajectory:
             cause = claim.interruption
             if cause is None and self._link.state().motion_result is MotionResult.FAILED:
                 raise GoalViolated(str(exc)) from exc
-            # `exc` also has the result, such as "not settled"
+            # `exc` also contains the result, such as "not settled"
             if cause is not None and not isinstance(exc, type(cause)):
                 raise type(cause)(f"{cause}; {exc}") from exc
             raise
@@ -260,7 +263,7 @@ class FollowJointTrajectory:
             await asyncio.sleep(WATCH_S)
 
     async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
-        """Wait until the arm is within goal_tolerance, if that is tighter than the service's own tolerance
+        """Wait until the arm is within goal_tolerance, if this tolerance is tighter than the service's own
         for the end of a motion.
         """
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
@@ -287,7 +290,9 @@ class FollowJointTrajectory:
         return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits))
 
     def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
-        """Latest arrival of the arm, in seconds after the beginning of the motion."""
+        """Return the latest permitted arrival time of the arm, in seconds after the beginning of the
+        motion.
+        """
         return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
 
     def _fail(self, handle: GoalHandle, error: CobotError) -> Message:

@@ -1,7 +1,8 @@
-"""The FollowJointTrajectory goal, read from its message and checked.
+"""Reads a FollowJointTrajectory goal from its message and checks it.
 
-The rules are those of ros2_control's joint_trajectory_controller; `docs/fjt.md` lists the exceptions. This
-module finds every error in the message itself. The planner decides whether this arm can execute the motion.
+The rules are the same as for ros2_control's joint_trajectory_controller; `docs/fjt.md` lists the exceptions.
+This module finds every error in the message itself. The planner decides whether this arm can execute the
+motion.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from cobot.types import Array, JointLimits, Waypoint
 
 SHOWN_NAMES = 10
 LATE_START_S = 1.0
-"""Maximum delay of a goal, s. A goal whose header.stamp is past by up to this begins at once; an older one is
-rejected.
+"""Maximum delay of a goal, s. A goal whose header.stamp is in the past by at most this time begins at once.
+An older goal is rejected.
 """
 EARLIEST_START_S = 600.0
 WIDER_PATH = "raise it, or send a slower trajectory"
@@ -29,7 +30,7 @@ Message = dict[str, Any]
 
 
 class GoalError(InputError):
-    """A goal of FollowJointTrajectory is invalid; the text says why."""
+    """Raised if a FollowJointTrajectory goal is invalid. Its text gives the reason."""
 
     error_code: ClassVar = FjtError.INVALID_GOAL
 
@@ -43,26 +44,30 @@ class OldGoalError(GoalError):
 
 
 class PathViolated(ExecutionError):
-    """The arm left the path by more than path_tolerance."""
+    """Raised if the arm deviates from the path by more than path_tolerance."""
 
     error_code: ClassVar = FjtError.PATH_TOLERANCE_VIOLATED
 
 
 class GoalViolated(ExecutionError):
-    """The arm has not reached the goal within goal_tolerance and goal_time_tolerance."""
+    """Raised if the arm does not reach the goal within goal_tolerance and goal_time_tolerance."""
 
     error_code: ClassVar = FjtError.GOAL_TOLERANCE_VIOLATED
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Allowed error of each joint, shape (dof,), rad and rad/s. Infinite where the goal sets no tolerance."""
+    """Allowed errors of each joint, shape (dof,), rad and rad/s. They are infinite where the goal sets no
+    tolerance.
+    """
 
     position: Array
     velocity: Array
 
     def violation(self, position_error: Array, velocity_error: Array, limits: JointLimits) -> str:
-        """A message about the joint that exceeds its tolerance most; "" if all are within it."""
+        """Describe the joint that exceeds its tolerance most; "" if all joints are within their
+        tolerances.
+        """
         for derivative, (error, allowed) in enumerate(
             ((position_error, self.position), (velocity_error, self.velocity))
         ):
@@ -80,10 +85,11 @@ class FjtGoal:
     """A valid goal.
 
     Attributes:
-        points: in the robot's order of joints.
-        start_s: when to begin, s since 1970; None for at once.
-        path, end: tolerances on the way and at the end.
-        late_s: maximum delay of the arrival, relative to the time of the last point, s; infinite: no limit.
+        points: points of the trajectory, with the joints in the robot's order.
+        start_s: time at which to begin, s since 1970; None to begin at once.
+        path, end: tolerances along the path and at its end.
+        late_s: maximum delay of the arrival, relative to the time of the last point, s; infinite if there is
+            no limit.
     """
 
     points: list[Waypoint]
@@ -93,17 +99,17 @@ class FjtGoal:
     late_s: float
 
     def corridor_rad(self, smoothing_rad: float) -> Array:
-        """Maximum deviation of each joint's motion from the points, shape (dof,), rad.
+        """Return the maximum deviation of each joint's motion from the points, shape (dof,), rad.
 
-        It uses at most half of a tolerance, because the arm deviates from its motion too.
+        This is at most half of the tolerance, because the arm also deviates from its planned motion.
         """
         return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
 
     def late(self, planned_s: float) -> str:
-        """The message for an arm that does not arrive in time.
+        """Return the message for an arm that does not arrive in time.
 
         Args:
-            planned_s: duration of the planned motion.
+            planned_s: duration of the planned motion, s.
         """
         bounded = not math.isinf(self.late_s)
         allowed = f" and goal_time_tolerance ({self.late_s:g} s)" if bounded else ""
@@ -115,13 +121,13 @@ class FjtGoal:
 
 
 def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
-    """The goal in a complete message (see `cobot.ros.messages`).
+    """Read the goal in a complete message (see `cobot.ros.messages`).
 
     Args:
         now_s: the time of day, s since 1970.
 
     Raises:
-        GoalError: the message is invalid. The error has the reason and the result code of the action.
+        GoalError: the message is invalid. The error contains the reason and the result code of the action.
     """
     trajectory = goal["trajectory"]
     order = _order(trajectory["joint_names"], limits.names)
@@ -144,7 +150,7 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
 
 
 def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
-    """The index of each of the robot's joints in the goal's joint_names."""
+    """Return the index of each of the robot's joints in the goal's joint_names."""
     if sorted(given) != sorted(names):
         raise JointsError(
             f"joint_names must be {', '.join(names)} in any order: {_name_errors(given, names)}"
@@ -201,7 +207,9 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
 
 
 def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
-    """One quantity of all points, shape (n, dof) in the robot's order; None if the points do not have it."""
+    """Read one quantity from all points, shape (n, dof) in the robot's order; None if the points do not
+    contain it.
+    """
     rows = [message[name] for message in messages]
     if not any(rows):
         return None
@@ -221,14 +229,14 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
 
 
 def _retimed(times: Array, index: int) -> str:
-    """What to do about a time that is not later than the previous one."""
+    """Describe what to do about a time that is not later than the previous one."""
     if not times.any():
         return "all times are 0: add a time parameterization (MoveIt has an adapter for it)"
     return "leave the point out" if times[index] == times[index - 1] else "order the points by their times"
 
 
 def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
-    """Accelerations for points with velocities, from the cubics between the points. Shape (n, dof).
+    """Calculate accelerations for points with velocities, from the cubics between the points, shape (n, dof).
 
     Where two cubics meet, the result is the mean of their accelerations. This smooths the jumps that a cubic
     Hermite spline has in acceleration. At both ends the acceleration is 0, because the arm is at rest there.
@@ -262,8 +270,8 @@ def _start_time(stamp: Message, duration_s: float, now_s: float) -> float | None
 
 
 def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> Tolerance:
-    """The tolerances in a message. In ROS 0 means the default and -1 means no tolerance; both are infinite
-    here.
+    """Read the tolerances in a message. In ROS 0 means the default and -1 means no tolerance. Here both are
+    infinite.
     """
     made = Tolerance(np.full(len(names), math.inf), np.full(len(names), math.inf))
     for index, message in enumerate(messages):

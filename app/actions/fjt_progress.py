@@ -1,5 +1,5 @@
-"""Progress of a FollowJointTrajectory goal: its comparison with the tolerances, and the feedback to the
-client.
+"""Progress of a FollowJointTrajectory goal. It is compared with the tolerances and reported to the client as
+feedback.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from cobot.types import Array, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryProgress:
-    """The arm's state and its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each.
+    """The state of the arm and of its trajectory at one moment. All arrays are of shape (dof,), in rad, rad/s
+    and rad/s².
 
     Attributes:
-        stamp_ns: the moment, ns since 1970.
+        stamp_ns: time of this moment, ns since 1970.
         time_s: time along the trajectory.
     """
 
@@ -29,7 +30,9 @@ class TrajectoryProgress:
 
     @property
     def error(self) -> tuple[Array, Array]:
-        """Desired minus actual, with the sign that joint_trajectory_controller uses."""
+        """Return the desired minus the actual values, which is the sign that joint_trajectory_controller
+        uses.
+        """
         return self.desired[0] - self.actual[0], self.desired[1] - self.actual[1]
 
     def path_violation(self, goal: FjtGoal, limits: JointLimits) -> str:
@@ -37,8 +40,8 @@ class TrajectoryProgress:
         return goal.path.violation(*self.error, limits)
 
     def feedback(self, names: tuple[str, ...]) -> Message:
-        """The message control_msgs/action/FollowJointTrajectory_Feedback, without fields that have ROS's
-        default.
+        """Make the message control_msgs/action/FollowJointTrajectory_Feedback. Fields that equal ROS's
+        default are omitted.
         """
         return {
             "header": {"stamp": ros_time(self.stamp_ns)},
@@ -63,7 +66,9 @@ class TrajectoryProgress:
 def on_path(
     trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
 ) -> TrajectoryProgress:
-    """Progress at a time along the trajectory. That time advances by `rate` per second of the clock."""
+    """Return the progress at a time along the trajectory. This time advances by `rate` per second of the
+    clock.
+    """
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
     return TrajectoryProgress(
         stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity)

@@ -1,5 +1,5 @@
-"""Execution of a FollowJointTrajectory goal: its settings, its life until the end, and servo sessions for
-it.
+"""Execution of a FollowJointTrajectory goal: its settings, its state until the end, and servo sessions that
+execute it.
 """
 
 from __future__ import annotations
@@ -23,25 +23,28 @@ from cobot.trajectory import Trajectory
 from cobot.types import JointLimits
 
 FEEDBACK_S = 0.05
-"""Interval of the feedback, s: 20 Hz, the default of joint_trajectory_controller."""
+"""Interval of the feedback, s. It corresponds to 20 Hz, the default of joint_trajectory_controller."""
 SEND_PERIOD_S = 0.01
 WATCHDOG_S = 0.5
 OWNER = "follow_joint_trajectory"
 CYCLE_S = 0.001
-"""Interval of the points in servo mode 4, s. All points of one sending period are sent together."""
+"""Interval between points in servo mode 4, s. All points of one sending period are sent together."""
 ARRIVAL_S = 5.0
-"""Timeout for a servo session to arrive after its last point, s, unless the goal sets another one."""
+"""Timeout for the arm to arrive after the last point of a servo session, s, unless the goal sets a different
+timeout.
+"""
 FINISHED = (0.005, 0.02)
 """Maximum error at the end of a servo session if the goal has no goal_tolerance: rad and rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class FjtSettings:
-    """How goals are executed: the settings file, with later changes through `fjt_control`.
+    """Settings that determine how goals are executed. They come from the settings file and can be changed
+    later through `fjt_control`.
 
     Attributes:
         mode: servo mode; NONE for a planned motion.
-        time_s: duration of each servo point, s; 0 for the period.
+        time_s: duration of each servo point, s. 0 means the period.
         period_s: interval between servo points, s.
     """
 
@@ -55,8 +58,8 @@ class TrajectoryRun:
     """A goal from its acceptance to its end.
 
     Attributes:
-        cause: the reason to end early, None without one.
-        ended: set when the arm rests, or moves for another client.
+        cause: the reason to end early; None if there is none.
+        ended: event that is set when the arm is at rest, or moves for another client.
     """
 
     def __init__(self) -> None:
@@ -66,7 +69,7 @@ class TrajectoryRun:
         self._claim: Claim | None = None
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End this run. If it is called several times, the first cause counts."""
+        """End this run. If this is called several times, the first cause is kept."""
         if self.cause is None:
             self.cause = cause
             self._interrupted.set()
@@ -74,7 +77,7 @@ class TrajectoryRun:
                 self._claim.interrupt(cause)
 
     def own(self, claim: Claim) -> None:
-        """Bind this run to a claim: an interruption of the run also interrupts the claim."""
+        """Bind this run to a claim, so that an interruption of the run also interrupts the claim."""
         self._claim = claim
         if self.cause is not None:
             claim.interrupt(self.cause)
@@ -114,7 +117,7 @@ class ServoExecution:
             stops: `RobotLink.stops` when the arm was claimed for it.
 
         Raises:
-            PathViolated, GoalViolated: the arm left the tolerances of the goal.
+            PathViolated, GoalViolated: the arm exceeded the tolerances of the goal.
             MotionStopped: the session was ended, or `run` was.
             CobotError: the session cannot begin, or rejects a point.
         """
@@ -148,7 +151,7 @@ class ServoExecution:
                 await servo.end(str(run.cause or "follow_joint_trajectory is done"))
 
     def _progress(self, goal: FjtGoal, trajectory: Trajectory, elapsed_s: float) -> TrajectoryProgress:
-        """The progress along the trajectory. Raises `PathViolated` if the arm is too far from it."""
+        """Return the progress along the trajectory. Raises `PathViolated` if the arm is too far from it."""
         rate = float(elapsed_s < trajectory.duration_s)
         time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
         progress = on_path(trajectory, time_s, rate, self._link.state(), stamp_ns)

@@ -1,9 +1,10 @@
 """The actions /{robot}/gripper/gripper_cmd (control_msgs/action/GripperCommand) and
 /{robot}/gripper/parallel_gripper_cmd (control_msgs/action/ParallelGripperCommand).
 
-A goal is a command to the gripper, and a job. A new command replaces the current one, whether it comes from
-one of these actions or from another client. If an object stops the fingers, the goal has succeeded, with
-`stalled`. The results have no field for a reason: it is in the log, on /rosout and in the job.
+A goal is executed as a gripper command and as a job. A new command replaces the current one, regardless of
+whether it comes from one of these actions or from another client. If an object stops the fingers, the goal
+succeeds, with `stalled`. The results have no field for the reason of a failure, so the reason is reported in
+the log, on /rosout and in the job.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from cobot.ros.messages import Message
 
 FEEDBACK_S = 0.05
 TIMEOUT_S = 30.0
-"""Timeout for a goal, s. POST /robot/gripper/move has the same."""
+"""Timeout for a goal, s. It is the same as for POST /robot/gripper/move."""
 
 
 class GripperAction:
@@ -33,7 +34,7 @@ class GripperAction:
     Args:
         robot: name of the robot.
         name: name of the action, below /{robot}/gripper.
-        form: how the action's messages state widths and forces.
+        form: conversion between the action's messages and widths and forces.
     """
 
     definition = ""
@@ -103,7 +104,7 @@ class GripperAction:
 
 
 def gripper_actions(robot: str, gripper: GripperService, ownership: Ownership) -> list[GripperAction]:
-    """The actions for a robot's gripper; empty if the robot has no gripper."""
+    """Make the actions for a robot's gripper; empty if the robot has no gripper."""
     if not gripper.exists:
         return []
     forms: dict[str, type[OneGap] | type[FingerJoints]] = {

@@ -1,6 +1,4 @@
-"""Conversion of the action goals into gripper commands, and of the gripper's state into feedback and
-results.
-"""
+"""Converts action goals to gripper commands, and the gripper's state to feedback and results."""
 
 from __future__ import annotations
 
@@ -16,19 +14,19 @@ from cobot.ros.messages import Message
 from cobot.strict import shown
 
 SAME_M = 1e-6
-"""Maximum difference of the two finger positions that counts as equal, m."""
+"""Maximum difference between the positions of the two fingers at which they count as equal, m."""
 GRASP, RELEASE = 0.0, 1.0
 """Positions that stand for grasp and release, for a gripper without a width."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A goal, in the form that both actions share.
+    """A gripper goal in the form that both actions share.
 
     Attributes:
-        width: m.
-        force: largest force of the fingers, N; 0: the gripper's default.
-        speed: largest speed of the width, m/s; 0: the gripper's default.
+        width: requested width, m.
+        force: maximum force of the fingers, N. 0 means the gripper's default.
+        speed: maximum speed at which the width changes, m/s. 0 means the gripper's default.
     """
 
     width: float
@@ -36,7 +34,7 @@ class Grip:
     speed: float = 0.0
 
     def request(self, able: GripperCapabilities) -> GripperRequest:
-        """The command to the gripper. A limit above the gripper's own maximum is reduced to that maximum.
+        """Make the gripper command. A limit above the gripper's own maximum is reduced to this maximum.
 
         Raises:
             RejectedGoalError: a value is not a number or out of range.
@@ -69,7 +67,7 @@ class Grip:
 
 
 def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: str) -> float | None:
-    """The limit that is commanded for a requested limit; None for the gripper's default."""
+    """Return the limit to command for a requested limit; None for the gripper's default."""
     if value == 0.0:
         return None
     if able is None:
@@ -85,9 +83,9 @@ class Grasped:
     """The fingers' state in relation to a goal.
 
     Attributes:
-        width, force: NaN if unknown.
-        stalled: they press on something.
-        reached: they are at the goal, as far as the gripper reports it.
+        width, force: current width, m, and force, N. NaN if unknown.
+        stalled: whether the fingers press on something.
+        reached: whether the fingers are at the goal, as far as the gripper reports it.
     """
 
     width: float
@@ -99,10 +97,10 @@ class Grasped:
     def of(
         cls, request: GripperRequest, state: GripperState | None, able: GripperCapabilities, *, ended: bool
     ) -> Grasped:
-        """The values for a gripper state. `state` is None if it is unknown.
+        """Compare a gripper state with a goal. `state` is None if it is unknown.
 
         Args:
-            ended: the command has ended. Until then, the state may be older than the command.
+            ended: whether the command has ended. Until then, the state may be older than the command.
         """
         if state is None:
             return cls(math.nan, math.nan, stalled=False, reached=False)
@@ -123,7 +121,7 @@ class Grasped:
 
 
 class OneGap:
-    """control_msgs/action/GripperCommand: one position, which is the width."""
+    """Goals of control_msgs/action/GripperCommand, which contain one position: the width."""
 
     type_ = "control_msgs/action/GripperCommand"
 
@@ -140,7 +138,9 @@ class OneGap:
 
 
 class FingerJoints:
-    """control_msgs/action/ParallelGripperCommand: joints, each of which slides by half of the width."""
+    """Goals of control_msgs/action/ParallelGripperCommand, which contain joints that each slide by half of
+    the width.
+    """
 
     type_ = "control_msgs/action/ParallelGripperCommand"
 
@@ -148,7 +148,7 @@ class FingerJoints:
     def read(goal: Message) -> Grip:
         """
         Raises:
-            RejectedGoalError: the joints are not those of the gripper, or their values do not fit.
+            RejectedGoalError: the joints do not belong to the gripper, or their values do not fit.
         """
         command = goal["command"]
         names, positions = command["name"] or list(FINGER_JOINTS[:1]), command["position"]

@@ -1,8 +1,8 @@
 """The action /{robot}/servo_mode: a servo session that a client supervises.
 
 The client still sends points through /{robot}/joint_cmd or the servo services. The goal is rejected if the
-session cannot begin. Feedback is sent while the session lasts. A cancel ends the session, and so do a
-servo_control stop, mode 0, another session, the watchdog, a stop and an e-stop.
+session cannot begin. Feedback is sent while the session lasts. The session ends by a cancel request, a
+servo_control stop, mode 0, a new session, the watchdog, a stop or an e-stop.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class ServoModeAction:
         return self._result(handle, cancelled=cancelled, replaced=servo.session != number)
 
     def _result(self, handle: GoalHandle, *, cancelled: bool, replaced: bool) -> dict[str, Any]:
-        """The result. `replaced` is set if a client has meanwhile requested another session, or mode 0."""
+        """Make the result. `replaced` is true if a client has meanwhile requested a new session or mode 0."""
         values = self._servo.feedback()
         as_asked = cancelled or replaced
         if cancelled:

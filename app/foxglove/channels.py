@@ -1,4 +1,4 @@
-"""The state and the events of a robot, as the messages that its recordings have."""
+"""The state and the events of a robot, as the same messages that its recordings contain."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
 
 EVENTS = "/events"
 LATE_S = 0.1
-"""Age above which a measured state counts as late, s. It is then reported as not measured in this cycle."""
+"""Age above which a measured state counts as late, s. A late state is reported as not measured in this
+cycle.
+"""
 
 
 @lru_cache(maxsize=64)
 def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> RecordMessages:
-    """The message types of a robot. Call it in a thread: the first call takes a second, because it imports
-    rosbags.
+    """Make the message types for a robot. Call this in a thread, because the first call imports rosbags,
+    which takes a second.
     """
     from cobot.recording.messages import RecordMessages
 
@@ -36,10 +38,10 @@ def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> Recor
 
 
 class RobotChannels:
-    """The channels of one robot, for one client. Create it in a thread, see `_messages`.
+    """The channels of one robot for one client. Create this object in a thread, see `_messages`.
 
     Args:
-        has_gripper: whether the robot has a gripper, which has a topic of its own.
+        has_gripper: whether the robot has a gripper, which has its own topic.
 
     Attributes:
         schemas: for each topic, the name of its type and the text that defines the type.
@@ -60,8 +62,8 @@ class RobotChannels:
         self._caught: np.ndarray | None = None
 
     def states(self) -> dict[str, tuple[int, bytes]]:
-        """The newest state. For each topic, the time, ns since 1970, and the message. None if there is no
-        state.
+        """Return the newest state: for each topic, the time, ns since 1970, and the message. None if there is
+        no state.
         """
         try:
             state = self._link.state()
@@ -80,7 +82,7 @@ class RobotChannels:
         }
 
     def event(self, text: str) -> tuple[int, bytes]:
-        """An event of the service as a message, with its time, ns since 1970."""
+        """Convert an event of the service to a message, with its time, ns since 1970."""
         from cobot.recording.events import RunEvent
 
         event = json.loads(text)
@@ -95,12 +97,12 @@ class RobotChannels:
         return self._wall_time.at(now_ns), self._messages.event(made, self._wall_time.ahead_ns())
 
     def _interventions(self, state: RobotState) -> int:
-        """A bit for each kind of intervention that has been counted since the last message."""
+        """Return one bit for each kind of intervention that was counted since the last message."""
         counts = np.array(state.record["interventions"])
         before, self._caught = self._caught, counts
         return 0 if before is None else bit_mask(np.flatnonzero(counts != before))
 
 
 def bit_mask(places: Iterable[int]) -> int:
-    """The number in which exactly these bits are set."""
+    """Return the number in which exactly these bits are set."""
     return sum(1 << int(place) for place in places)

@@ -1,7 +1,7 @@
 """Live data for Foxglove over its WebSocket protocol, with the same messages as the recordings.
 
 The protocol is small: https://github.com/foxglove/ws-protocol. The vendor's SDK is not used, because its
-server has a port of its own and does not authenticate clients.
+server needs a separate port and does not authenticate clients.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MAX_CLIENTS = 16
 MAX_MESSAGE = 65536
 MAX_SUBSCRIPTIONS = 64
-"""Maximum number of subscriptions of a client. Each is sent separately, a hundred times a second."""
+"""Maximum number of subscriptions per client. Each is sent separately, a hundred times a second."""
 MESSAGE_DATA = struct.Struct("<BIQ")
-"""The head of a message: its kind (1), the id of its subscription, and its time, ns since 1970."""
+"""Header of a message: its kind (1), the id of its subscription, and its time, ns since 1970."""
 ERROR = 2
 MAX_ID = 2**32 - 1
 
@@ -97,7 +97,7 @@ class _Client:
     """One connection.
 
     Args:
-        channels: channels of each robot, by its name.
+        channels: channels of each robot, by the robot's name.
     """
 
     def __init__(
@@ -175,7 +175,9 @@ class _Client:
         self._listener.close()
 
     def _take(self, text: str | None) -> None:
-        """Raises: InputError, PayloadError: this server does not understand the message."""
+        """Handle a message from the client. Raises InputError or PayloadError if this server does not
+        understand the message.
+        """
         if text is None:
             raise InputError(
                 "binary messages are not supported: clients can neither publish nor call services here"

@@ -1,9 +1,9 @@
 """The common part of all action servers: acceptance, execution, feedback, cancellation, and kept results.
 
 As in ROS 2, an action `/a` of type T consists of the services `/a/_action/send_goal` (T_SendGoal),
-`/a/_action/get_result` (T_GetResult), `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal) and the topics
-`/a/_action/feedback`, `/a/_action/status`. A transport that has services and topics needs nothing else for
-actions.
+`/a/_action/get_result` (T_GetResult) and `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal), and the
+topics `/a/_action/feedback` and `/a/_action/status`. A transport that supports services and topics needs
+nothing else for actions.
 
 Source: https://design.ros2.org/articles/actions.html
 """
@@ -33,8 +33,8 @@ KEPT_S = 900.0
 """Time for which the newest `MAX_KEPT` results are kept for clients that ask late, s."""
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
-"""The client for which the current task sends goals. `ActionServer.abandon` ends these goals when the client
-disconnects.
+"""The client on whose behalf the current task sends goals. `ActionServer.abandon` ends these goals when the
+client disconnects.
 """
 
 ENDS = "the service is shutting down"
@@ -47,12 +47,13 @@ class ActionGoal:
 
     Attributes:
         id: the id that the client chose.
-        asker: the client, see `ASKER`.
-        status: its current status.
-        result: its result; {} until `ended` is set.
+        asker: the client that sent the goal, see `ASKER`.
+        status: current status of the goal.
+        result: result of the goal; {} until `ended` is set.
         accepted_ns: time of acceptance, ns since 1970.
-        accepted: a future that is done on acceptance, or has the exception that rejected the goal.
-        ended: set when the goal has its result.
+        accepted: future that is done when the goal is accepted. If the goal is rejected, it contains the
+            exception.
+        ended: event that is set when the result is known.
     """
 
     def __init__(self, goal_id: uuid.UUID, on_feedback: Callable[[Message], None] | None) -> None:
@@ -76,7 +77,7 @@ class ActionServer:
     """Serves one action on the graph.
 
     Args:
-        owner: the client that offers the action; None for an action of the service itself.
+        owner: the client that offers the action; None if the service itself offers it.
     """
 
     def __init__(self, graph: Graph, action: GraphAction, owner: object = None) -> None:
@@ -109,10 +110,10 @@ class ActionServer:
 
         Args:
             arguments: the goal message, complete and validated.
-            on_feedback: called with each feedback; it must be quick.
+            on_feedback: function that is called with each feedback. It must return quickly.
 
         Raises:
-            CobotError: the goal is rejected; the error has the reason.
+            CobotError: the goal is rejected; the error gives the reason.
         """
         self._forget()
         if goal_id in self._goals:
@@ -135,12 +136,12 @@ class ActionServer:
             audit.report_refusal(f"goal of {self.action.name}", exc.code, str(exc))
             raise
         except asyncio.CancelledError:
-            goal.handle.cancel_requested.set()  # its client has disconnected
+            goal.handle.cancel_requested.set()  # the client that sent it has disconnected
             raise
         return goal
 
     def cancel(self, goal_id: uuid.UUID) -> CancelCode:
-        """Cancel a goal. The goal ends when the action ends it."""
+        """Request to cancel a goal. The goal ends when the action ends it."""
         goal = self._goals.get(goal_id)
         if goal is None:
             return CancelCode.UNKNOWN_GOAL_ID
@@ -170,16 +171,16 @@ class ActionServer:
         self._publish_status()
 
     def explain(self, what: str, error: CobotError) -> None:
-        """Report the fate of a goal and the reason, in the log and on /rosout."""
+        """Report what happened to a goal and why, in the log and on /rosout."""
         text = f"a goal of {self.action.name} {what}: {error}"
         log.warning("%s", text)
         self._graph.warn(text)
 
     def feedback(self, goal: ActionGoal, values: Message) -> None:
-        """Send feedback of a running goal.
+        """Send feedback about a running goal.
 
         Raises:
-            InputError: the message is not feedback of this action's type.
+            InputError: the message is not of this action's feedback type.
         """
         if not goal.accepted_ns or not goal.running:
             return
@@ -230,16 +231,16 @@ class ActionServer:
                 self._publish_status()
 
     def _refuse(self, goal: ActionGoal, reason: CobotError) -> bool:
-        """Reject a goal that is not accepted yet. Returns whether it could still be rejected."""
+        """Reject a goal that has not been accepted yet. Returns whether it could still be rejected."""
         if goal.accepted.done():
             return False
         goal.accepted.set_exception(reason)
-        goal.accepted.exception()  # retrieved, in case no client waits for it any more
+        goal.accepted.exception()  # retrieved, in case no client waits for it any longer
         del self._goals[goal.id]
         return True
 
     def _forget(self) -> None:
-        """Drop results that no client has requested in time, the oldest first."""
+        """Drop results that no client has requested in time, oldest first."""
         ended = [goal for goal in self._goals.values() if not goal.running]
         oldest_s = self._graph.clock.now_s() - KEPT_S
         for index, goal in enumerate(ended):
@@ -272,8 +273,8 @@ class ActionServer:
         return {"status": int(goal.status), "result": goal.result}
 
     async def _serve_cancel_goal(self, request: Message) -> Message:
-        """Serve CancelGoal. Without an id and a time it cancels all goals; with a time also all that were
-        accepted until then.
+        """Serve CancelGoal. Without an id and a time it cancels all goals. With a time it also cancels all
+        goals that were accepted until then.
         """
         info = request["goal_info"]
         goal_id, stamp = self._uuid(info["goal_id"]), info["stamp"]

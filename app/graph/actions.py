@@ -1,4 +1,4 @@
-"""The interface of an action that is offered on the graph. `app.graph.action_server` does all the rest."""
+"""The interface of an action that is offered on the graph. `app.graph.action_server` does everything else."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RejectedGoalError(InputError):
-    """A goal is not accepted; nothing has happened."""
+    """Raised if a goal is not accepted. Nothing has happened."""
 
 
 class GoalStatus(IntEnum):
@@ -42,8 +42,8 @@ class GraphAction(Protocol):
     """An action that the graph offers.
 
     Attributes:
-        name: such as "/iiwa/servo_mode".
-        type_: such as "aubo_interfaces/action/ServoMode".
+        name: name of the action, such as "/iiwa/servo_mode".
+        type_: type of the action, such as "aubo_interfaces/action/ServoMode".
         definition: the text of the .action file; "" if `cobot.ros` knows the type.
     """
 
@@ -54,9 +54,10 @@ class GraphAction(Protocol):
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
         """Execute a goal and return its result.
 
-        Call `handle.accept()` once the goal is known to be executable. Before returning, set `handle.status`
-        to SUCCEEDED, CANCELED or ABORTED. Return soon after `handle.cancel_requested` is set. A CobotError
-        before `accept` rejects the goal with its text; after it, the goal is aborted.
+        Implementations call `handle.accept()` once the goal is known to be executable. Before returning, they
+        set `handle.status` to SUCCEEDED, CANCELED or ABORTED. They return soon after
+        `handle.cancel_requested` is set. If a CobotError is raised before `accept`, the goal is rejected with
+        the text of the error; after `accept`, the goal is aborted.
 
         Raises:
             RejectedGoalError: the goal is rejected.
@@ -65,11 +66,11 @@ class GraphAction(Protocol):
 
 
 class GoalHandle:
-    """The action's view of a goal.
+    """The interface through which an action handles a goal.
 
     Attributes:
-        goal_id: 32 hexadecimal digits.
-        cancel_requested: set when a client cancels the goal.
+        goal_id: id of the goal, 32 hexadecimal digits.
+        cancel_requested: event that is set when a client cancels the goal.
         status: the status of the goal.
     """
 
@@ -81,13 +82,13 @@ class GoalHandle:
         self._server = server
 
     def accept(self) -> None:
-        """Accept the goal; its execution begins. Further calls do nothing."""
+        """Accept the goal, whose execution then begins. Further calls do nothing."""
         self._server.accept(self._goal)
 
     def explain(self, error: CobotError) -> None:
-        """Report why the goal fails, for types whose result has no field for a reason."""
+        """Report why the goal fails, for action types whose result has no field for a reason."""
         self._server.explain("fails", error)
 
     def feedback(self, values: Message) -> None:
-        """Send feedback to the listeners; before `accept` there are none."""
+        """Send feedback to the listeners. There are none before `accept`."""
         self._server.feedback(self._goal, values)

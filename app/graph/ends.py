@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of a topic, and the topic that holds them."""
+"""A topic with its publishers and its subscriptions."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Keeper(Protocol):
 
 
 class Publisher:
-    """The right of an owner to publish on a topic. Made by `Graph.advertise`.
+    """The right of an owner to publish on a topic. `Graph.advertise` makes it.
 
     Attributes:
-        binding: whether its type applies to all clients while the advertisement lasts.
-        latch: whether later subscribers get `last`.
-        on_demand: called with the number of subscribers when it has changed.
+        binding: whether the publisher's type applies to all clients while the advertisement lasts.
+        latch: whether later subscribers get the last message, `last`.
+        on_demand: function that is called with the number of subscribers when this number has changed.
     """
 
     def __init__(
@@ -46,17 +46,17 @@ class Publisher:
 
     @property
     def subscribers(self) -> int:
-        """The number of subscriptions that take messages of this type."""
+        """Number of subscriptions that accept messages of this type."""
         return sum(each.takes(self.type) for each in self._topic.subscriptions)
 
     def publish(self, message: Message | bytes) -> None:
-        """Give a message to all subscribers.
+        """Deliver a message to all subscribers.
 
         Args:
-            message: a dict, in which fields with ROS's default may be missing; or CDR bytes.
+            message: a dict, in which fields with ROS's default value may be missing, or CDR bytes.
 
         Raises:
-            InputError: it is not a message of the topic's type; no subscriber gets it.
+            InputError: the message is not of the topic's type. No subscriber gets it.
         """
         messages = self._topics.messages
         if isinstance(message, bytes):
@@ -71,18 +71,18 @@ class Publisher:
                 subscription.deliver(content)
 
     def close(self) -> None:
-        """End the advertisement of the topic. May be called again."""
-        self.last = None  # It may be large, and this publisher may wait for the garbage collector.
+        """End the advertisement of the topic. Further calls do nothing."""
+        self.last = None  # It may be large, and this publisher may wait for garbage collection.
         self._topics.drop(self._topic, self)
 
 
 class Subscription:
-    """A client's subscription to a topic. Made by `Graph.subscribe`.
+    """A client's subscription to a topic. `Graph.subscribe` makes it.
 
     Attributes:
-        type: type of the messages that it takes; None for all types.
-        on_other_type: called with a sentence when the topic is advertised with another type. The subscription
-            gets no messages of that type.
+        type: type of the messages that the subscription accepts; None for all types.
+        on_other_type: function that is called with a sentence when the topic is advertised with a different
+            type. The subscription gets no messages of that type.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Subscription:
             log.error("a subscriber of %s failed", self.topic, exc_info=exc)
 
     def close(self) -> None:
-        """End the subscription. May be called again."""
+        """End the subscription. Further calls do nothing."""
         self._topics.drop(self._topic, self)
 
 
@@ -136,12 +136,14 @@ class Topic:
 
     @property
     def advertised(self) -> str | None:
-        """The type that applies to all clients; None before a client has declared or advertised one."""
+        """The type that applies to all clients; None until a client has declared or advertised one."""
         return self.declared or next((each.type for each in self.publishers if each.binding), None)
 
     @property
     def types(self) -> list[str]:
-        """The type that applies to all clients. Without one, all types in use, those of publishers first."""
+        """The type that applies to all clients. If there is none, all types in use, the publishers' types
+        first.
+        """
         if advertised := self.advertised:
             return [advertised]
         used = [each.type for each in self.publishers]
@@ -149,13 +151,13 @@ class Topic:
         return list(dict.fromkeys(used))
 
     def report_demand(self) -> None:
-        """Tell each publisher how many subscribers it has."""
+        """Report to each publisher how many subscribers it has."""
         for publisher in tuple(self.publishers):
             if publisher.on_demand is not None:
                 publisher.on_demand(publisher.subscribers)
 
     def report_type(self, type_: str) -> None:
-        """Tell subscriptions with another type that they get no messages."""
+        """Report to subscriptions with a different type that they get no messages."""
         for subscription in tuple(self.subscriptions):
             if not subscription.takes(type_) and subscription.on_other_type is not None:
                 subscription.on_other_type(

@@ -1,9 +1,9 @@
-"""The graph: topics, services and actions inside the web service, the same for every transport.
+"""The graph: the topics, services and actions inside the web service. It is the same for every transport.
 
 Everything runs on one event loop. The topic /cobot/graph describes the graph for networks that mirror it. Its
-messages are std_msgs/msg/String with a JSON object: `topics` with name, type, publishers, subscribers and
-latched; `services` and `actions` with name and type; and `definitions`, the texts of their types. A
-subscriber gets the current description, and a new one after each change.
+messages are of type std_msgs/msg/String and contain a JSON object. The object consists of `topics` with name,
+type, publishers, subscribers and latched; `services` and `actions` with name and type; and `definitions`, the
+texts of their types. A subscriber gets the current description, and a new one after each change.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from cobot.strict import shown
 
 GRAPH_TOPIC = "/cobot/graph"
 GRAPH_DELAY_S = 0.02
-"""Changes within this time are published together, s."""
+"""Time within which changes are collected and published together, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphService:
-    """A service on the graph: `type` is pkg/srv/Name, or pkg/action/Name_SendGoal and the like."""
+    """A service on the graph. Its `type` is of the form pkg/srv/Name, or pkg/action/Name_SendGoal and the
+    like.
+    """
 
     name: str
     type: str
@@ -42,13 +44,13 @@ class GraphService:
 
 
 class Graph(Topics):
-    """Topics, services and actions. Made in the running event loop.
+    """Topics, services and actions. The object must be created in the running event loop.
 
     Attributes:
         actions: the actions by name.
         clock: clock of the service.
         services: the services by name.
-        warn: reports a warning to people, if the ROS message has no field for it.
+        warn: function that reports a warning to people, if the ROS message has no field for it.
     """
 
     def __init__(self, messages: Messages, clock: Clock = SYSTEM) -> None:
@@ -75,14 +77,14 @@ class Graph(Topics):
         """Offer a service.
 
         Args:
-            name: such as "/iiwa/RobotConfig/getDof".
-            type_: such as "aubo_interfaces/srv/GetDof".
-            function: called with the complete request; returns the response.
+            name: name of the service, such as "/iiwa/RobotConfig/getDof".
+            type_: type of the service, such as "aubo_interfaces/srv/GetDof".
+            function: function that is called with the complete request and returns the response.
             local: whether the service is hidden from other networks.
             role: role that a client needs.
 
         Raises:
-            InputError: the name is invalid, or the type unknown.
+            InputError: the name is invalid, or the type is unknown.
             ConflictError: a service with this name exists.
         """
         name = absolute(name)
@@ -99,7 +101,7 @@ class Graph(Topics):
             self.note_change()
 
     def service(self, name: str) -> GraphService:
-        """A service by its name.
+        """Return a service by its name.
 
         Raises:
             NotFoundError: there is no such service.
@@ -113,9 +115,9 @@ class Graph(Topics):
         """Call a service. Fields that are missing in the request get ROS's default.
 
         Raises:
-            NotFoundError: no such service.
-            InputError: a wrong request.
-            CobotError: an error of the service.
+            NotFoundError: there is no such service.
+            InputError: the request is invalid.
+            CobotError: the service raised this error.
         """
         service = self.service(name)
         request = self.messages.checked(f"{service.type}_Request", arguments)
@@ -151,10 +153,10 @@ class Graph(Topics):
         arguments: Message,
         on_feedback: Callable[[Message], None] | None = None,
     ) -> tuple[GoalStatus, Message]:
-        """Send a goal to an action and wait for its end. Returns its status and result.
+        """Send a goal to an action and wait for its end. Returns the status and the result of the goal.
 
         Args:
-            goal_id: 32 hexadecimal digits, never used before.
+            goal_id: id of the goal: 32 hexadecimal digits that were never used before.
 
         Raises:
             InputError: the action is unknown, or the goal is invalid or rejected (`RejectedGoalError`).
@@ -176,7 +178,7 @@ class Graph(Topics):
             raise InputError(f"{name}: goal {goal_id} cannot be cancelled: {code.name.lower()}")
 
     def action(self, name: str) -> ActionServer:
-        """An action by its name.
+        """Return an action by its name.
 
         Raises:
             NotFoundError: there is no such action.
@@ -188,8 +190,8 @@ class Graph(Topics):
         return server
 
     def graph(self) -> dict[str, Any]:
-        """The part of the graph that other networks may mirror. Entries that come from these networks, or
-        that they have already, are left out.
+        """Return the part of the graph that other networks may mirror. Entries that come from these networks,
+        or that these networks already have, are left out.
         """
         services = [
             {"name": service.name, "type": service.type}
@@ -210,7 +212,7 @@ class Graph(Topics):
         }
 
     def note_change(self) -> None:
-        """Called after a change of the graph. Its watchers are notified soon."""
+        """Handle a change of the graph. Subscribers of its description are notified soon."""
         if self._changing is None:
             self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)
 

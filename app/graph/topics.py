@@ -1,7 +1,7 @@
 """Topics by name, with their types, publishers and subscribers.
 
-A message is a ROS message as a dict. It is completed and validated when it is published; subscribers must not
-change it. It is delivered by a function call. A slow subscriber keeps a queue of its own, so that publishers
+A message is a ROS message as a dict. It is completed and validated when it is published, and subscribers must
+not change it. It is delivered by a function call. A slow subscriber keeps its own queue, so that publishers
 never wait.
 """
 
@@ -23,8 +23,9 @@ MAX_NAME = 255
 class Topics:
     """All topics, by name.
 
-    A topic has the type with which it is advertised, until its last advertisement ends. A subscription does
-    not fix the type for others. Neither does a gateway, because it only mirrors the subscriptions of others.
+    The first advertisement of a topic determines its type until the last advertisement ends. A subscription
+    does not determine the type for others. Neither does a gateway, because it only mirrors the subscriptions
+    of others.
 
     Attributes:
         messages: the known message types.
@@ -52,17 +53,17 @@ class Topics:
         """Publish on a topic.
 
         Args:
-            topic: such as "/iiwa/status".
-            type_: such as "std_msgs/msg/String".
+            topic: name of the topic, such as "/iiwa/status".
+            type_: type of the messages, such as "std_msgs/msg/String".
             latch: whether later subscribers get the last message.
             owner: the client or part of the service that publishes.
-            local: whether the DDS process has this topic itself and must not mirror it.
+            local: whether the DDS process publishes this topic itself and must not mirror it.
             alone: whether no other owner may publish on the topic from now on.
             inferred: whether the type was taken from a subscription, because the client gave none.
-            on_demand: called with the number of subscribers, when it changes and now.
+            on_demand: function that is called with the number of subscribers, now and whenever it changes.
 
         Raises:
-            InputError: the name or the type is invalid, or the topic is advertised with another type.
+            InputError: the name or the type is invalid, or the topic is advertised with a different type.
             PermissionDenied: the topic belongs to another owner.
         """
         entry, known = self._topic(topic, type_)
@@ -98,8 +99,8 @@ class Topics:
         """Subscribe to a topic. The first messages are the last ones of all latched publishers.
 
         Args:
-            type_: type of the messages; None: all types that are published.
-            callback: called with each message, in the event loop; it must be quick.
+            type_: type of the messages; None for all types that are published.
+            callback: function that is called with each message in the event loop. It must return quickly.
             declares: whether the topic belongs to the service and always has this type.
             on_other_type: see `Subscription`.
 
@@ -133,29 +134,31 @@ class Topics:
         self.note_change()
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic; without an advertiser, the first one in use."""
+        """Return the type of each topic; for a topic without an advertiser, the first type in use."""
         return {topic.name: next(iter(topic.types), "") for topic in self._topics.values()}
 
     def type_of(self, topic: str) -> str | None:
-        """The type with which a topic is advertised; None if it is not."""
+        """Return the type with which a topic is advertised; None if it is not advertised."""
         entry = self._topics.get(absolute(topic))
         return None if entry is None else entry.advertised
 
     def types_of(self, topic: str) -> list[str]:
-        """The type with which a topic is advertised; without an advertiser, all that are in use."""
+        """Return the type with which a topic is advertised; for a topic without an advertiser, all types in
+        use.
+        """
         entry = self._topics.get(absolute(topic))
         return [] if entry is None else entry.types
 
     def ends_of(self, topic: str) -> tuple[int, int]:
-        """Numbers of publishers and of subscriptions of a topic."""
+        """Return the number of publishers and the number of subscriptions of a topic."""
         entry = self._topics.get(absolute(topic))
         return (0, 0) if entry is None else (len(entry.publishers), len(entry.subscriptions))
 
     def note_change(self) -> None:
-        """Called after a topic, a publisher or a subscription was added or removed."""
+        """React to a topic, a publisher or a subscription that was added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """The topics that another network may mirror: without those that it owns or already has.
+        """List the topics that another network may mirror, without the topics that it owns or already has.
 
         A topic without an advertiser is listed once with each type that is subscribed, so that no
         subscription fixes the type for the others.
@@ -183,7 +186,7 @@ class Topics:
         return sum(end.owner not in self.gateways for end in ends)
 
     def _topic(self, name: str, type_: str | None) -> tuple[Topic, str | None]:
-        """A topic, which is created if necessary, and the full name of the requested type."""
+        """Return a topic, which is created if necessary, and the full name of the requested type."""
         name = absolute(name)
         entry = self._topics.get(name)
         if type_ is not None:
@@ -199,7 +202,7 @@ class Topics:
 
 
 def absolute(name: str) -> str:
-    """The name with its leading slash, which clients may omit.
+    """Return the name with its leading slash, which clients may omit.
 
     Raises:
         InputError: the name is invalid.

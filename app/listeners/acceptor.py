@@ -1,4 +1,4 @@
-"""Accepts connections, only a few at a time, and at most as many as there are file descriptors for."""
+"""Accepts connections, only a few at a time, and at most as many as the available file descriptors permit."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ AT_ONCE = 32
 SHARE = 1 / 8
 """Maximum number of connections per iteration, as a share of the connections that one address may have."""
 HANDSHAKES_AT_ONCE = 4
-"""Maximum number accepted in one iteration with TLS. Each costs a signature and about a millisecond."""
+"""Maximum number of TLS connections that are accepted in one iteration. Each requires a signature, which
+takes about a millisecond.
+"""
 GRACE_S = 0.02
-"""Time for a new connection to send its request when there are few free places, s. It also determines the
-rate of acceptance. Other connections wait in the kernel's queue.
+"""Time that a new connection has to send its request when few places are free, s. It also determines how
+quickly connections are accepted. Other connections wait in the kernel's queue.
 """
 SPARE_DESCRIPTORS = 64
 """Number of file descriptors that stay free for files, planning processes and sequences that are opened
@@ -38,7 +40,9 @@ EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
 """Time until the next attempt to accept if the system has no resources for another connection, s."""
 LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
-"""Interval between checks of deadlines, and the interval after a check that found too many at once, s."""
+"""Interval between checks of deadlines, s, and the interval after a check that found too many expired
+connections at once, s.
+"""
 UNREAD_S = 10.0
 """Time after which a connection whose client reads nothing is closed, s."""
 TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
@@ -48,7 +52,9 @@ log = logging.getLogger("cobot.service")
 
 
 def crowd_for(limits: ConnectionLimits) -> Crowd:
-    """A crowd with as many places as configured, or fewer if the system grants fewer file descriptors."""
+    """Make a crowd with as many places as configured, or fewer if the system grants fewer file
+    descriptors.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         with contextlib.suppress(OSError, ValueError):
@@ -102,7 +108,7 @@ class Acceptor:
             self._pausing.cancel()
 
     async def wait_closed(self) -> None:
-        """Part of asyncio's interface of a server. There is nothing to wait for: connections end by
+        """Do nothing. This method is part of asyncio's server interface, but connections end by
         themselves.
         """
 
@@ -125,15 +131,15 @@ class Acceptor:
                     self._crowd.make_room(now_s)
                     self._pause(PAUSE_S)
                     return
-                continue  # it has disconnected again
+                continue  # the client has disconnected again
             self._greet(connection, address)
 
     def _greet(self, connection: socket.socket, address: str) -> None:
         task: asyncio.Task[None]
 
         def close() -> None:
-            """Close a new connection before the protocol has it. With TLS no answer is possible without a
-            handshake.
+            """Close a new connection before it is passed to the protocol. With TLS no answer is possible
+            without a handshake.
             """
             if not self._tls:
                 turn_away(connection)
@@ -157,7 +163,7 @@ class Acceptor:
         task.add_done_callback(end_greeting)
 
     async def _connect(self, connection: socket.socket, visit: Visit) -> None:
-        """Hand a connection over to the protocol, after the TLS handshake if there is TLS."""
+        """Pass a connection to the protocol, after the TLS handshake if TLS is used."""
         try:
             connection.setblocking(False)
             if self._tls:
@@ -188,7 +194,7 @@ class Acceptor:
             raise ConnectionResetError
 
     def _admit(self) -> int:
-        """The number of connections that may be accepted now."""
+        """Return the number of connections that may be accepted now."""
         most = max(1.0, min(HANDSHAKES_AT_ONCE if self._tls else AT_ONCE, SHARE * self._crowd.per_address))
         now_s = self._loop.time()
         self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S
@@ -202,7 +208,7 @@ class Acceptor:
         return admitted
 
     def _pause(self, duration_s: float) -> None:
-        """Accept nothing for a moment, because the socket would stay readable while a client waits."""
+        """Accept no connections for a moment, because the socket would stay readable while a client waits."""
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
 

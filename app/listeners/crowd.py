@@ -1,12 +1,13 @@
 """The open connections, and the choice of the one that is evicted, so that a client can always send a stop.
 
 The number of connections is limited, in total and for each address. When all places are taken, a new
-connection replaces one that loses little. This is a connection that has not sent a request yet, is between
-two requests, or is still sending a body. Of these, the oldest one is chosen, from the address that has most
-of them. A new connection has some time to send its request before it can be evicted. Otherwise, in a flood,
-each new connection could evict a stop. For some time, a connection that waits for /stop or /health is evicted
-last, unless more than half of its address's connections wait in this way. If all connections are being
-served, the new one gets a reserve place, on which only /stop and /health are answered.
+connection replaces a connection that loses little by being closed. This is a connection that has not sent a
+request yet, is between two requests, or is still sending a body. Of these connections, the oldest one from
+the address with the most of them is chosen. A new connection has some time to send its request before it can
+be evicted. Otherwise, in a flood, each new connection could evict a stop. For some time, a connection that
+waits for /stop or /health is evicted last, unless more than half of the connections from its address wait in
+this way. If all connections are being served, the new one gets a reserve place, on which only /stop and
+/health are answered.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class Doing(Enum):
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
-"""Time for a new connection to send its request, s. After that it is evicted before those that have sent
-one.
+"""Time that a new connection has to send its request, s. After that it is evicted before connections that
+have sent one.
 """
 TURN_S = 2.0
 """Maximum time for which a waiting /stop or /health is protected, s. After that it is evicted before new
@@ -44,14 +45,14 @@ EXPIRING = 4
 
 @dataclass(slots=True, eq=False)
 class Visit:
-    """A connection from its acceptance to its end.
+    """The visit of a client: a connection from its acceptance to its end.
 
     Attributes:
         reserved: whether it has a reserve place.
         since_s: time of acceptance.
         deadline_s: time by which the connection must have progressed; see `Crowd.expire`.
-        close: closes the connection at once.
-        expire: closes the connection because its deadline has passed.
+        close: function that closes the connection at once.
+        expire: function that closes the connection because its deadline has passed.
     """
 
     reserved: bool
@@ -65,7 +66,7 @@ class Visit:
 
 @dataclass(slots=True, eq=False)
 class _Address:
-    """All visits from one address, grouped by `Doing`, the oldest first in each group."""
+    """All visits from one address, grouped by `Doing`. In each group the oldest visit is first."""
 
     name: str
     visits: dict[Doing, dict[Visit, None]] = field(default_factory=lambda: {doing: {} for doing in Doing})
@@ -75,7 +76,9 @@ class _Address:
         return sum(map(len, self.visits.values()))
 
     def connection_to_evict(self, now_s: float) -> Visit | None:
-        """The connection to evict; a new or waiting one only if there is no other."""
+        """Choose the connection to evict. A new or waiting connection is chosen only if there is no other
+        one.
+        """
         oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
         settled = (visit for visit in oldest if now_s - visit.since_s >= _settled_s(visit))
         few = len(self.visits[Doing.WAITING]) <= self.count / 2
@@ -92,8 +95,8 @@ class Crowd:
     """All connections of the service.
 
     Args:
-        places: number of connections; per_address: maximum number from one address; reserve: number of
-            additional reserve places.
+        places: maximum number of connections. per_address: maximum number of connections from one address.
+            reserve: number of additional reserve places.
     """
 
     def __init__(self, places: int, per_address: int, reserve: int) -> None:
@@ -122,7 +125,9 @@ class Crowd:
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
-        """Give a new connection a place, perhaps that of another one; None if every place stays taken."""
+        """Give a new connection a place, perhaps that of an evicted connection. Returns None if every place
+        stays taken.
+        """
         own = self._addresses.get(address)
         room = True
         if own is not None and own.count >= self.per_address:
@@ -138,7 +143,7 @@ class Crowd:
         return visit
 
     def note_progress(self, visit: Visit, doing: Doing, deadline_s: float = math.inf) -> None:
-        """Note that a connection has progressed. Does nothing for a closed connection."""
+        """Record that a connection has progressed. Does nothing if the connection is closed."""
         here = visit._among.visits
         visit.deadline_s = deadline_s
         if here[visit.doing].pop(visit, self) is None:
@@ -146,7 +151,7 @@ class Crowd:
             here[doing][visit] = None
 
     def leave(self, visit: Visit) -> None:
-        """Note that a connection is closed or is being closed."""
+        """Record that a connection is closed or is being closed."""
         among = visit._among
         if among.visits[visit.doing].pop(visit, self) is None and not visit.reserved:
             self._count -= 1
@@ -156,11 +161,12 @@ class Crowd:
     def expire(self, now_s: float) -> bool:
         """Close some connections that have not progressed by their deadline. Returns whether there are more.
 
-        The connections of a flood arrive together and would expire together: closing 300 takes 70 ms.
+        Only some are closed, because the connections of a flood arrive together and would expire together,
+        and closing 300 takes 70 ms.
         """
         overdue = [each for each in self if each.deadline_s < now_s]
         for visit in overdue[:EXPIRING]:
-            visit.deadline_s = math.inf  # unless it receives another request now
+            visit.deadline_s = math.inf  # unless it receives a new request now
             visit.expire()
         return len(overdue) > EXPIRING
 

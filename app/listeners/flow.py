@@ -1,4 +1,6 @@
-"""Flow control of one connection: when it continues to read, and when the application may write more."""
+"""Flow control for one connection: decides when the connection continues to read, and when the application
+may write more.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ from uvicorn.protocols.http.flow_control import FlowControl
 
 
 class Flow(FlowControl):
-    """Flow control of a connection. It continues to read when the application wants more, unless received
-    data still waits for its turn.
+    """Flow control for a connection. The connection continues to read when the application wants more data,
+    unless received data still waits for its turn.
     """
 
     def __init__(self, transport: Transport, process_held: Callable[[], None]) -> None:
@@ -30,8 +32,8 @@ class Flow(FlowControl):
         self._paused = paused
 
     async def drain(self) -> None:
-        """Wait until more can be written. If the connection has just closed, wait until the application can
-        know it.
+        """Wait until more can be written. If the connection has just closed, wait until the application has
+        been informed.
         """
         await super().drain()
         if self._transport.is_closing():

@@ -1,4 +1,5 @@
-"""HTTP connections with bounded work: limits of header, body and time, and turns between connections.
+"""HTTP connections with limited work: limits for the header, the body and the time, and turns between
+connections.
 
 Received data is passed to the parser in slices, one in each turn. So even the costliest data delays other
 connections by at most one slice. A request that is rejected here gets an answer in the form of
@@ -32,14 +33,14 @@ from cobot.config import ConnectionLimits
 from cobot.errors import BusyError, NotSupportedError
 
 SLICE_BYTES = 4096
-"""Maximum number of bytes that the parser gets at once. They have at most a thousand parts and take about a
-millisecond.
+"""Maximum number of bytes that the parser gets at once. They contain at most a thousand parts, which take
+about a millisecond.
 """
 ROBOT = rb"(?:" + VERSION.encode() + rb")?(?:/robots/[A-Za-z0-9_-]+)?"
 STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
-"""Pattern of a stop. It takes no turn."""
+"""Pattern of a stop request. A stop request does not wait for a turn."""
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
-"""Pattern of a health request. It and a stop are also answered on a reserve place."""
+"""Pattern of a health request. Health and stop requests are also answered on a reserve place."""
 EVENTS = re.compile(ROBOT + rb"/events(?:[?]|$)")
 """Pattern of requests whose answers are endless."""
 ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
@@ -56,7 +57,7 @@ class Shared:
 
 
 def _nothing() -> None:
-    """Do nothing: the callback for a client that has disconnected."""
+    """Do nothing. This is the callback for a client that has disconnected."""
 
 
 class _Refused(Exception):
@@ -90,7 +91,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        # also after a reset, because the timer would keep this object alive
+        # even after a reset, because the timer would keep this object alive
         self._unset_keepalive_if_required()
         if self._answering is not None:
             self._answering.disconnected = True
@@ -141,8 +142,8 @@ class HttpProtocol(HttpToolsProtocol):
         )
 
     def _make_room(self) -> None:
-        """Close this connection to make room for a new one. A client that reads its answers first gets an
-        error response.
+        """Close this connection to make room for a new one. If the client reads its answers, it gets an error
+        response first.
         """
         if self.transport.get_write_buffer_size():
             self.transport.abort()
@@ -235,8 +236,8 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def _require_chunked(self) -> None:
-        """Require `chunked`, the only supported Transfer-Encoding. With any other, the encoded data would be
-        taken for the content.
+        """Check that the Transfer-Encoding is `chunked`, the only supported one. With any other, the encoded
+        data would be taken for the content.
 
         RFC 9112, 6.1. The parser itself rejects Transfer-Encoding together with Content-Length, and `chunked`
         before another encoding.
@@ -248,10 +249,10 @@ class HttpProtocol(HttpToolsProtocol):
             raise _Refused
 
     def _require_handshake(self) -> None:
-        """Require a valid request for a WebSocket: HTTP/1.1 and no body (RFC 6455, 4.2.1).
+        """Check that the request for a WebSocket is valid: HTTP/1.1 and no body (RFC 6455, 4.2.1).
 
-        Earlier answers of the connection must be complete. Otherwise they would come between the WebSocket's
-        frames.
+        Earlier answers on this connection must be complete. Otherwise they would be sent between the
+        WebSocket's frames.
         """
         if self.cycle is not None and not self.cycle.response_complete:
             self.transport.abort()
@@ -265,7 +266,7 @@ class HttpProtocol(HttpToolsProtocol):
             raise _Refused
 
     def _take_host(self) -> None:
-        """Take the host from an absolute target, which clients send to proxies. It overrides `Host`.
+        """Take the host from an absolute target, as clients send it to proxies. It overrides `Host`.
 
         RFC 9112, 3.2.2. A missing or duplicate `Host` is not repaired, and is rejected later.
         """
@@ -299,7 +300,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def timeout_keep_alive_handler(self) -> None:
-        """Close an idle connection. It gets an error response first, because a request may be on its way."""
+        """Close an idle connection. Send an error response first, because a request may be on its way."""
         idle = (
             f"the connection was idle for {self._limits.idle_timeout_s:g} s (web.limits.idle_timeout_s): "
             f"send the request again"
@@ -308,8 +309,8 @@ class HttpProtocol(HttpToolsProtocol):
             self._refuse(503, idle, BusyError.code)
 
     def shutdown(self) -> None:
-        """End the connection. Endless answers have already ended. Do not wait, now or later, for a client
-        that does not read them.
+        """End the connection. Endless answers have already ended. Clients that do not read their answers are
+        not waited for.
         """
         super().shutdown()
         self._ends = True
@@ -358,7 +359,7 @@ class HttpProtocol(HttpToolsProtocol):
                 self._visit, Doing.ASKING, self.loop.time() + self._limits.header_timeout_s
             )
         else:
-            self._crowd.note_progress(self._visit, Doing.IDLE)  # uvicorn has a timer for it
+            self._crowd.note_progress(self._visit, Doing.IDLE)  # uvicorn uses a timer for this
 
     def _expire(self) -> None:
         limits = self._limits

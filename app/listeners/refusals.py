@@ -11,11 +11,11 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE
 from cobot.errors import BusyError, HeaderError
 
 RECEIVE_BYTES = 65536
-"""Maximum amount of received data that is read before closing. The kernel holds at most this much."""
+"""Maximum number of received bytes that are read before closing. The kernel holds at most this many."""
 
 
 def refusal(status: int, detail: str, code: str) -> bytes:
-    """An error answer in the form of `app.api.errors`, after which the connection is closed."""
+    """Make an error answer in the form of `app.api.errors`, after which the connection is closed."""
     body = json.dumps({"detail": detail, "code": code}).encode()
     kind = b"content-type: application/json\r\nconnection: close\r\n"
     return STATUS_LINE[status] + kind + b"content-length: %d\r\n\r\n" % len(body) + body

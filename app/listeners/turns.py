@@ -1,9 +1,9 @@
-"""The order in which the event loop serves connections, so that many clients cannot delay a stop.
+"""Determines the order in which the event loop serves connections, so that many clients cannot delay a stop.
 
-All connections share one thread. Without an order, each iteration of the event loop serves all connections
-that have sent data. With 500 of them an iteration takes a fifth of a second, and a stop needs several
-iterations. So work is done in small pieces, as many per iteration as fit into some milliseconds. A connection
-with more work waits for the next iteration, first come first served. A stop is served at once.
+All connections share one thread. Without such an order, each iteration of the event loop would serve all
+connections that have sent data. With 500 connections an iteration takes a fifth of a second, and a stop needs
+several iterations. So work is done in small pieces, as many per iteration as fit into some milliseconds. A
+connection with more work waits for the next iteration, in the order of arrival. A stop is served at once.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ MAX_TURNS = 16
 """Maximum number of pieces of work that begin in one iteration of the event loop, while iterations are short.
 """
 LONG_S = 0.003
-"""Threshold for the duration of an iteration, s. After a longer one, the next iteration begins fewer pieces,
-at least one.
+"""Threshold for the duration of an iteration, s. After a longer iteration, the next one begins fewer pieces
+of work, but at least one.
 """
 
 
 class Turns:
-    """The pieces of work that wait for their iteration. Each event loop has one such object."""
+    """The pieces of work that wait for their iteration. There is one such object for each event loop."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -40,7 +40,7 @@ class Turns:
         return True
 
     def wait(self, work: Callable[[], object]) -> None:
-        """Do a piece of work when it is its turn, which may be at once."""
+        """Do a piece of work when its turn comes, which may be at once."""
         if self.mine():
             work()
         else:
@@ -67,7 +67,7 @@ class Turns:
         self._most = max(1, self._most // 2) if late else min(MAX_TURNS, self._most + 1)
         self._left, self._renewing = self._most, False
         while self._waiting and self._left > 0:
-            self._count()  # at least one, which schedules the next iteration
+            self._count()  # at least one piece, which schedules the next iteration
             self._waiting.popleft()()
             if time.perf_counter() - now_s > LONG_S:
                 break

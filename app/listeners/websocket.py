@@ -1,4 +1,4 @@
-"""WebSocket connections with bounded work and almost no buffer for clients that read slowly."""
+"""WebSocket connections with limited work, and almost without a buffer for clients that read slowly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cobot.addresses import VERSION
 
 UNSENT_BYTES = 4096
 SLICE_BYTES = 1024
-"""Maximum number of bytes that the parser gets at once. They have at most 170 frames and take about two
+"""Maximum number of bytes that the parser gets at once. They contain at most 170 frames, which take about two
 milliseconds.
 """
 MAX_FRAGMENTS = 1024
@@ -28,8 +28,8 @@ TOO_BIG = 1009
 
 
 def keep_nothing_unsent(transport: Transport) -> None:
-    """Keep unsent data minimal. A slow client then gets the newest data, because data is created only when it
-    can be sent.
+    """Keep the amount of unsent data minimal. A slow client then gets the newest data, because data is
+    created only when it can be sent.
     """
     # Not 0: with TLS even an empty buffer would be too full.
     transport.set_write_buffer_limits(high=1, low=0)
@@ -58,7 +58,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.conn.parser.close()  # the parser has the last frame, in a circle of references
+        self.conn.parser.close()  # the parser keeps the last frame in a circle of references
         self._unread.clear()
         self._crowd.leave(self._visit)
         self._visit.close = self._visit.expire = lambda: None
@@ -86,17 +86,17 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         return message
 
     async def send(self, message: ASGISendEvent) -> None:
-        """Send an event. Raises ClientDisconnected once the connection is closed, from whichever side."""
+        """Send an event. Raises ClientDisconnected once either side has closed the connection."""
         try:
             await super().send(message)
         except RuntimeError:
             if self.close_sent:
                 raise ClientDisconnected from None
             raise
-        if message["type"] == "websocket.accept" and not self.handshake_complete:  # the client is gone
+        if message["type"] == "websocket.accept" and not self.handshake_complete:  # the client has left
             raise ClientDisconnected
         if self.initial_response is not None and self.close_sent:
-            self.handshake_complete = True  # a rejection is an answer too
+            self.handshake_complete = True  # a rejection is also an answer
         if message["type"] == "websocket.accept":
             self._crowd.note_progress(self._visit, Doing.STREAMING)
             if self._unread:
@@ -120,7 +120,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def handle_text(self, event: Frame) -> None:
         super().handle_text(event)
-        event.data = b""  # the parser keeps the frame until the next one comes
+        event.data = b""  # the parser keeps the frame until the next one arrives
 
     def handle_cont(self, event: Frame) -> None:
         if len(self.frames) >= MAX_FRAGMENTS:

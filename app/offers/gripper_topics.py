@@ -1,7 +1,7 @@
-"""Publishes the fingers of a robot's gripper on the graph: /{robot}/gripper/joint_states, with each new
-reading.
+"""Publishes the joint states of a gripper's fingers on the graph as /{robot}/gripper/joint_states, with each
+new reading.
 
-The DDS process copies the fingers from there into /{robot}/joint_states.
+The DDS process copies these joint states into /{robot}/joint_states.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class GripperTopics:
 
     @property
     def fingers(self) -> FingerState | None:
-        """The joint states of the fingers; None if they are unknown now."""
+        """Return the joint states of the fingers; None if they are unknown now."""
         if self._fingers is None or self._clock.now_s() - self._fingers[0] > FRESH_S:
             return None
         return self._fingers[1]

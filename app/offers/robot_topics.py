@@ -1,6 +1,7 @@
 """The topics of a robot on the graph.
 
-The DDS process publishes all of them itself, directly from shared memory, except `status` and `joint_cmd`.
+The DDS process publishes all of these topics itself, directly from shared memory, except `status` and
+`joint_cmd`.
 """
 
 from __future__ import annotations
@@ -20,15 +21,16 @@ STATUS_TICKS = 10
 
 
 class RobotTopics:
-    """/{robot}/joint_states, tcp_pose, wrench, status, joint_cmd, robot_description; /tf, /tf_static.
+    """Offers the topics joint_states, tcp_pose, wrench, status, joint_cmd and robot_description below
+    /{robot}, and the topics /tf and /tf_static.
 
-    The last joints are the fingers of a gripper.
+    The last joints in joint_states are the fingers of a gripper.
 
-    States are read only while there is a subscriber. Only the service may publish them; any client may
-    publish frames.
+    States are read only while there is a subscriber. Only the service may publish these topics, except that
+    any client may publish frames.
 
     Args:
-        prefix: prefix of the frames' names.
+        prefix: prefix of the names of frames.
     """
 
     def __init__(self, graph: Graph, services: Services, name: str, tcp: str, prefix: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Creates the graph, with all topics, services and actions that this service offers."""
+"""Creates the graph with all topics, services and actions that this service offers."""
 
 from __future__ import annotations
 
@@ -64,15 +64,15 @@ async def serving(
 
 
 def _warn(rosout: Publisher, clock: Clock, text: str) -> None:
-    """Publish a warning on /rosout, where ROS 2 shows warnings of nodes."""
+    """Publish a warning on /rosout, where ROS 2 shows warnings from nodes."""
     if rosout.subscribers:
         stamp = ros_time(clock.wall_ns())
         rosout.publish({"stamp": stamp, "level": logging.WARNING, "name": "cobot", "msg": text})
 
 
 async def _take_control(services: Services, request: Message) -> Message:
-    """Take control for the client that calls (true), until it disconnects or the lease expires; or release it
-    (false).
+    """Take control for the client that sends the request, until it disconnects or the lease expires, if the
+    request is true; release control if it is false.
     """
     success, message = await services.control.set_control(request["data"])
     return {"success": success, "message": message}

@@ -1,6 +1,6 @@
 """The manual at `/manual`: the site that `make docs` builds. Its search works without a network.
 
-Its pages are static files of this package, and the same for every robot.
+The pages are static files in this package, and are the same for every robot.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _INLINE = re.compile(rb"<script>(.*?)</script>", re.DOTALL)
 
 
 def inline_scripts(site: Path) -> Iterator[str]:
-    """The hashes of the inline scripts in the pages, for a Content-Security-Policy."""
+    """Return the hashes of the inline scripts in the pages, for a Content-Security-Policy."""
     for body in {body for page in site.glob("*.html") for body in _INLINE.findall(page.read_bytes())}:
         yield f"'sha256-{base64.b64encode(hashlib.sha256(body).digest()).decode()}'"
 
 
 class _Manual:
-    """The last build of the site; an error if it was never built."""
+    """Serves the last build of the site; returns an error if it was never built."""
 
     def __init__(self, site: Path) -> None:
         self._site = site
@@ -54,7 +54,7 @@ class _Manual:
         if self._files is None or built_ns != self._built_ns:
             headers = page_headers(
                 sorted(inline_scripts(self._site)), ["'unsafe-inline'"]
-            )  # the search has styles
+            )  # the search uses inline styles
             self._files, self._built_ns = Site(headers, directory=self._site, html=True), built_ns
         return self._files
 

@@ -27,11 +27,11 @@ SITE = Path(__file__).parent / "site"
 THREE_PACKAGE = "ifc_console_viewer"
 THREE_FOLDER = Path("static", "vendor")
 THREE_MODULES = ("three.core.min.js", "three.module.min.js", "OrbitControls.js")
-"""Files of three.js that the panel uses. They import each other by these names."""
+"""Names of the three.js files that the panel uses. The files import each other by these names."""
 
 
 def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dict[str, str]:
-    """The headers of static pages.
+    """Return the headers for static pages.
 
     Args:
         scripts: additional allowed sources of scripts, in the form of a Content-Security-Policy.
@@ -52,7 +52,7 @@ def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dic
         "X-Frame-Options": "DENY",
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
-        "Cache-Control": "no-cache",  # a browser asks whether its copy is still the newest
+        "Cache-Control": "no-cache",  # so that a browser asks whether its copy is still the newest
     }
 
 
@@ -60,7 +60,7 @@ HEADERS = page_headers()
 
 
 class Site(StaticFiles):
-    """Static files with headers of their own.
+    """Static files that are sent with additional headers.
 
     Args:
         options: see `StaticFiles`.
@@ -80,7 +80,7 @@ class Site(StaticFiles):
 
 
 def find_three(name: str) -> Path:
-    """Return the file of a module of three.js.
+    """Return the file with a three.js module.
 
     Args:
         name: one of `THREE_MODULES`.
@@ -103,7 +103,7 @@ def find_three(name: str) -> Path:
 
 
 def planners_module() -> str:
-    """The JavaScript module with the planners that need only a goal, and the default planner.
+    """Make the JavaScript module that lists the planners that need only a goal, and the default planner.
 
     `pose` is true if the goal is a pose, and false if it is joint angles.
     """

@@ -1,5 +1,5 @@
-"""Error messages for clients that use actions of ROS 1, which consist of five topics. They name the
-operations to use here.
+"""Error messages for clients that use ROS 1 actions, which consist of five topics. The messages name the
+operations that must be used instead.
 
 rosbridge for ROS 2 has operations for actions, so these topics have no effect.
 """
@@ -21,10 +21,10 @@ def refuse_topic(actions: Mapping[str, object], topic: str, type_: str | None) -
 
     Args:
         actions: the actions by name.
-        type_: type from the client, None without one.
+        type_: type that the client has given; None if it has given none.
 
     Raises:
-        InputError: the topic is one of a ROS 1 action. The error names the operation that sends a goal.
+        InputError: the topic belongs to a ROS 1 action. The error names the operation that sends a goal.
     """
     name, _, last = topic.rpartition("/")
     name = f"/{name.lstrip('/')}"

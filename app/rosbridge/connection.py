@@ -1,14 +1,15 @@
-"""One client of rosbridge v2, apart from its WebSocket.
+"""One rosbridge v2 client, apart from its WebSocket.
 
 When the client disconnects, its advertisements, subscriptions and offers end, and its goals are cancelled.
-This includes goals that it has sent through the services of a ROS action. Messages to it wait in an `Outbox`.
+This includes goals that the client has sent through the services of a ROS action. Messages to the client wait
+in an `Outbox`.
 
-cobot adds one operation: `{"op": "cobot_gateway"}` declares that this client mirrors the graph to another
-network. The topic /cobot/graph tells it what to mirror, without its own advertisements, subscriptions and
-offers. It does not get its own messages back. It may advertise one topic with several types; the field `type`
-of `publish` and `unadvertise` then selects one.
+cobot adds one operation: with `{"op": "cobot_gateway"}` a client declares that it mirrors the graph to
+another network. The topic /cobot/graph lists what such a gateway must mirror, without the gateway's own
+advertisements, subscriptions and offers. A gateway does not get its own messages back. It may advertise one
+topic with several types; the field `type` of `publish` and `unadvertise` then selects one of them.
 
-Calls and goals run as tasks while further messages are handled; at most `MAX_PENDING` at a time.
+Calls and goals run as tasks while further messages are handled. At most `MAX_PENDING` run at a time.
 """
 
 from __future__ import annotations
@@ -41,25 +42,29 @@ from cobot.strict import shown
 MAX_PENDING = 1024
 """Maximum number of unanswered calls and unfinished goals of one client."""
 MAX_ENDS = 1024
-"""Maximum number of topics that one client may publish, and of those that it may subscribe."""
+"""Maximum number of topics that one client may publish, and maximum number that it may subscribe to."""
 MAX_LATCHED = 16 * 2**20
-"""Maximum length of all latched messages of a client, in characters. They are kept until it disconnects."""
+"""Maximum length of all latched messages of a client together, in characters. They are kept until the client
+disconnects.
+"""
 UNREAD_CHARACTERS = 1024
-"""Number of characters in which `UNREAD` is searched, at the start of a message that is not decoded."""
+"""Number of characters at the start of a message in which `UNREAD` is searched, if the message is not
+decoded.
+"""
 UNREAD = re.compile(r'"(op|id|service|action)"\s*:\s*("(?:[^"\\]|\\.){0,512}"|\d{1,18}\b)')
 """Pattern of the fields that are read from a message that is not decoded."""
 ANSWERS = {"call_service": "service_response", "send_action_goal": "action_result"}
-"""Operation of the answer to each operation that has one."""
+"""For each operation with an answer, the operation of the answer."""
 LEVELS = ("none", "error", "warning", "info")
 
 log = logging.getLogger("cobot.rosbridge")
 
 
 class RosbridgeConnection:
-    """A client, from its first message to its last.
+    """The connection of one client, from its first message to its last.
 
     Args:
-        name: name in the log.
+        name: name of the client in the log.
         identity: identity of the client.
 
     Attributes:
@@ -94,7 +99,7 @@ class RosbridgeConnection:
                 value = self._arguments(value, type_)
             return asked.model_copy(update={name: self._graph.messages.examine(type_, value)})
         except (CobotError, RuntimeError):
-            return content  # an error, which `take` will find as well; or the graph has changed meanwhile
+            return content  # an error that `take` will find as well, or the graph has changed meanwhile
 
     def take(self, content: Any, size: int = 0) -> str | None:
         """Handle a decoded message, or the result of `prepared`. Errors are reported to the client.
@@ -125,7 +130,7 @@ class RosbridgeConnection:
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
 
     def reject_unread(self, text: str, error: PayloadError) -> None:
-        """Answer a message that is too large to be decoded, so that the client does not wait in vain.
+        """Answer a message that is too large to be decoded, so that the client does not wait without result.
 
         Its operation and its id are read from the beginning of the text, where clients write them.
         """
@@ -267,7 +272,7 @@ class RosbridgeConnection:
                 self._latched.pop(asked.topic, None)
 
     def _key(self, topic: str, type_: str | None) -> tuple[str, str | None]:
-        """The key of a publisher. A gateway may have one publisher for each type."""
+        """Return the key of a publisher. A gateway may have one publisher for each type."""
         return topic, type_ if self in self._graph.gateways else None
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
@@ -349,7 +354,7 @@ class RosbridgeConnection:
         self._graph.cancel(*known)
 
     def _type_of(self, asked: op.Operation) -> str | None:
-        """The type of the message in an operation; None if it needs none."""
+        """Return the type of the message in an operation; None if the operation needs none."""
         graph = self._graph
         match asked:
             case op.Publish():
@@ -368,7 +373,7 @@ class RosbridgeConnection:
         return None
 
     def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
-        """The arguments as a dictionary. Clients may omit the names."""
+        """Return the arguments as a dictionary. Clients may omit the names."""
         if not isinstance(arguments, list):
             return {} if arguments is None else arguments
         names = list(self._graph.messages.record(type_).fields)

@@ -1,4 +1,4 @@
-"""Messages in fragments, rosbridge's operation `fragment`."""
+"""Messages in fragments, which use rosbridge's operation `fragment`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from app.rosbridge.operations import Fragment, Id
 from cobot.errors import InputError
 
 MAX_INCOMPLETE = 8
-"""Maximum number of incomplete messages of one client. Another one replaces the oldest."""
+"""Maximum number of incomplete messages of one client. A further one replaces the oldest."""
 PIECE = 100
-"""Number of characters that each fragment counts in addition to its own, because an empty fragment takes
-memory too.
+"""Number of characters that is added to the length of each fragment, because even an empty fragment takes
+memory.
 """
 
 
@@ -22,7 +22,7 @@ class _Incomplete:
     total: int
     pieces: dict[int, str] = field(default_factory=dict)
     held: int = 0
-    """Number of held characters, including `PIECE` for each fragment."""
+    """Number of characters that are held, including `PIECE` for each fragment."""
 
 
 class MessageAssembly:
@@ -65,7 +65,7 @@ class MessageAssembly:
 
 
 def in_pieces(text: str, size: int | None, name: str) -> Iterator[str]:
-    """A message in the form in which it is sent: whole, or as fragments of `size` characters."""
+    """Return a message in the form in which it is sent: as a whole, or as fragments of `size` characters."""
     if size is None or len(text) <= size:
         yield text
         return

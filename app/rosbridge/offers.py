@@ -1,4 +1,4 @@
-"""Services and actions that a client of rosbridge offers to all others."""
+"""Services and actions that a rosbridge client offers to all other clients."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Offers:
             await self.remove_action(name)
 
     async def execute_goal(self, name: str, goal: Message, handle: GoalHandle) -> Message:
-        """Let the client execute a goal of one of its actions."""
+        """Make the client execute a goal of one of its actions."""
         goal_id = f"{name}:{handle.goal_id}"
         ended: asyncio.Future[op.ActionResult] = asyncio.get_running_loop().create_future()
         self._goals[goal_id] = handle, ended

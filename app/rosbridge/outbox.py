@@ -1,5 +1,5 @@
-"""Messages that wait to be sent to one client: answers, which must all arrive, and topics, of which the
-newest message counts.
+"""Messages that wait to be sent to one client: answers, which must all arrive, and messages of topics, of
+which only the newest ones matter.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
 MAX_BYTES = 32 * 2**20
-"""Maximum size of waiting answers, in bytes. A client with more is disconnected."""
+"""Maximum size of the answers that wait, in bytes. A client for which more data waits is disconnected."""
 MAX_OPTIONAL = 256
-"""Number of waiting messages above which feedback and status are dropped."""
+"""Number of waiting messages above which feedback and status messages are dropped."""
 MAX_PER_TOPIC = 100
-"""Maximum number of subscriptions or advertisements of one topic by a client; they differ by their ids."""
+"""Maximum number of subscriptions or advertisements of one topic by one client. They are distinguished by
+their ids.
+"""
 DEFAULT_QUEUE = 100
 """Number of messages of a topic that wait if the client gives no number or 0."""
 
 
 def dumps(content: Message) -> str:
-    """JSON, with null for numbers that are not finite."""
+    """Convert to JSON, with null for numbers that are not finite."""
     try:
         return json.dumps(content, allow_nan=False)
     except ValueError:
@@ -38,8 +40,8 @@ def dumps(content: Message) -> str:
 
 
 class TopicFeed:
-    """A topic that one client has subscribed to, possibly several times. The smallest interval between
-    messages, the longest queue and the smallest fragments of all its subscriptions apply.
+    """A topic to which one client has subscribed, possibly several times. The smallest interval between
+    messages, the longest queue and the smallest fragments of all these subscriptions apply.
     """
 
     def __init__(
@@ -69,7 +71,9 @@ class TopicFeed:
         self._settle()
 
     def remove(self, request_id: Id) -> bool:
-        """Remove a request, or all requests if `request_id` is None. Returns whether none is left."""
+        """Remove a subscription request, or all of them if `request_id` is None. Returns whether none is
+        left.
+        """
         if request_id is None:
             self._requests.clear()
         else:
@@ -85,7 +89,7 @@ class TopicFeed:
             self._timer.cancel()
 
     def next(self) -> Message | None:
-        """The next message, if one may be sent now."""
+        """Return the next message, if one may be sent now."""
         if not self._queue:
             return None
         now_s = self._loop.time()
@@ -93,7 +97,7 @@ class TopicFeed:
             if self._timer is None:
                 self._timer = self._loop.call_at(self._due_s, self._wake_up)
             return None
-        # At multiples of the interval, unless no message came for a while.
+        # At multiples of the interval, unless no message has arrived for a while.
         behind = now_s - self._due_s >= self._period_s
         self._due_s = (now_s if behind else self._due_s) + self._period_s
         return self._queue.popleft()
@@ -104,7 +108,7 @@ class TopicFeed:
 
     @property
     def type(self) -> str | None:
-        """The type of the topic's messages; None: any type that is published."""
+        """The type of the topic's messages; None for any type that is published."""
         return self._subscription.type
 
     def _wake_up(self) -> None:
@@ -130,8 +134,8 @@ class TopicFeed:
 
 
 class Outbox:
-    """All messages for one client, in the order of sending: answers first, then one message of each topic in
-    turn.
+    """All messages for one client, in the order of sending: first answers, then one message from each topic
+    in turn.
     """
 
     def __init__(self) -> None:
@@ -160,7 +164,7 @@ class Outbox:
             self.answer(content, fragment_size)
 
     def texts(self) -> Iterator[str]:
-        """The messages that can be sent now. The iteration ends when there are none."""
+        """Yield the messages that can be sent now. The iteration ends when there are none."""
         while True:
             found = False
             yield from self._take_answers()
@@ -177,7 +181,8 @@ class Outbox:
         """Subscribe the client to a topic.
 
         Args:
-            tell: called with a sentence if the topic is advertised with another type later.
+            tell: function that is called with a sentence if the topic is later advertised with a different
+                type.
 
         Raises:
             InputError: see `Graph.subscribe`.
@@ -201,7 +206,7 @@ class Outbox:
             del self.feeds[topic]
 
     def close(self) -> None:
-        """Close the outbox, because the client is gone."""
+        """Close the outbox, because the client has disconnected."""
         self._closed = True
         self._answers.clear()
         for feed in self.feeds.values():

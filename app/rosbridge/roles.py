@@ -1,4 +1,4 @@
-"""The role that each operation of rosbridge needs. A service call also needs the role of the service."""
+"""The role that each rosbridge operation requires. A service call also requires the role of the service."""
 
 from __future__ import annotations
 

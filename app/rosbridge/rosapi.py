@@ -49,7 +49,7 @@ DEFINITIONS = {
     "rosapi_msgs/srv/DeleteParam": "string name\n---\n",
 }
 NODE = "/cobot"
-"""Name of the only node. All topics and services of the graph belong to it."""
+"""Name of the only ROS node. All topics and services of the graph belong to it."""
 UNKNOWN = ""
 
 
@@ -72,7 +72,7 @@ def add_rosapi(graph: Graph) -> None:
 
 
 def _services(graph: Graph) -> dict[str, tuple[str, Callable[[Message], Message]]]:
-    """The type and the function of each service, by name."""
+    """Return the type and the function of each service, by name."""
 
     def named(table: Callable[[], dict[str, str]], wanted: str) -> list[str]:
         return [name for name, type_ in table().items() if type_ == wanted]
@@ -148,7 +148,7 @@ def _node(graph: Graph, node: str) -> Message:
 
 
 def _details(messages: Messages, name: str) -> list[Message]:
-    """A type and all types that it contains, each once."""
+    """List a type and all types that it contains, each once."""
     made: dict[str, Message] = {}
     waiting = [name]
     while waiting:
@@ -170,7 +170,7 @@ def _details(messages: Messages, name: str) -> list[Message]:
 
 
 def _example(type_: str, length: int) -> str:
-    """An example value of a type, in rosapi's form."""
+    """Make an example value of a type, in the form that rosapi uses."""
     if length >= 0:
         return "[]"
     if "/" in type_:
