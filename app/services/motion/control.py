@@ -1,4 +1,4 @@
-"""Control of a robot: reads who has it, takes it, releases it, and takes it over."""
+"""Control of a robot: reads its state, takes it, releases it, and takes it over from another client."""
 
 from __future__ import annotations
 

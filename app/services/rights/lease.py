@@ -20,7 +20,7 @@ TIMEOUTS_S = (1.0, 3600.0)
 """Minimum and maximum timeout of an unused lease, s."""
 TIMEOUT_S = 60.0
 KEPT_ENDS = 100
-"""Number of ended leases that are remembered, so that clients that still use them are told the reason."""
+"""Number of ended leases that are remembered, so that clients that still use them get the reason."""
 
 
 @dataclass(slots=True)
