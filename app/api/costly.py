@@ -1,8 +1,9 @@
 """Answers that take milliseconds to compute. They are computed one after the other, with pauses for other
 requests.
 
-The event loop also serves the clients that stop the arm. `app.listeners` limits the time for reading one
-connection. This module limits the time for short requests whose answers take long to compute.
+The event loop also serves the clients that stop the arm, so nothing may occupy it for long. `app.listeners`
+limits the time for reading one connection. This module limits the time for short requests whose answers take
+long to compute.
 """
 
 from __future__ import annotations

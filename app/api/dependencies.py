@@ -1,8 +1,8 @@
-"""Dependencies of the routers.
+"""FastAPI dependencies that the routers use.
 
 Dependencies are `async`, because FastAPI runs plain functions in threads, which costs several times as much
-as the answer. `Call` is not a FastAPI dependency: each dependency would add a tenth to the cost of `GET
-/robot/state`.
+as the answer. `Call` is not a FastAPI dependency, because each dependency would add a tenth to the cost of
+`GET /robot/state`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from cobot.strict import shown, unknown_key
 
 STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
-"""Key in the scope of a request: when its head came in, on the clock `cobot.clock.SYSTEM`. The body may come
-later.
+"""Key in the scope of a request for the time at which its header arrived, on the clock `cobot.clock.SYSTEM`.
+The body may arrive later.
 """
 LARGE_BYTES = 65536
 MAX_BODY = 4096
 """Maximum length of a body that is kept with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
-"""Keys in the scope of a request: the job that it names, and the id that its new job will have."""
+"""Keys in the scope of a request for the job that it names, and for the id that its new job will have."""
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:

@@ -14,7 +14,7 @@ from cobot.config import EndpointChange
 WEBSOCKET = "WS"
 """First word of a WebSocket endpoint's name, in place of the HTTP method."""
 _DECLARED = "declared_endpoint"
-"""Attribute that marks a function which serves an endpoint."""
+"""Name of the attribute that marks functions which serve an endpoint."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
-"""The one mapping of errors to HTTP answers: always JSON, with a `detail` and a `code`.
+"""Maps all errors to HTTP answers, which are always JSON with a `detail` and a `code`.
 
-Only a request that is not valid HTTP is answered by the web server itself, with 400 and in plain text.
+Only a request that is not valid HTTP is answered by the web server itself, with the status 400 and in plain
+text.
 """
 
 from __future__ import annotations
@@ -64,7 +65,9 @@ HEADERS = {
 
 
 OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
-"""Codes without an error class: those of HTTP itself, and of a job that ended with the service."""
+"""Codes without an error class: codes for errors of HTTP itself, and for a job that ended with the
+service.
+"""
 ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
 """An error code; the schema lists all. Clients must accept other codes too, which a newer service may send.
 """
@@ -153,7 +156,7 @@ def status_of(error: CobotError) -> int:
 
 def install(app: FastAPI) -> None:
     """Answer every error of this application in the one form."""
-    # All of them are coroutines: Starlette would have a thread run a plain function, and wait for it.
+    # All of them are coroutines, because Starlette would run a plain function in a thread.
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
@@ -231,7 +234,7 @@ async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
 
 
 def _allowed(request: Request) -> str:
-    """The methods of a path. Each method is a route of its own, and Starlette lists only the first."""
+    """List the methods of a path. Each method is a separate route, and Starlette lists only the first one."""
     routes = [
         each
         for each in request.app.routes
@@ -242,8 +245,8 @@ def _allowed(request: Request) -> str:
 
 
 def _meant(request: Request) -> str:
-    """A suggestion for a wrong path: the path with single slashes and in lower case, or a similar existing
-    one.
+    """Suggest a path for a wrong one: the path with single slashes and in lower case, or a similar existing
+    path.
     """
     path = request.scope["path"]
     if len(path) > MAX_GUESSED:

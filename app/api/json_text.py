@@ -55,7 +55,9 @@ def _as_int(digits: str) -> int:
 
 
 def _hint(error: json.JSONDecodeError) -> str:
-    """The language in which the text is probably written, from the place of the error; "" if unknown."""
+    """Guess the language in which the text is written, from the text at the position of the error; "" if
+    unknown.
+    """
     text, place = error.doc, error.doc[error.pos : error.pos + 5]
     if text[:1] == "'":
         return '; the single quotes around it are the shell\'s: in Windows write "{\\"joints\\": ...}"'

@@ -88,7 +88,7 @@ class Metrics(Collector):
 
 
 def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
-    """The metrics of all robots: one family per metric, with the robot's name as a label."""
+    """Make the metrics of all robots: one family per metric, with the robot's name as a label."""
     up = GaugeMetricFamily("cobot_rtloop_up", "1 while the real-time process publishes.", labels=["robot"])
     ready = GaugeMetricFamily("cobot_ready", "1 while the robot accepts motions.", labels=["robot"])
     mode = GaugeMetricFamily("cobot_mode", "1 for the mode that rtloop is in.", labels=["robot", "mode"])
@@ -174,7 +174,9 @@ def _time(
 
 
 def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
-    """Buckets in Prometheus's form: the upper bound, and the number of values up to it."""
+    """Make buckets in Prometheus's form: each consists of an upper bound and the number of values up to
+    it.
+    """
     names = [*map(floatToGoString, bounds), "+Inf"]
     return [(name, float(count)) for name, count in zip(names, cumulative, strict=True)]
 

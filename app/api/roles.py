@@ -47,8 +47,8 @@ PUBLIC_PATHS = (
     swagger.VENDOR_SCHEMA,
     swagger.STATIC,
 )
-"""Paths that need no token: the panel, the manual and the documentation. In these a user can enter a token.
-About this robot they reveal only its name and the limits of its joints.
+"""Paths that need no token: the panel, the manual and the documentation, in which a user can enter a token.
+They reveal only the name of this robot and the limits of its joints.
 """
 
 
@@ -57,7 +57,7 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
-    # the tools of /mcp that plan or move need an agent: app.mcp.tools
+    # the tools of /mcp that plan or move require the role of an agent, see app.mcp.tools
     return table | twins | {MCP: Role.OBSERVER}
 
 

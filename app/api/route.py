@@ -1,4 +1,4 @@
-"""Parsing of requests to endpoints, and their answers.
+"""Parses requests to endpoints, and makes their answers.
 
 An endpoint is declared where it is written:
 
@@ -37,7 +37,7 @@ from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown
 
 BODY_ERRORS = (413, 415, 422)
-"""Statuses for a body that is too large, of another media type, or invalid."""
+"""HTTP statuses for a body that is too large, of the wrong media type, or invalid."""
 PIECE_BYTES, RETURNS = 1024, 128
 """Maximum number of bytes and of line breaks in a piece, so that parsing it takes a few milliseconds at most.
 See `pieces`.
@@ -84,14 +84,14 @@ class _CobotRequest(Request):
                 await call.services.ownership.await_free(call.token)
                 return await asyncio.to_thread(without_collection, _validated, body, model)
         except CobotError as exc:
-            raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
+            raise HTTPException(status_of(exc)) from exc  # FastAPI passes on no other class
 
 
 def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
-    """The body as a model instance, which FastAPI accepts without further validation.
+    """Convert the body to a model instance, which FastAPI accepts without further validation.
 
     Raises:
-        InputError: the body is invalid. The error says where and why.
+        InputError: the body is invalid. The error states where and why.
     """
     content = decoded(body, "the body")
     if not isinstance(content, dict):
@@ -164,8 +164,8 @@ class CobotRoute(APIRoute):
         )
 
     def _state_handler(self) -> Handler:
-        """A handler for endpoints that take only the request. Like FastAPI, it validates the result with its
-        model.
+        """Make a handler for endpoints that take only the request. Like FastAPI, the handler validates the
+        result with its model.
         """
         endpoint, name = self.endpoint, str(self.dependant.request_param_name)
         field, status = self.response_field, self.status_code or 200
@@ -189,7 +189,7 @@ def _answering_in_turn(handler: Handler) -> Handler:
 
 
 def _answering(handler: Handler) -> ASGIApp:
-    """The ASGI application of a route. It passes the handler's errors on to the middleware of the whole
+    """Make the ASGI application of a route. It passes the handler's errors on to the middleware of the whole
     application.
     """
 
@@ -201,7 +201,7 @@ def _answering(handler: Handler) -> ASGIApp:
 
 
 def _with_body_check(function: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of a route, with the check of its body and the errors that only a body can cause."""
+    """Return the options of a route, with the check of its body and the errors that only a body can cause."""
     check = body_check(function)
     if check is None:
         return dict(options)

@@ -1,4 +1,4 @@
-"""Conversion of a solid in a request into one of the scene or of a tool."""
+"""Converts a solid in a request to a solid in the scene or of a tool."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def solid_of(
 
 
 def _made(body: PutObject) -> tuple[Array, list[Array]]:
-    """The boxes and convex parts of a solid, if it consists of such parts."""
+    """Return the boxes and convex parts of a solid, if it consists of such parts."""
     if body.shape == "point_cloud":
         return cloud(_points(body), body.voxel or 0.0), []
     if body.shape == "height_field":
@@ -92,11 +92,11 @@ def _made(body: PutObject) -> tuple[Array, list[Array]]:
 
 
 def _points(body: PutObject) -> Array:
-    """The points of a cloud, shape (n, 3), m.
+    """Decode the points of a cloud, shape (n, 3), m.
 
     Raises:
-        InputError: they are not base64, or not whole points.
-        LimitError: one is not finite or too far away.
+        InputError: the points are not base64, or the data does not consist of whole points.
+        LimitError: a point is not finite or is too far away.
     """
     if body.points_base64 is None:
         return np.array(body.points)

@@ -42,7 +42,7 @@ def state_response(state: np.ndarray) -> Response:
 
 
 def _json_type(field: StateField) -> Any:
-    """The type of a field in the schema."""
+    """Return the type of a field in the schema."""
     if field.member:
         return Literal[tuple(member.name for member in field.member)]
     if field.is_text:
@@ -54,7 +54,7 @@ def _json_type(field: StateField) -> Any:
 
 
 def _description(field: StateField) -> str:
-    """The description of a field: its meaning, its unit, and the topic that has it in a recording."""
+    """Describe a field: its meaning, its unit, and the topic that contains it in a recording."""
     unit = f" Unit: {field.unit}." if field.unit else ""
     topic = f" Recorded in {field.topic}." if field.message else " Recorded." if field.recorded else ""
     return f"{field.meaning}.{unit}{topic}"

@@ -1,8 +1,9 @@
-"""Strict statuses: if the client asks for them, a motion that did not arrive gets an HTTP error status.
+"""Strict statuses: if the client asks for them, a motion that did not reach its goal gets an HTTP error
+status.
 
-By default the answer to a motion that could not be planned or did not arrive is a 200 with `success: false`.
-With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body comes with the HTTP status of the
-error.
+By default the answer to a motion that could not be planned or did not reach its goal has the status 200 and
+`success: false`. With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body is sent with the
+HTTP status of the error.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def with_strict_status(response: Response) -> Response:
     if response.status_code == 200:
         answer = json.loads(bytes(response.body))
         if not answer["success"]:
-            kind = BY_CODE.get(answer.get("code") or "", UnavailableError)  # a stop has no code
+            kind = BY_CODE.get(answer.get("code") or "", UnavailableError)  # the error of a stop has no code
             response.status_code = status_of(kind())
     return response
 

@@ -1,8 +1,9 @@
-"""Agents that leave while the arm moves for them: they close the connection or cancel the request.
+"""Detects agents that leave while the arm moves for them, because they close the connection or cancel the
+request.
 
-With clients before protocol 2026, the library behind /mcp/mcp notices neither. If the answer is one JSON
-document, the library reads only the body of the request, so it misses the end of the connection. It also
-cannot match a cancellation to its request, because requests are independent of each other.
+With clients that use a protocol before 2026, the library behind /mcp/mcp detects neither. If the answer is
+one JSON document, the library reads only the body of the request, so it misses the end of the connection. It
+also cannot match a cancellation to its request, because requests are independent of each other.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from starlette.types import Message, Receive, Scope
 from app.api.middleware.clients import client_of
 
 GONE = "cobot.gone"
-"""Key of a request's scope: an event that is set when the client has left."""
+"""Key in a request's scope for an event that is set when the client has left."""
 CANCELLED = "notifications/cancelled"
 Key = tuple[str, str, str]
 
@@ -73,8 +74,8 @@ async def _watch(receive: Receive, gone: asyncio.Event) -> None:
 
 
 def _key(scope: Scope, request_id: Any) -> Key:
-    """The key of a request: its client, the client's computer and the request's number, because there are no
-    sessions.
+    """Return the key of a request: its client, the client's computer and the number of the request. This is
+    needed because there are no sessions.
     """
     client = client_of(scope)
     return client.name, client.address, str(request_id)

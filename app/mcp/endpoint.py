@@ -24,12 +24,15 @@ if TYPE_CHECKING:
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
 MAX_BODY_BYTES = 32_768
-"""Maximum size of a request. The arguments of a tool take some hundred bytes, and the library needs about a
-microsecond of the event loop for each byte."""
+"""Maximum size of a request, bytes. The arguments of a tool take some hundred bytes, and the library needs
+about a microsecond of the event loop for each byte.
+"""
 STOPPED = "cobot.stopped"
-"""Key of a request's scope: status and document of the stop that the request has asked for."""
+"""Key in a request's scope for the status and the document of the stop that the request has asked for."""
 REST_S = 0.02
-"""Minimum time between the beginnings of two requests, s. Each takes 10 ms or more of the event loop."""
+"""Minimum time between the beginnings of two requests, s. Each request takes 10 ms or more of the event
+loop.
+"""
 
 
 class McpEndpoint:
@@ -72,7 +75,7 @@ class McpEndpoint:
 
 
 async def _body(receive: Receive) -> bytes | None:
-    """The whole body; None if the client disconnects before it has sent all of it.
+    """Read the whole body; None if the client disconnects before it has sent all of it.
 
     Raises:
         PayloadError: the body is too large.
@@ -103,7 +106,7 @@ async def _stop(scope: Scope, message: object) -> None:
 
 
 def _decoded(body: bytes) -> object:
-    """The decoded JSON; None if it is not JSON. Then the library answers with a better error."""
+    """Decode JSON; None if the body is not JSON, because the library then answers with a better error."""
     try:
         return json.loads(body)
     except (ValueError, RecursionError):

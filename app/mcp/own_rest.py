@@ -1,6 +1,6 @@
 """The REST API, called inside this process on behalf of an agent.
 
-The client, its address and its token are those of the agent's request. So roles, control, limits and the
+The calls use the client, the address and the token of the agent's request. So roles, control, limits and the
 audit log apply as in the REST API.
 """
 

@@ -61,7 +61,7 @@ def _describe_default(field: dict[str, Any]) -> None:
 
 
 def _of_requests(schema: dict[str, Any]) -> set[str]:
-    """The models that occur in request bodies, directly or nested."""
+    """List the models that occur in request bodies, directly or nested."""
     models = schema["components"].get("schemas", {})
     bodies = [
         endpoint["requestBody"]
@@ -99,7 +99,7 @@ def _name_forms(schema: dict[str, Any]) -> None:
             old = content["schema"].get("$ref", "").removeprefix(MODELS) if content else ""
             if not old.startswith(FORM):
                 continue
-            # A robot by its name has a copy of the endpoint, with the same form.
+            # The path with a robot's name has a copy of the endpoint, with the same form.
             operation = (
                 endpoint["operationId"].removesuffix("_of")
                 if path.startswith("/robots/")

@@ -47,8 +47,8 @@ LINKS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "TakenAnswer": {"release_control": _parameter(CONTROL_TOKEN, "$response.body#/token")},
 }
-"""The links of each answer model: for each operation, the value that it needs and the parameter that takes
-it.
+"""The links of each answer model: for each operation, the value in the answer that it needs, and the
+parameter to which this value is passed.
 """
 
 
@@ -57,7 +57,7 @@ def link(schema: dict[str, Any]) -> None:
     known = {each["operationId"] for path in schema["paths"].values() for each in path.values()}
     for operations in schema["paths"].values():
         for method, endpoint in operations.items():
-            if method == "delete":  # the object with this name is gone
+            if method == "delete":  # the object with this name no longer exists
                 continue
             suffix = TWIN if endpoint["operationId"].endswith(TWIN) else ""
             for answer in endpoint["responses"].values():
@@ -67,7 +67,7 @@ def link(schema: dict[str, Any]) -> None:
 
 
 def _links(answer: dict[str, Any], suffix: str, known: set[str]) -> dict[str, Any]:
-    """The links of an answer, to operations of the same robot."""
+    """Make the links of an answer to operations on the same robot."""
     content = answer.get("content", {}).get("application/json", {}).get("schema", {})
     found = LINKS.get(content.get("$ref", "").rpartition("/")[2], {})
     robot = {"robot": "$request.path.robot"} if suffix else {}

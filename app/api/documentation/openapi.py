@@ -1,4 +1,4 @@
-"""Additions to the OpenAPI schema: the robot's limits, descriptions, and links."""
+"""Adds to the OpenAPI schema: the robot's limits, descriptions, and links."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTROL: dict[str, Any] = {
     "description": "Token from POST /robot/control; needed only while the client has control.",
     "schema": {"type": "string"},
 }
-"""Header parameter of all endpoints that move the arm. The client that has control sends it."""
+"""Header parameter of all endpoints that move the arm. A client that has control sends this header."""
 BY_NAME = f"{ROBOTS}/"
 JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 
@@ -106,14 +106,14 @@ Row = tuple[str, float, float]
 
 
 def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
-    """Add a parameter unless it is there: FastAPI keeps the schema that it has made."""
+    """Add a parameter, unless it was already added, because FastAPI keeps the schema that it has made."""
     parameters = endpoint.setdefault("parameters", [])
     if parameter not in parameters:
         parameters.append(parameter)
 
 
 def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]]]:
-    """The position limits of the joints, as a sentence and as a schema for each joint."""
+    """Describe the position limits of the joints, as a sentence and as a schema for each joint."""
     each = {name: _table(limits) for name, limits in robots.items()}
     texts = {
         name: ", ".join(f"{joint} {low:g} to {high:g}" for joint, low, high in table)
@@ -136,12 +136,12 @@ def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]
 
 
 def _table(limits: JointLimits) -> list[Row]:
-    """A table with a row for each joint: name, minimum and maximum position, rad."""
+    """Make a table with a row for each joint: its name, and its minimum and maximum position, rad."""
     return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
 
 
 def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """The rows of the robots that have this joint."""
+    """Return the rows of the robots that have this joint."""
     return [row for row in rows if row is not None]
 
 

@@ -37,8 +37,8 @@ SERVERS: list[dict[str, Any]] = [
     {"url": VERSION, "description": "This version of the API."},
     {"url": "/", "description": "The same without a version, for clients written before there was one."},
 ]
-"""The two base URLs of the API. Each path is listed once and exists under both; generated clients use the
-first.
+"""The two base URLs of the API. Each path is listed once and exists below both. Generated clients use the
+first one.
 """
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
@@ -77,10 +77,10 @@ NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
 <a href="/docs/robots">REST API by robot</a> · <a href="/docs/vendor">Vendor services</a> ·
 <a href="/redoc">Reference (ReDoc)</a>
 </nav>"""
-"""Links at the top of the page. They appear before Swagger UI, which takes a browser most of a second."""
+"""Links at the top of the page. They appear before Swagger UI, for which a browser needs almost a second."""
 
 _turn = threading.Lock()
-"""Lock for making the documents, which share parts."""
+"""Lock that is held while a document is made, because the documents share parts."""
 
 
 class _Document:
@@ -168,10 +168,10 @@ def _serve(app: FastAPI, path: str, document: _Document) -> None:
 
 
 def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") -> HTMLResponse:
-    """A page of Swagger UI, served entirely by this service.
+    """Make a Swagger UI page that is served entirely by this service.
 
     Args:
-        first: the group that is shown open, "" for none.
+        first: the group that is shown open; "" if none is.
     """
     page = get_swagger_ui_html(
         openapi_url=schema,

@@ -1,12 +1,14 @@
 """Identifies the client and checks hosts and web pages: one ASGI middleware around all HTTP and WebSocket.
 
-It rejects requests for another host (421) or from a foreign web page (403, `origins`), and stores the
-client's identity in the scope. The route decides whether this client may use it, see `app.api.roles`.
+The middleware rejects requests for a different host (421) or from a foreign web page (403, see `origins`),
+and stores the client's identity in the scope. The route decides whether this client may use it; see
+`app.api.roles`.
 
-A token comes in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a WebSocket, so
-there it may also come as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token." + TOKEN])`, or as
-`?token=TOKEN`, for libraries that accept only a URL. URLs appear in proxy logs and browser histories, so the
-other two ways are better. The service removes the token from the URL before any other part sees it.
+A client sends its token in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a
+WebSocket, so there the token may also be sent as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token."
++ TOKEN])`, or as `?token=TOKEN`, for libraries that accept only a URL. URLs appear in proxy logs and browser
+histories, so the other two ways are better. The service removes the token from the URL before any other part
+sees it.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
-"""Key in the scope: a function that checks whether the request's token is still valid with the same role.
-Long answers call it.
+"""Key in the scope for a function that checks whether the request's token is still valid with the same role.
+Long answers call this function.
 """
 _HEADERS = "cobot.headers"
 HEADERS = (
@@ -52,7 +54,7 @@ METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
 POLICY_VIOLATION = 1008
-"""Code that closes a WebSocket whose token is no longer valid."""
+"""Code with which a WebSocket is closed if its token is no longer valid."""
 INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
@@ -60,14 +62,14 @@ UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-
 FORWARDING = frozenset(
     (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
 )
-"""Headers that a proxy adds. They only show that there is a proxy; their values are not trusted."""
+"""Headers that a proxy adds. They only show that there is a proxy, and their values are not trusted."""
 NAME_PARAMETER = "client_name"
 """Query parameter of a WebSocket's URL with the client's name, because browsers cannot set the headers of a
 WebSocket.
 """
 MAX_ENCODED = 12 * MAX_NAME + 1
-"""Maximum number of bytes of that parameter that are read. A percent-encoded character has up to twelve
-bytes.
+"""Maximum number of bytes that are read from the parameter `client_name`. A percent-encoded character takes
+up to twelve bytes.
 """
 _NAME = CLIENT_NAME.lower().encode()
 _PICKED = FORWARDING.union(
@@ -102,7 +104,7 @@ class Access:
         self._app = app
         self._tokens = tokens
         self._origins = origins
-        # For permitted pages of other origins: the browser first asks which requests are permitted.
+        # For permitted pages from other origins, the browser first asks which requests are permitted.
         self._cors = CORSMiddleware(
             self._identify,
             allow_origin_regex=".*",
@@ -167,13 +169,13 @@ class Access:
     async def _while_valid(
         self, scope: Scope, receive: Receive, send: Send, token: str, holder: Holder, by_protocol: bool
     ) -> None:
-        """Serve a WebSocket. Close it when its token is revoked, has expired, or has another role."""
+        """Serve a WebSocket. Close it when its token is revoked, has expired, or has a different role."""
         accepted = ended = False
 
         async def check_then_send(message: Message) -> None:
             nonlocal accepted
             if ended:
-                raise OSError(INVALID)  # as when the client has gone
+                raise OSError(INVALID)  # the same message as when the client disconnects
             if message["type"] == "websocket.accept":
                 accepted = True
                 if by_protocol and message.get("subprotocol") is None:
@@ -185,7 +187,7 @@ class Access:
             while not accepted or self._tokens.find(token) == holder:
                 await self._tokens.await_change()
             ended = True
-            with contextlib.suppress(OSError, RuntimeError):  # it has just been closed elsewhere
+            with contextlib.suppress(OSError, RuntimeError):  # the WebSocket has just been closed elsewhere
                 await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})
 
         watching = asyncio.create_task(watch())
@@ -196,7 +198,7 @@ class Access:
 
 
 def _picked(scope: Scope) -> dict[bytes, bytes]:
-    """The headers about the origin of a request.
+    """Read the headers about the origin of a request.
 
     Raises:
         MisdirectedError, PermissionDenied: a header occurs twice. Two readers could then use different
@@ -214,8 +216,8 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
 
 
 def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
-    """The token in a request, and whether it came as a subprotocol. It is "" if the header has another
-    form.
+    """Return the token in a request, and whether it was sent as a subprotocol. The token is "" if the header
+    is in a different form.
     """
     headers: Mapping[bytes, bytes] = scope[_HEADERS]
     header = headers.get(b"authorization")

@@ -1,7 +1,8 @@
-"""The outermost middleware: gives each request its id, and writes an audit entry for each request that
-changes something, whatever its result.
+"""The outermost middleware. It gives each request its id, and writes an audit log entry for each request that
+changes something, regardless of the result.
 
-It also sees the requests that the inner middleware rejects, and reads the client's identity once it is known.
+It also handles the requests that the inner middleware rejects, and reads the client's identity once it is
+known.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class RequestTrail:
 
 def _record(on: Trail, scope: Scope, what: str, outcome: str) -> None:
     endpoint = getattr(scope.get("route"), "path", None)
-    kind = (*what.split(" ")[0::2], endpoint)  # all unknown paths count as one
+    kind = (*what.split(" ")[0::2], endpoint)  # all unknown paths count as one path
     on.audit.record(on.who(), on.from_, what, outcome, request=on.request, kind=kind, **on.details)
 
 
@@ -126,8 +127,8 @@ def _who(scope: Scope) -> str:
 
 
 def _request_id(scope: Scope) -> str:
-    """The client's own request id, with which the client can find its requests in the log; otherwise a new
-    one.
+    """Return the client's own request id, with which the client can find its requests in the log, or else a
+    new id.
     """
     for name, value in scope["headers"]:
         if name == HEADER and WELL_FORMED.fullmatch(value):

@@ -62,7 +62,7 @@ class BodyLimit:
                 if received <= limit_bytes:
                     return message
             error = PayloadError(f"the body is larger than the limit of {limit_bytes} bytes")
-            raise HTTPException(413) from error  # FastAPI lets no other class through
+            raise HTTPException(413) from error  # FastAPI passes on no other class
 
         try:
             await self._app(scope, receive_and_count, send)

@@ -1,7 +1,7 @@
 """Stores the client of a request or a WebSocket in a context variable, which all tasks of that request
 inherit.
 
-The names come from the middleware `access`, if it is installed: `scope["cobot.identity"]`.
+The middleware `access`, if it is installed, provides the names in `scope["cobot.identity"]`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""`Idempotency-Key`: a client can safely repeat a request that begins a job; the repetition begins nothing.
+"""Handles the header `Idempotency-Key`, with which a client can safely repeat a request that begins a job.
+The repetition begins nothing.
 
-The second request with a key gets the answer to the first, and waits if that is still in progress. After a
-request that was rejected and has begun nothing, its key can be used again.
+The second request with a key gets the answer to the first one, and waits if the first one is still in
+progress. If a request was rejected and has begun nothing, its key can be used again.
 
-Source: draft-ietf-httpapi-idempotency-key-header, which also defines the 422 for another request with the
-same key.
+Source: draft-ietf-httpapi-idempotency-key-header, which also defines the status 422 for a different request
+with the same key.
 """
 
 from __future__ import annotations
@@ -128,7 +129,9 @@ def _again(noted: Noted, same: bytes, key: str) -> Response:
 
 
 def _digest(request: Request, body: bytes) -> bytes:
-    """A digest that identifies equal requests. It ignores the boundary of a form, which differs each time."""
+    """Calculate a digest that identifies equal requests. It ignores the boundary of a form, which differs
+    each time.
+    """
     found = re.search(r'boundary="?([^";,]+)', request.headers.get("content-type", ""))
     if found is not None:
         body = body.replace(b"--" + found[1].encode("latin-1"), b"--")

@@ -1,7 +1,7 @@
 """The hosts and pages from which requests may come. The check keeps foreign web pages from the arm.
 
-Browsers let any page send requests to any host, and state in headers where each request comes from. Clients
-other than browsers do not send these headers, and pass.
+Browsers allow any page to send requests to any host, and state in headers where each request comes from.
+Clients other than browsers do not send these headers, and are accepted.
 
 - `Host` is the name or address under which the client reached the service. A page can make its own name
   resolve to this service (DNS rebinding), and then has the same origin. But its `Host` is that name, which is
@@ -107,9 +107,10 @@ class Origins:
 
 
 def _same(origin: bytes, host: bytes, secure: bool) -> bool:
-    """Whether a page of this origin came from this host, with the scheme that is served here.
+    """Whether a page with this origin came from this host, with the scheme that is served here.
 
-    Headers of a proxy are ignored. If a proxy adds TLS, `allowed_origins` must list the origin of the pages.
+    Headers from a proxy are ignored. If a proxy adds TLS, `allowed_origins` must list the origin of the
+    pages.
     """
     scheme, _, netloc = origin.decode("latin-1").lower().partition("://")
     if scheme != ("https" if secure else "http"):
@@ -119,7 +120,7 @@ def _same(origin: bytes, host: bytes, secure: bool) -> bool:
 
 
 def _followed_link(scope: Scope, headers: Mapping[bytes, bytes]) -> bool:
-    """Whether a browser opens a page of cobot at top level. That changes nothing, so it is allowed from any
+    """Whether a browser opens a cobot page at top level. This changes nothing, so it is allowed from any
     page.
     """
     return (

@@ -1,5 +1,5 @@
-"""Duration of requests by route and status, for /metrics. Every request passes here, so the code must be
-cheap.
+"""Measures the duration of requests by route and status, for /metrics. Every request passes through this
+module, so its code must be fast.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The version of the API: each path also exists below /v1 and leads to the same route.
+"""The API version: each path also exists below /v1 and leads to the same route.
 
 There is no second set of routes. The middleware declares /v1 as the `root_path` of a request (ASGI's name for
 the place below which an application is mounted), and Starlette matches what follows it.

@@ -20,7 +20,7 @@ ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", Mov
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
 """Fields of a motion to a pose that a motion to joint angles does not have."""
 DROPPED = set().union(*BODY_FIELDS.values())
-"""Fields that not every planner uses. An alternative with another planner omits them."""
+"""Fields that not every planner uses. An alternative with a different planner omits them."""
 
 
 def explained(
@@ -38,7 +38,7 @@ def explained(
     return explain.model_copy(
         update={
             "motion": found.motion,
-            # From another start, poses in the TCP's frame would be other goals.
+            # From a different start, poses in the TCP frame would be different goals.
             "works": [
                 _works(each, body, found, base_frame)
                 for each in found.works

@@ -31,7 +31,7 @@ from cobot.types import Array, JointLimits, PlannerName, Pose, Scaling, Synchron
 
 
 def _scaling(body: TcpMotion) -> Scaling:
-    """The share of the limits; 1 if only a speed in m/s or rad/s is given."""
+    """Return the share of the limits; 1 if only a speed in m/s or rad/s is given."""
     in_units = body.speed_m_s is not None or body.speed_rad_s is not None
     speed = 1.0 if in_units and "speed" not in body.model_fields_set else body.speed
     return Scaling(speed, body.accel_scale)

@@ -193,7 +193,7 @@ def _place(body: ActionPlace) -> PathPlace:
 
 
 def _unit(field: str, direction: Direction | None) -> tuple[float, float, float] | None:
-    """The direction, scaled to unit length."""
+    """Return the direction, scaled to unit length."""
     if direction is None:
         return None
     length = math.hypot(direction.x, direction.y, direction.z)

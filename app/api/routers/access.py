@@ -25,7 +25,9 @@ from cobot.strict import shown
 
 FIRST = "cobot token create NAME --role admin"
 CHANGE_S = 10.0
-"""Timeout for a change, in seconds: another program may have the file locked for `tokens.LOCKED_S`."""
+"""Timeout for a change, in seconds. A change may have to wait because another program can lock the file for
+`tokens.LOCKED_S`.
+"""
 
 router = EndpointRouter(tags=["operations"])
 
@@ -88,7 +90,7 @@ def _tokens_of(request: Request) -> Authenticator:
 
 
 def _administrator(request: Request) -> str:
-    """The name of the token that the request uses.
+    """Return the name of the token that the request uses.
 
     Raises:
         ConflictError: the request has no token, or one that the service has granted to a program.
@@ -116,7 +118,7 @@ def _listed(request: Request, found: tuple[Token, ...]) -> TokensAnswer:
 
 
 def _hint(request: Request, identity: Identity) -> str:
-    """What a client without a token of the token file has to do first."""
+    """Describe what a client without a token from the token file must do first."""
     if request.app.state.tokens_required:
         return f"{identity.name} uses no token of the token file; use an administrator's token: {FIRST}"
     setting = request.app.state.web.authentication

@@ -27,7 +27,7 @@ async def audit(query: Annotated[AuditQuery, Query()], request: Request) -> Resp
 
 
 def _newest(kept: Audit, query: AuditQuery) -> str:
-    """The newest entries as JSON. It reads files, so call it in a thread."""
+    """Return the newest entries as JSON. This reads files, so call it in a thread."""
     entries = kept.newest(query.limit, query.since, query.after)
     answer = AuditAnswer.model_validate({"entries": entries, "lost": kept.dropped, "problem": kept.problem})
     return answer.model_dump_json(by_alias=True)

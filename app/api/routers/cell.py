@@ -102,7 +102,7 @@ async def cell(
     answer = CellAnswer.of(service)
     if not meshes:
         return Response(answer.model_dump_json(), media_type="application/json")
-    async with costly_turn(request):  # there may be millions of numbers
+    async with costly_turn(request):  # the answer may contain millions of numbers
         content = await asyncio.to_thread(_with_meshes, answer, service.require().parts)
     return Response(content, media_type="application/json")
 

@@ -1,4 +1,4 @@
-"""Stop and health, of one robot or of all."""
+"""Stop and health of one robot or of all robots."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ async def health(request: Request) -> HealthAnswer:
 
 
 def _written(state: State) -> tuple[dict[str, object], list[str]]:
-    """The numbers of lost log and audit lines, and the reasons why nothing can be written now."""
+    """Return the numbers of lost log and audit lines, and the reasons why nothing can be written now."""
     file, terminal, error = state.losses.read()
     lost = {"service": logs.dropped(), "file": file, "terminal": terminal, "audit": state.audit.dropped}
     problems = [f"the log file cannot be written: {os.strerror(error)}"] if error else []

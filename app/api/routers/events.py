@@ -28,7 +28,9 @@ from cobot.strict import StrictModel, sentences, shown
 
 PATH = "/events"
 MAX_LISTENERS = 224
-"""Maximum number of listeners of all addresses. By default one address has 256 connections, for all uses."""
+"""Maximum number of listeners from all addresses together. By default one address may have 256 connections
+for all uses.
+"""
 RETRY_MS = 1000
 """Time after which a browser reconnects, ms."""
 LAST_EVENT_ID = "Last-Event-ID"
@@ -133,7 +135,7 @@ class EventStream(Response):
             listener.close()
 
     async def _watch(self, receive: Receive) -> None:
-        """Close the listener when the client has gone, or its token is revoked."""
+        """Close the listener when the client has disconnected or its token is revoked."""
         left = asyncio.create_task(_await_disconnect(receive))
         try:
             while self._still_valid is None or self._still_valid():
@@ -169,8 +171,8 @@ def _query(socket: WebSocket) -> EventsQuery:
 
 
 def _listener(connection: HTTPConnection, query: EventsQuery) -> Listener:
-    """Raises: InputError, NotFoundError: an unknown type, robot or event. UnavailableError: there are too
-    many listeners, or the service is shutting down.
+    """Make a listener. Raises InputError or NotFoundError if a type, robot or event is unknown, and
+    UnavailableError if there are too many listeners or the service is shutting down.
     """
     events = cast(Events, connection.app.state.events)
     if events.closed:

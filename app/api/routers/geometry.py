@@ -25,8 +25,8 @@ from cobot.robot.geometry.visuals import visuals_of
 from cobot.types import Array, JointLimits, Numbers7, PictureView
 
 PROCESS = secrets.token_hex(4)
-"""Random id of this process. It makes ETags of an earlier process invalid, because after a restart everything
-may look different.
+"""Random id of this process. It makes ETags from an earlier process invalid, because after a restart
+everything may look different.
 """
 
 router = EndpointRouter(tags=["scene"])
@@ -52,7 +52,7 @@ PNG: dict[int | str, dict[str, Any]] = {
     }
 }
 PART_COLOR = (0.85, 0.51, 0.17)
-"""Colour of the loose parts of a cell, as in the panel."""
+"""Colour of the loose parts in a cell, the same as in the panel."""
 
 
 class PoseIn(BaseModel):
@@ -228,7 +228,7 @@ async def picture(
 
 
 def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
-    from cobot.robot.geometry.picture import draw, solid, surface  # importing them takes a second
+    from cobot.robot.geometry.picture import draw, solid, surface  # importing these modules takes a second
 
     parts = []
     cell = services.cell

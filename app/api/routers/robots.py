@@ -74,10 +74,10 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
 
 
 def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
-    """The route at the path of any robot.
+    """Make the route at the path with the name of any robot.
 
-    It is a copy, because only the path differs. For a new route FastAPI would inspect the function again, and
-    pydantic would build each model a second time.
+    The route is a copy, because only the path differs. For a new route FastAPI would inspect the function
+    again, and pydantic would build each model a second time.
     """
     twin = copy(route)
     twin.path = f"{ANY}{path_below(route.path)}"

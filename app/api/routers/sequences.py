@@ -1,4 +1,4 @@
-"""Sequences of motions and Lua programs, each run in a process of its own."""
+"""Sequences of motions and Lua programs, each of which runs in a separate process."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ router = EndpointRouter(tags=["sequences"])
 
 
 def _text(description: str) -> Any:
-    """A text field of a form. NUL is not allowed, because it cannot be part of a command line."""
+    """Read a text field of a form. NUL is not allowed, because it cannot be part of a command line."""
     return Form(max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$", description=description)
 
 
 ACTION = "Not used; accepted for compatibility and written to the log."
 
 
-# It has many parameters because each one is a field of the form, and so of the published schema.
+# It has many parameters because each one is a field of the form and of the published schema.
 @router.endpoint(
     "POST /sequences/start",
     Role.PROGRAMMER,

@@ -53,7 +53,9 @@ from cobot.logs import log_context
 from cobot.reasons import Reason
 
 MAX_ANSWERS = 64
-"""Maximum number of answers that wait for a client which does not read. Beyond it the oldest is dropped."""
+"""Maximum number of answers that wait for a client which does not read. If there are more, the oldest is
+dropped.
+"""
 
 MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
 """Frame types that move the arm. If one of them is rejected, an event reports it to other clients."""
@@ -69,7 +71,7 @@ async def stream(socket: WebSocket) -> None:
         services = services_of(socket)
         with services.streams.connection():
             await StreamConnection(socket, services, timeout_s).serve()
-    except CobotError as exc:  # before it was accepted
+    except CobotError as exc:  # before the connection was accepted
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
         await socket.send_denial_response(answer)
 
@@ -154,7 +156,7 @@ class StreamConnection:
             audit.report_refusal(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
-        """Send to the client, answers before states. A state is read only when it can be sent."""
+        """Send messages to the client, answers before states. A state is read only when it can be sent."""
         socket = self._socket
         try:
             while True:
@@ -183,7 +185,7 @@ class StreamConnection:
             self._answer("tool", tool_version=self._tool_version, flange=info["flange"].tolist())
 
     def _newest(self) -> np.ndarray | None:
-        """The newest state, if one is due and has not been sent yet."""
+        """Return the newest state, if a state is due and the newest one has not been sent yet."""
         if not self._due:
             return None
         self._publication, state = self._streams.state_since(self._publication)

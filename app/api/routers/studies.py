@@ -1,4 +1,4 @@
-"""Studies: questions about the robot that need thousands of computations, run in a process of their own."""
+"""Studies: questions about the robot that need thousands of computations, which run in a separate process."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ async def calibrate_tool(body: TouchedPoints, request: Request) -> TcpFitAnswer:
     Nothing changes: send the position to POST /robot/tool as `tcp` with an orientation.
     """
     services = Call(request).services
-    for index, joints in enumerate(body.points):  # measured, they may be beyond a limit by a little
+    for index, joints in enumerate(body.points):  # measured positions may exceed a limit slightly
         services.goals.require_joints(np.array(joints), name=f"points[{index}]", checked=False)
     model = services.robot.model
     flange_in_tcp = model.flange_in_tcp()

@@ -104,7 +104,7 @@ def _check(found: Finding) -> FailedCheck:
 
 
 def _in_json(value: float) -> float:
-    """The value, limited to the range of floats. Extreme requests overflow, and JSON has no infinity."""
+    """Limit a value to the range of floats. Extreme requests overflow, and JSON has no infinity."""
     return max(-sys.float_info.max, min(sys.float_info.max, value))
 
 

@@ -24,9 +24,9 @@ FIELDS = {
     "height_field": ("heights", "resolution"),
     "point_cloud": ("points", "voxel"),
 }
-"""Fields that each shape requires, unless it has those of `ENCODED`."""
+"""Fields that each shape requires, unless it uses the fields in `ENCODED`."""
 ENCODED = {"mesh": ("file",), "point_cloud": ("points_base64", "voxel")}
-"""Fields that a shape requires instead if the first one is given."""
+"""Fields that a shape requires instead, if the first of these fields is given."""
 OPTIONAL = {"mesh": ("scale", "tolerance"), "height_field": ("floor", "step")}
 SHAPE_FIELDS = list(
     dict.fromkeys(name for each in (FIELDS, ENCODED, OPTIONAL) for names in each.values() for name in names)
