@@ -57,7 +57,7 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
-    # the tools of /mcp that plan or move require the role of an agent, see app.mcp.tools
+    # /mcp tools that plan or move require the agent role, see app.mcp.tools
     return table | twins | {MCP: Role.OBSERVER}
 
 

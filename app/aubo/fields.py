@@ -27,13 +27,15 @@ ROS_TYPES: dict[Any, str] = {
     list[str]: "string[]",
     None: "int32",
 }
-"""The ROS type of each annotation. The type json is a string in messages, see `ServiceField.ros_type`."""
+"""The ROS type of each annotation. The type json is a string in messages; see `ServiceField.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
-"""The value of an unset field, as in ROS; an unset list is empty."""
+"""The value of an unset field, the same as in ROS. An unset list is empty."""
 MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
-"""Maximum number of items in a list. The event loop checks each item, and motions wait meanwhile."""
+"""Maximum number of items in a list. It is limited because the event loop checks each item, and motions wait
+meanwhile.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +81,8 @@ def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
 
 
 def _with_brackets(field: ServiceField, value: Any) -> Any:
-    """The value in the form of `cobot.loose_lists`: a single item becomes a list of one, an empty list means
-    that the field is not set.
+    """Convert a value as `cobot.loose_lists` does: a single item becomes a list with one item, and an empty
+    list means that the field is not set.
     """
     if field.kind.endswith("[]"):
         item = {"bool[]": (bool,), "string[]": (str,)}.get(field.kind, (int, float))

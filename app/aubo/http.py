@@ -1,6 +1,6 @@
-"""Vendor services over HTTP: one route for all services, but one path for each in the documentation.
+"""Vendor services over HTTP. One route serves all services, while the documentation lists one path for each.
 
-With two hundred routes each request would try one after the other. The validation of requests,
+With two hundred routes, each request would be compared with one after the other. The validation of requests,
 `registry.bind`, is the same for every transport.
 """
 
@@ -60,8 +60,8 @@ EXAMPLES: dict[str, Any] = {
     **dict.fromkeys(("rpy", "rotv"), TURN),
     "quat": [1.0, 0.0, 0.0, 0.0],
 }
-"""Values that Swagger fills in for fields with these names. Other fields get their default, or that of
-ROS.
+"""Values that Swagger fills in for fields with these names. Other fields get their own default, or ROS's
+default.
 """
 
 
@@ -88,13 +88,13 @@ async def vendor_service(request: Request) -> JSONResponse:
         audit.would_change()
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
-    audit.leave_out()  # `run` writes an entry for each change, for all transports
+    audit.leave_out()  # `run` writes an audit log entry for each change, for all transports
     origin = CallOrigin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
     return JSONResponse(asdict(await run(services, found, bound, origin)))
 
 
 async def _content(request: Request) -> Any:
-    """The body as JSON; an empty body becomes an empty object."""
+    """Decode the body as JSON. An empty body becomes an empty object."""
     body = await request.body()
     if not body:
         return {}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 LENGTHS = (1e-9, 1e9)
-"""Range of the length of a quaternion that is normalized. Any other is rejected."""
+"""Minimum and maximum length of a quaternion that is normalized. Any other quaternion is rejected."""
 MAX_ALPHA = 1000.0
 
 
@@ -192,7 +192,7 @@ def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
 
 
 def _turned(pose: Pose) -> Pose:
-    """The pose with only its orientation; its position is 0."""
+    """Return the pose with its orientation, but with the position 0."""
     nowhere: Array = np.zeros(3)
     return Pose(nowhere, pose.quaternion)
 

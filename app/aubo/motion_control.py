@@ -374,7 +374,9 @@ async def _add(
 
 
 def _require_no_other_motion(robot: Services) -> None:
-    """Require that only the queue moves the arm. Otherwise its stop would have no effect on the motion."""
+    """Check that only the queue moves the arm. Otherwise a stop of the queue would have no effect on the
+    motion.
+    """
     owner = robot.ownership.owner if robot.queue.idle and robot.ownership.in_motion else None
     if owner is not None:
         raise ConflictError(f"the queue is empty, but {owner} moves the arm; stopJoint stops it")

@@ -125,7 +125,9 @@ READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)
 """Classes whose methods change nothing, and prefixes of other methods that change nothing."""
 TOO_LARGE = "the numbers are too large: the result is not finite"
 POINTS = ("servoJoint", "servoCartesian")
-"""Services that send points. The audit has an entry for their session instead."""
+"""Services that send points. The audit log contains an entry for their session instead of one for each
+point.
+"""
 
 REGISTRY: dict[tuple[str, str], VendorService] = {}
 """All services by (class, method). Complete once `app.aubo.classes` is imported."""

@@ -1,7 +1,7 @@
 """RobotAlgorithm: kinematics and dynamics of the model; nothing moves.
 
 Results with several parts are JSON, [value, 0], like the vendor's tuples. The second part is always 0,
-because an error has its code in the answer and no value.
+because the answer to a failed call contains the error code and no value.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 TIMEOUT_S = 20.0
 MIN_POSES = 3
 ALIKE = 1e-3
-"""Minimum of the smallest singular value. Below it the poses are too similar in orientation to determine the
-tool's tip.
+"""Minimum of the smallest singular value. If it is smaller, the orientations of the poses are too similar to
+determine the tool's tip.
 """
 
 
@@ -158,7 +158,7 @@ def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
     flanges = [_pose(values, f"poses[{index}]") for index, values in enumerate(poses)]
     turns = np.array([flange.rotation for flange in flanges])
     places = np.array([flange.position for flange in flanges])
-    # R tip + p is the same point for all: their differences from the mean are linear in the tip.
+    # R tip + p is the same point for all poses, so the differences from the mean are linear in the tip.
     spread = np.concatenate(turns - turns.mean(axis=0))
     tip, _, _, singular = np.linalg.lstsq(spread, -np.concatenate(places - places.mean(axis=0)), rcond=None)
     if singular[-1] < ALIKE:

@@ -1,7 +1,7 @@
 """RobotConfig: properties of the arm, and limits for the vendor services.
 
 Limits that are set here apply to the motions that MotionControl plans from then on. They can be tighter than
-those of the configuration, never wider. A restart of the service resets them.
+the configured limits, but never wider. A restart of the service resets them.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 SAME = 1e-3
-"""Maximum difference of two accelerations of gravity that count as equal, m/s²."""
+"""Maximum difference between two gravity vectors that count as equal, m/s²."""
 MIN_VALUE = 1e-3
-"""Minimum of a limit that can be set, and of the distance between two position limits. With less the arm
-could not move.
+"""Minimum value of a limit that can be set, and minimum distance between two position limits. With smaller
+values the arm could not move.
 """
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 STATE_TIMEOUT_S = 1.5
-"""Timeout for reading a state, s. GET /robot/joint_states has the same."""
+"""Timeout for reading a state, s. It is the same as for GET /robot/joint_states."""
 PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
 
 
