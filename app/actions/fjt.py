@@ -162,7 +162,7 @@ class FollowJointTrajectory:
         """Plan the goal and execute it. Returns a description of how the motion differs from the goal; "" if
         it does not differ.
         """
-        # Streamed points have no path time: this is a session and has no job.
+        # Streamed points have no path time, so this is a session without a job.
         planned = settings.mode is ServoMode.NONE
         job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event(), job)

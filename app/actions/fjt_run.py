@@ -34,7 +34,7 @@ ARRIVAL_S = 5.0
 timeout.
 """
 FINISHED = (0.005, 0.02)
-"""Maximum error at the end of a servo session if the goal has no goal_tolerance: rad and rad/s."""
+"""Maximum errors at the end of a servo session if the goal has no goal_tolerance, rad and rad/s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
     """Make each of the routes require its role.
 
     Raises:
-        TypeError: a programming error: a route has no role.
+        TypeError: a route has no role, which is a programming error.
     """
     for route in routes:
         name = endpoint_of(route)

@@ -162,7 +162,7 @@ async def call(
     """Call a service with the fields of a request. Never raises, except when cancelled.
 
     Args:
-        origin: origin of the call; None if the caller has no further information.
+        origin: origin of the call; None if the caller has no information about it.
     """
     found = REGISTRY.get((robot_class, method))
     if found is None:

@@ -166,7 +166,7 @@ def operation(content: Any) -> Operation:
     """Validate a decoded message.
 
     Raises:
-        InputError: the message is invalid. The error has the problem and the valid values.
+        InputError: the message is invalid. The error gives the problem and the valid values.
     """
     if not isinstance(content, dict):
         raise InputError(f"a message must be a JSON object, got {shown(content)}")

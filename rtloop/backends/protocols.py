@@ -50,7 +50,7 @@ class BackendError(Exception):
 
 
 def require_accepted(result: Accepted | Rejected) -> None:
-    """Raises BackendError: the result is a rejection; the error has its reason."""
+    """Check that a result is not a rejection. Raises a BackendError with the reason if it is."""
     if isinstance(result, Rejected):
         raise BackendError(result.reason)
 

@@ -161,7 +161,7 @@ class TrajectoryDriver:
         self._turn = threading.RLock()  # the thread that holds it may call the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
         self._is_disabled = True  # False after `disable` has failed.
-        self._off_problem = ""  # Why the drives could not be switched off after a reset.
+        self._off_problem = ""  # Reason why the drives could not be switched off after a reset.
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._threaded, self._ending = threaded, False
@@ -262,7 +262,7 @@ class TrajectoryDriver:
     def require(self) -> None:
         """
         Raises:
-            BackendError: the state of the device is unknown; the error has the reason.
+            BackendError: the state of the device is unknown; the error gives the reason.
         """
         said = self._said
         require_accepted(said.result)

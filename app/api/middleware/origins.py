@@ -65,7 +65,7 @@ class Origins:
             headers: the request's headers that `app.api.middleware.access` has selected.
 
         Raises:
-            HeaderError: it has no header Host.
+            HeaderError: the request has no header Host.
             MisdirectedError: it was meant for another host.
             PermissionDenied: a foreign web page has sent it.
         """

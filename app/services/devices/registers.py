@@ -22,7 +22,7 @@ MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536
 MAX_CHARACTERS = 4 * 2**20
-"""Maximum number of characters of all string variables together."""
+"""Maximum number of characters in all string variables together."""
 MAX_WATCHDOGS = 100
 WATCHDOG_S = (0.01, 3600.0)
 INT16 = 2**15 - 1

@@ -142,7 +142,7 @@ class GripperService:
             name: move, grasp, release or home.
 
         Raises:
-            NotSupportedError: the robot has no gripper, or the gripper does not have this function.
+            NotSupportedError: the robot has no gripper, or the gripper does not support this command.
             LimitError: a value is out of range.
             NotReadyError: an e-stop or a fault is latched.
             MotionStopped: a stop was requested after the command.
@@ -219,7 +219,7 @@ class GripperService:
         """Check that the gripper supports a command with these values.
 
         Raises:
-            NotSupportedError: the robot has no gripper, or the gripper does not have this function.
+            NotSupportedError: the robot has no gripper, or the gripper does not support this command.
             LimitError: a value is out of range.
         """
         worker = self._require()

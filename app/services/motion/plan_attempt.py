@@ -32,7 +32,8 @@ class PlanOptions:
     """The options of a plan, in addition to its goals.
 
     Attributes:
-        start: joint angles, rad; None: the arm's current position, at which it must be at rest.
+        start: joint angles at the start, rad; None for the arm's current position, at which the arm must be
+            at rest.
         samples: number of path points in the answer.
         explain: whether to search for changes that make a plan possible, if planning fails.
     """

@@ -59,7 +59,7 @@ class PlanningService:
 
     Args:
         config: settings file; None for the file that ships with cobot.
-        robot: name of a robot in the settings; None: the default robot.
+        robot: name of a robot in the settings; None for the default robot.
         blanks: see `PlanningPool`.
 
     Attributes:

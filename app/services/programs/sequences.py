@@ -62,7 +62,7 @@ class SequenceOrder:
         joints_action, pose_action: values that are accepted for compatibility and written to the log. They
             have no other effect.
         name: name of the uploaded file. A name that ends in .lua means a Lua program.
-        from_waypoint: first waypoint of the first iteration; None: begin at home.
+        from_waypoint: first waypoint of the first iteration; None to begin at home.
         hold: whether the sequence waits before its first motion until its job is resumed or stepped.
     """
 

@@ -178,7 +178,7 @@ class Commands:
             mounted: the tool without the parts of a simulated cell.
 
         Raises:
-            ExecutionError: rtloop rejects the tool, for example because the arm moves; the error has the
+            ExecutionError: rtloop rejects the tool, for example because the arm moves; the error gives the
                 reason.
             UnavailableError: rtloop does not answer.
         """
@@ -215,7 +215,7 @@ class Commands:
         """Reset the simulated cell to its initial state.
 
         Raises:
-            ExecutionError: rtloop rejects the reset, for example because the arm moves; the error has the
+            ExecutionError: rtloop rejects the reset, for example because the arm moves; the error gives the
                 reason.
             UnavailableError: rtloop does not answer.
         """
@@ -226,8 +226,8 @@ class Commands:
         """Reset the simulated arm and its cell to their initial state.
 
         Raises:
-            ExecutionError: rtloop rejects the reset, because the arm moves or is not simulated; the error has
-                the reason.
+            ExecutionError: rtloop rejects the reset because the arm moves or is not simulated; the error
+                gives the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:

@@ -17,7 +17,7 @@ _IO = re.compile(r"([A-Z]{1,2})\[([1-9][0-9]{0,4})\]")
 
 
 def an_io_point(value: str) -> str:
-    """An input or output as FANUC writes it."""
+    """Check the name of an input or output in FANUC's notation."""
     found = _IO.fullmatch(value)
     if found is None or found.group(1) not in PointType.__members__:
         valid = ", ".join(PointType.__members__)
@@ -34,18 +34,20 @@ class FanucOptions(BackendOptions):
     Attributes:
         address: address of the controller, an IP address or a name.
         rmi_port, stream_port: ports of its Remote Motion Interface (TCP) and of Stream Motion (UDP).
-        program: TP program that the controller runs while it is driven.
-        j3: reference of joint 3 in the stream. relative: joint 2, as in ROS models; horizon: the horizon, as
-            on the teach pendant; auto: determine it.
-        limits: table: request the controller's own limits and compare them with the model's; model: use only
-            the model's, for controllers without a table.
-        rated_payload_kg: full payload of the limits table; null: use the tighter one of its two ends.
-        override: speed override to set when the controller is enabled, per cent; null: leave it unchanged.
-        payload_schedule: number of the payload schedule to select when the controller is enabled; null: leave
-            it unchanged.
+        program: TP program that the controller runs while cobot drives the arm.
+        j3: reference of joint 3 in the stream. "relative" means joint 2, as in ROS models; "horizon" means
+            the horizon, as on the teach pendant; "auto" determines the reference.
+        limits: source of the limits. "table" requests the controller's own limits and compares them with the
+            model's; "model" uses only the model's limits, for controllers without a table.
+        rated_payload_kg: full payload to which the limits table refers; null to use the tighter one of the
+            limits without load and at full payload.
+        override: speed override to set when the controller is enabled, per cent; null to leave it unchanged.
+        payload_schedule: number of the payload schedule to select when the controller is enabled; null to
+            leave it unchanged.
         io: inputs and outputs to read and set, such as DI[1], DO[3], RO[1], AI[1] or F[2].
-        check_pose: whether the pose that the controller reports must be that of the model.
-        world_z_m: height of the controller's world frame above the model's base; null: accept any height.
+        check_pose: whether the pose that the controller reports must equal the model's pose.
+        world_z_m: height of the controller's world frame above the model's base, m; null to accept any
+            height.
         connect_s: timeout for each part of connecting.
         enable_s: timeout for the controller to permit motion.
         silence_s: time without a packet after which the connection counts as lost, which is a fault.

@@ -72,7 +72,7 @@ class Answers:
         """Encode the answer to a packet; b"" if the packet needs none.
 
         Args:
-            command: joint positions, shape (dof,), rad; None: the arm stays at the controller's position.
+            command: joint positions, shape (dof,), rad. If None, the arm stays at the controller's position.
         """
         position = self.held(message)
         if command is not None:

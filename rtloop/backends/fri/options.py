@@ -22,16 +22,16 @@ class FriOptions(BackendOptions):
     """Options of the Fast Robot Interface.
 
     Attributes:
-        address: address of the robot controller; null: the first one that sends FRI.
+        address: address of the robot controller; null for the first controller that sends FRI.
         listen: address of this computer to which the controller sends; 0.0.0.0 for any.
         port: UDP port of this computer to which the controller sends (`setPortOnRemote` in its program).
-        version: version of FRI; 2 includes 2.7, auto accepts all.
+        version: version of FRI. "2" includes 2.7, "auto" accepts all versions.
         overlay: command type of the motion in the cabinet's program.
         connect_s: timeout for the first packet.
         enable_s: timeout for the controller to accept commands.
         silence_s: time without a packet after which the connection counts as lost, which is a fault.
         entry_rad: maximum distance of the arm from the controller's interpolator when commands begin.
-        check_pose: whether a pose that the controller reports must be that of the model.
+        check_pose: whether a pose that the controller reports must equal the model's pose.
         min_tracking: minimum tracking performance when commands begin, 0 to 1.
     """
 

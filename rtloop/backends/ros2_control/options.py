@@ -28,19 +28,21 @@ Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class Ros2ControlOptions(BackendOptions):
-    """Options of an arm behind ros2_control. The DDS domain and the networks are those of the section `ros`.
+    """Options of an arm that ros2_control controls. The section `ros` of the settings defines the DDS domain
+    and the networks.
 
     Attributes:
         namespace: namespace of the controllers, such as /left; "" for none.
-        controller: name of the joint trajectory controller; None: the active one that moves these joints.
+        controller: name of the joint trajectory controller; None for the active controller that moves these
+            joints.
         action: name of its action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
         controller_manager: name of the controller manager below the namespace.
         joint_states: topic of the joint states; below the namespace if it does not begin with a slash.
-        joints: names of the arm's joints in ROS, in the arm's order; None: those of the model.
+        joints: names of the arm's joints in ROS, in the arm's order; None for the names in the model.
         prefix: prefix of each joint name in ROS.
         measured: quantities that joint_states contains besides positions.
-        path_tolerance_rad, goal_tolerance_rad, goal_time_s: tolerances sent with each goal; None or 0: the
-            tolerances of the controller.
+        path_tolerance_rad, goal_tolerance_rad, goal_time_s: tolerances that are sent with each goal. With
+            None or 0 the controller uses its own tolerances.
         max_points: maximum number of points of a goal; longer motions are resampled.
         resampling_rad: maximum deviation that resampling may cause, rad.
         min_rate_hz: minimum rate of joint_states, Hz.
@@ -49,14 +51,14 @@ class Ros2ControlOptions(BackendOptions):
         result_timeout_s: timeout for the result after the end of a motion, s.
         connect_s: timeout for the driver when the backend is opened or reset, s.
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
-        speed_scaling_full: value of the speed slider at full speed; None: 100 after a value above 1 was seen,
-            else 1, because drivers differ.
-        io: what has the inputs and outputs: a GPIO controller of ros2_controllers, or a driver with services
-            of its own.
-        gpio_controller: name of that controller, or what the names of these services begin with; None: the
-            usual one.
-        inputs, outputs: interfaces by the names that cobot gives them: GPIO/INTERFACE, or those of
-            `cobot.ros.driver_io`.
+        speed_scaling_full: value of the speed slider at full speed. None means 100 after a value above 1 was
+            seen, otherwise 1, because drivers differ.
+        io: where the inputs and outputs are: at a GPIO controller of ros2_controllers, or at a driver with
+            its own services.
+        gpio_controller: name of the GPIO controller, or the beginning of the names of the driver's services;
+            None for the usual name.
+        inputs, outputs: interfaces by the names that cobot gives them. An interface is written as
+            GPIO/INTERFACE, or as defined in `cobot.ros.driver_io`.
         analog: names of inputs and outputs whose values are numbers; the others are true or false.
     """
 
@@ -107,7 +109,7 @@ class Ros2ControlOptions(BackendOptions):
 
     @property
     def io_names_begin(self) -> str:
-        """The whole name of the GPIO controller, or what the names of the driver's services begin with."""
+        """The whole name of the GPIO controller, or the beginning of the names of the driver's services."""
         usual = CONTROLLER if self.io == "gpio" else DRIVERS[self.io].below
         name = self.gpio_controller or usual
         return self.namespace if name is None else self.below(name)
@@ -121,7 +123,7 @@ class Ros2ControlOptions(BackendOptions):
 
 
 def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
-    """The names of the arm's joints in ROS, in the arm's order.
+    """Return the names of the arm's joints in ROS, in the arm's order.
 
     Raises:
         ConfigError: the number of names is wrong, or a name occurs twice.
@@ -138,10 +140,10 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
 
 
 def client_settings(options: Ros2ControlOptions, settings: Settings, names: list[str]) -> dict[str, Any]:
-    """The settings of the process that speaks DDS.
+    """Make the settings of the process that speaks DDS.
 
     Raises:
-        ConfigError: the namespace is that of cobot's own topics.
+        ConfigError: the namespace is the same as for cobot's own topics.
     """
     own = f"/{settings.robot.name}"
     if options.namespace == own or (options.action or "").startswith(f"{own}/"):

@@ -107,7 +107,7 @@ class Corrections:
         controller does not smooth its corrections.
 
         Args:
-            target: target position, rad or m; None: stay.
+            target: target position, rad or m; None to stay at the current position.
             periods: number of periods since the last answer.
         """
         before, most = self._goal, np.maximum(self._most, np.abs(self.sent))

@@ -18,7 +18,7 @@ ROBOT_AXES = tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL_AXES = tuple(f"E{number}" for number in range(1, 7))
 MAX_IO = 16
 PERIODS_S = {0.004: "#IPO_FAST", 0.012: "#IPO"}
-"""The cycle times of RSI, with KRL's name of each mode."""
+"""The cycle times of RSI, with the name that KRL uses for each mode."""
 
 Axis = Literal["A1", "A2", "A3", "A4", "A5", "A6", "E1", "E2", "E3", "E4", "E5", "E6"]
 Tag = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -32,14 +32,15 @@ class RsiOptions(BackendOptions):
     """Options of the RobotSensorInterface.
 
     Attributes:
-        address: address of the robot controller; null: the first one that sends RSI.
+        address: address of the robot controller; null for the first controller that sends RSI.
         listen: address of this computer to which the controller sends; 0.0.0.0 for any.
         port: UDP port of this computer to which the controller sends (PORT in its Ethernet configuration).
         sen_type: SENTYPE in the controller's Ethernet configuration.
         correction: mode of RSI_ON in the controller's program: #ABSOLUTE or #RELATIVE.
         max_correction: maximum correction of each axis, degrees or mm: one value, or one per joint. It must
             not exceed the limits of AXISCORR, AXISCORREXT and AXISCORRMON in the RSI context.
-        axes: the axis of each joint of the model, in the joints' order; null for A1 to A6, then E1 and so on.
+        axes: the controller's axis for each joint of the model, in the joints' order; null for A1 to A6, then
+            E1 and so on.
         axis_tag, external_tag: elements with the corrections, in the controller's Ethernet configuration.
         inputs, outputs: names of digital inputs and outputs, with their numbers in $IN and $OUT.
         timeout_packets: Timeout of the ETHERNET object: number of late answers that end RSI.
@@ -48,7 +49,7 @@ class RsiOptions(BackendOptions):
         silence_s: time without a packet after which the connection counts as lost, which is a fault.
         entry_rad: maximum distance of the arm from the controller's set position when commands begin.
         follow_rad: maximum distance of the arm from the path of the last `FOLLOW_S`.
-        check_pose: whether a pose that the controller reports must be that of the model.
+        check_pose: whether a pose that the controller reports must equal the model's pose.
     """
 
     model_config = ConfigDict(strict=True)
@@ -85,11 +86,11 @@ class RsiOptions(BackendOptions):
         return self
 
     def axes_of(self, limits: JointLimits) -> tuple[str, ...]:
-        """The axis of each joint."""
+        """Return the controller's axis for each joint."""
         return tuple(self.axes) if self.axes is not None else (ROBOT_AXES + EXTERNAL_AXES)[: limits.dof]
 
     def limits_of(self, limits: JointLimits) -> list[float]:
-        """The maximum correction of each joint, degrees or mm."""
+        """Return the maximum correction of each joint, degrees or mm."""
         given = self.max_correction
         return list(given) if isinstance(given, list) else [given] * limits.dof
 

@@ -18,10 +18,11 @@ class UrOptions(BackendOptions):
     Attributes:
         address: IP address or name of the controller.
         port: TCP port of this computer to which the program on the controller connects; 0 for a free one.
-        callback: address of this computer as the controller sees it; None: that of the connection to it.
+        callback: address of this computer as the controller sees it; None for the address that the connection
+            to the controller uses.
         dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective
             stop; false: a person does so at the teach pendant.
-        robot_api_port: TCP port of the Robot API, which PolyScope X has instead of the dashboard server.
+        robot_api_port: TCP port of the Robot API, which PolyScope X provides instead of the dashboard server.
         outputs: whether outputs and the speed slider can be set; other clients of RTDE then cannot set them.
         connect_s: timeout for the connection to the controller, s.
         enable_s: timeout for each step of switching on, s.
@@ -30,11 +31,11 @@ class UrOptions(BackendOptions):
         stop_rad_s2: deceleration of that stop, rad/s².
         lookahead_s, gain: parameters of `servoj`, which smooths the positions and follows them.
         entry_rad: maximum distance of a joint from the controller's target when commands begin, rad.
-        freedrive: whether cobot's program can release the arm for hand guiding. With false it has none of the
-            functions of URScript for that.
-        torque: whether sessions can have an impedance or torques, by the controller's `direct_torque`.
+        freedrive: whether cobot's program can release the arm for hand guiding. If it is false, the program
+            contains none of the URScript functions for hand guiding.
+        torque: whether sessions can use an impedance or torques, through the controller's `direct_torque`.
         torque_timeout_s: time without torques after which the program on the controller stops the arm, s.
-        check_pose: whether the pose that the controller reports must be that of the model.
+        check_pose: whether the pose that the controller reports must equal the model's pose.
     """
 
     model_config = ConfigDict(allow_inf_nan=False)
