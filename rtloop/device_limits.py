@@ -1,4 +1,6 @@
-"""The limits of a device in addition to those of the model. For each value the tighter limit applies."""
+"""The limits of a device, which apply in addition to the model's limits. For each value the tighter limit
+applies.
+"""
 
 from __future__ import annotations
 

@@ -100,7 +100,9 @@ def _code() -> list[tuple[int, int]]:
 
 
 def freeze_garbage() -> None:
-    """Collect garbage once, then never again. Reference counting frees the objects that the cycle makes."""
+    """Collect garbage once, and disable the collector. Reference counting frees the objects that the cycle
+    makes.
+    """
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -263,8 +263,8 @@ class FollowJointTrajectory:
             await asyncio.sleep(WATCH_S)
 
     async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
-        """Wait until the arm is within goal_tolerance, if this tolerance is tighter than the service's own
-        for the end of a motion.
+        """Wait until the arm is within goal_tolerance. This is only needed if goal_tolerance is tighter than
+        the service's own tolerance for the end of a motion.
         """
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:

@@ -40,7 +40,7 @@ JOB, JOB_ID = "cobot.job", "cobot.job_id"
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:
-    """The services of each robot by its name, those of the default robot first."""
+    """Return the services of each robot by its name, the default robot first."""
     return cast(dict[str, Services], connection.app.state.robots)
 
 

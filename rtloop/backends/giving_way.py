@@ -1,5 +1,5 @@
-"""Torques that make an arm compliant, for arms whose controller compensates gravity. They are those of the
-simulation's springs, calculated from the measured state.
+"""Torques that make an arm compliant, for arms whose controller compensates gravity. The springs of the
+simulation calculate them from the measured state.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ from rtloop.results import Accepted, Rejected
 
 
 class BackendError(Exception):
-    """A device does not answer, rejects a request or reports a fault. The user sees the text as the
+    """Raised if a device does not answer, rejects a request or reports a fault. The user sees the text as the
     reason.
     """
 
@@ -81,14 +81,14 @@ class Backend(Protocol):
     """A robot arm that takes a joint command in each cycle.
 
     The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block. In a
-    reset `enable` blocks the cycle, so a device that may not answer is `Stepwise`.
-    `read` and `write` are called in each cycle and must be real-time safe: bounded, without deliberate
-    allocation, without I/O except the device's own. Each method may raise BackendError.
+    reset `enable` blocks the cycle, so a device that may not answer is `Stepwise`. `read` and `write` are
+    called in each cycle and must be real-time safe: they take a bounded time, do not allocate memory
+    deliberately, and perform no input or output except with the device. Each method may raise BackendError.
 
-    A class may have an attribute `capabilities`, a `Capabilities`. Without it the backend counts as a
-    simulation that measures everything and can be driven with any period. It may have an attribute `Options`,
-    a pydantic model (`BackendOptions`), whose instance is `settings.backend_options(Options)`. `cobot backend
-    test` checks a backend against this contract.
+    A class may define an attribute `capabilities` of type `Capabilities`. Without it the backend counts as a
+    simulation that measures everything and can be driven with any period. A class may also define an
+    attribute `Options`, a pydantic model (`BackendOptions`). `settings.backend_options(Options)` returns an
+    instance of it. `cobot backend test` checks a backend against this contract.
     """
 
     def open(self, initial_position: Array) -> None:

@@ -181,7 +181,7 @@ class GripperWorker:
         return future
 
     def tell(self, start: Start) -> asyncio.Future[int]:
-        """Like `ask`. An error is also logged, so the caller need not wait for the result."""
+        """Like `ask`, but an error is also logged, so that the caller need not wait for the result."""
         asked = self.ask(start)
         asked.add_done_callback(self._log_error)
         return asked

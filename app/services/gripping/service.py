@@ -181,8 +181,8 @@ class GripperService:
         return GripperOutcome(error, self._shown(last), self._held.name)
 
     async def run_plan(self, request: GripperRequest, caller: Caller) -> CobotError | None:
-        """Run the gripper command of a plan. Returns the reason of a failure, or None. Raises the errors of
-        `run`, and `ConflictError` while another client has control.
+        """Run the gripper command of a plan. Returns the reason if it fails, otherwise None. Raises the same
+        errors as `run`, and `ConflictError` while another client has control.
         """
         self._ownership.require_control()
         return (await self.run(request.name, request.command, caller)).error

@@ -23,8 +23,8 @@ SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""Ratio of the number of cells in a row to that in the header. Above it, decimal commas must have split
-numbers.
+"""Ratio of the number of cells in a row to the number of cells in the header. If it is larger, decimal commas
+must have split numbers.
 """
 NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"

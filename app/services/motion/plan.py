@@ -68,19 +68,21 @@ class Plan:
 
     @property
     def planned(self) -> Planned | None:
-        """Rate the plan; None for several motions and for gripper commands."""
+        """How good the planned motion is; None for several motions and for gripper commands."""
         return None if self.goal is None else Planned.of(self.goal, self.found)
 
     @property
     def words(self) -> Iterator[str]:
-        """Describe the actions, the conditions and the gripper command of the plan, each in one sentence."""
+        """Descriptions of the actions, the conditions and the gripper command of the plan, each in one
+        sentence.
+        """
         if self.gripper is not None:
             yield self.gripper.words
         yield from self.signals.words
 
     @property
     def effects(self) -> list[str]:
-        """Describe the effects of the plan other than the arm's motion."""
+        """Descriptions of the effects of the plan other than the arm's motion."""
         own = [] if self.gripper is None else [self.gripper.words]
         return own + [each.action.words for each in self.signals.actions if not each.action.event]
 

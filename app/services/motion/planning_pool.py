@@ -1,8 +1,9 @@
 """Keeps planning processes alive, and gives each one task at a time.
 
-Each has its own socket and shares no lock with the others, so it can be killed at any moment: by a stop, by a
-timeout, or from outside. A process that has ended, or is suspended, is replaced. Its task is lost, and the
-caller gets an error. Times are those of the event loop, so changes of the system's clock have no effect.
+Each process has its own socket and shares no lock with other processes, so it can be killed at any moment: by
+a stop, by a timeout, or from outside. A process that has ended or is suspended is replaced. Its task is lost,
+and the caller gets an error. Times are measured with the event loop's clock, so changes of the system's clock
+have no effect.
 """
 
 from __future__ import annotations

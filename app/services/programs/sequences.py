@@ -409,6 +409,6 @@ def _unnamed_file(content: bytes) -> IO[bytes]:
 
 
 def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:
-    """Send a signal to the process group of the runner, which has a session of its own."""
+    """Send a signal to the process group of the runner, which runs in its own process session."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, number)

@@ -77,7 +77,7 @@ class ProgramVersion:
     Attributes:
         author: name of the client that saved the version. Without a token, this is the name that the client
             gives itself, in quotes.
-        time: time of saving, ISO 8601 in UTC; for an example, the start of the service.
+        time: time of saving, ISO 8601 in UTC. For an example, the time at which the service started.
         example: whether the program belongs to the robot's cell. An example can be copied, but neither
             changed nor deleted.
     """

@@ -184,7 +184,7 @@ class JobBook:
     def _everything(self, lost: int) -> _Piece:
         """Make lines for all records, after some lines were lost. The writing thread calls this."""
         del lost
-        number = self._written  # read first, because a change meanwhile has a line of its own
+        number = self._written  # read first, because a change meanwhile has its own line
         lines = dict(self._lines)
         live = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
         return _Piece(number, b"".join([*lines.values(), *live]), whole=True)

@@ -190,7 +190,7 @@ class RobotLink:
             await asyncio.sleep(0.01)
 
     async def await_measured_state(self, timeout_s: float) -> RobotState:
-        """Wait for a fresh state with fresh measurements and return it.
+        """Wait for a fresh state with fresh measurements, and return it.
 
         Raises:
             UnavailableError: see `await_fresh_state`; or the robot cannot be read, and the error gives the

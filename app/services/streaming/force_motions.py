@@ -100,7 +100,7 @@ class ForceMotionService:
             until: condition on an input that ends a search; None if there is none.
 
         Raises:
-            InputError: the path has no length, or its fields are invalid.
+            InputError: the length of the path is zero, or the fields of the request are invalid.
             NotSupportedError: the backend has no force control or measures no force. The error names it.
             ConflictError, NotReadyError, ExecutionError, UnavailableError: the session cannot begin; nothing
                 has moved. See `StreamService.open`.

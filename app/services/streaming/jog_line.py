@@ -80,8 +80,8 @@ class JogLine:
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
     def _deviation(self, pose: Pose) -> tuple[Array, Array]:
-        """Return the deviation of a pose across the line, m, and as a rotation vector in the base frame,
-        rad.
+        """Return the deviation of a pose from the line: the displacement across the line, m, and a rotation
+        vector, rad, both in the base frame.
         """
         turned = quaternion.between(self._pose.quaternion.tolist(), pose.quaternion.tolist())
         return (

@@ -77,7 +77,7 @@ class FanucBackend:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """channel, rmi, clock, sleep: replacements for the network and its clock in tests."""
+        """Create the backend. `channel`, `rmi`, `clock` and `sleep` replace the network and its clock in tests."""
         if limits.dof > AXES:
             raise BackendError(f"Stream Motion has {AXES} axes, this robot has {limits.dof}")
         options = settings.backend_options(FanucOptions)
@@ -243,8 +243,8 @@ class FanucBackend:
         self._transition.pass_period()
 
     def _require_motion(self) -> None:
-        """Raise the error after the controller has ended the motion, also in a cycle without a packet: the
-        arm does not follow its command then.
+        """Raise an error if the controller has ended the motion, because the arm then no longer follows
+        commands. This is also done in cycles without a packet.
         """
         if not self._enabled and self._lost:
             raise BackendError(f"the robot does not accept commands: {self._lost}")

@@ -66,7 +66,7 @@ class FrankaBackend:
         library: Any = None,
         knock: Callable[[str], Knocking] = Knock,
     ) -> None:
-        """library, knock: replacements for pylibfranka and for the connection check in tests."""
+        """Create the backend. `library` and `knock` replace pylibfranka and the connection check in tests."""
         if limits.dof != DOF:
             raise BackendError(f"a Franka has {DOF} joints, this robot has {limits.dof}")
         options = settings.backend_options(FrankaOptions)

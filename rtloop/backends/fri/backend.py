@@ -71,7 +71,7 @@ class FriBackend:
         channel: PacketChannel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """channel, clock: replacements for the network and its clock in tests."""
+        """Create the backend. `channel` and `clock` replace the network and its clock in tests."""
         options = settings.backend_options(FriOptions)
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s

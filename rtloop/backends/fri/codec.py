@@ -54,7 +54,7 @@ def decode_monitoring(packet: bytes) -> MonitoringMessage | str:
 
 
 def decode_command(packet: bytes) -> CommandMessage | str:
-    """Like `decode_monitoring`, for commands."""
+    """Decode a command. Works like `decode_monitoring`."""
     return _decode(packet, COMMAND_ID, "command", _command)
 
 

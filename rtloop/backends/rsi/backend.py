@@ -71,7 +71,7 @@ class RsiBackend:
         channel: PacketChannel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """channel, clock: replacements for the network and its clock in tests."""
+        """Create the backend. `channel` and `clock` replace the network and its clock in tests."""
         options = settings.backend_options(RsiOptions)
         self._options = options = options if options is not None else RsiOptions()
         fits = options.check_model(limits)

@@ -1,4 +1,4 @@
-"""The process of a simulated controller."""
+"""Runs the process of a simulated controller."""
 
 from __future__ import annotations
 

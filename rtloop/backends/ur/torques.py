@@ -140,10 +140,12 @@ class ExertedTorques:
     def estimate(self, position: Array, velocity: Array, motor: Array) -> Array:
         """Estimate the external efforts, shape (dof,), N·m. Friction counts as external.
 
-        With torques, the exerted ones count, because the controller compensates friction in addition to them.
+        While the arm is under torque control, the exerted torques are used, because the controller
+        compensates friction in addition to them.
 
         Args:
-            motor: measured torques of the motors, N·m; used only without torques.
+            motor: measured torques of the motors, N·m. They are used only while the arm is not under torque
+                control.
         """
         data = self._data
         if not all(np.isfinite(each).all() for each in (position, velocity, motor)):

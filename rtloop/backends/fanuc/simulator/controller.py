@@ -51,7 +51,7 @@ MISSED_MS = 100
 """Time without a command after which a motion ends, ms. Measured values on a CRX are 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0
 START_MS = 40
-"""Time from the call of the program until it permits motion, ms."""
+"""Time from the call of the program until the program permits motion, ms."""
 EVENTS = 200
 MAX_QUEUED = 10
 """Maximum number of commands that wait for their period, because a client may send them early."""

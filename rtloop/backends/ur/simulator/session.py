@@ -1,4 +1,6 @@
-"""One client of a simulated controller: bytes in, bytes out."""
+"""The interface of a session with one client of a simulated controller: it takes received bytes and provides
+bytes to send.
+"""
 
 from __future__ import annotations
 
