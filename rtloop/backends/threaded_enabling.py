@@ -52,7 +52,9 @@ class ThreadedEnabling:
     """
 
     def __init__(self, enable: Callable[[], None], disable: Callable[[], bool]) -> None:
-        """disable: switches the drives off, and returns whether that has succeeded."""
+        """`enable` enables the device. `disable` switches the drives off, and returns whether this has
+        succeeded.
+        """
         self._enable, self._disable = enable, disable
         self._attempt: _Attempt | None = None
 

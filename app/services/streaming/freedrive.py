@@ -172,7 +172,9 @@ class FreedriveService:
         *,
         is_switched_off: bool = False,
     ) -> None:
-        """is_switched_off: whether `robot.backend.freedrive` is false in the settings."""
+        """Create the service. `is_switched_off` states whether `robot.backend.freedrive` is false in the
+        settings.
+        """
         self._robot = robot
         self._is_switched_off = is_switched_off
         self._link = link

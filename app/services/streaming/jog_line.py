@@ -37,7 +37,7 @@ class JogLine:
     """
 
     def __init__(self, model: RobotModel, position: Array, velocity: Array) -> None:
-        """position, velocity: positions and velocities of the joints at the beginning, shape (dof,)."""
+        """Begin the line at these joint positions and velocities, shape (dof,)."""
         self._model = model
         self._pose = model.forward(position)
         _, _, jacobian = model.forward_and_jacobian(position)

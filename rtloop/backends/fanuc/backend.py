@@ -77,7 +77,7 @@ class FanucBackend:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Create the backend. `channel`, `rmi`, `clock` and `sleep` replace the network and its clock in tests."""
+        """Create the backend. The optional arguments replace the network and its clock in tests."""
         if limits.dof > AXES:
             raise BackendError(f"Stream Motion has {AXES} axes, this robot has {limits.dof}")
         options = settings.backend_options(FanucOptions)

@@ -210,7 +210,7 @@ class IoConfigRequest:
 
 @dataclass(frozen=True, slots=True)
 class IoConfigResult:
-    """result: 0, or the controller's error number."""
+    """The reply to a configuration of inputs and outputs. `result` is 0, or the controller's error number."""
 
     result: int
     load: int = 0

@@ -80,8 +80,8 @@ SETTING_UP_S = 0.01
 POSE_S = 0.1
 """Time until the controller reports the pose of the TCP that the program has set, s."""
 HALF_TURN = (0.0, 0.0, 0.0, 1.0)
-"""Rotation between the controller's base frame and `base_link` in the manufacturer's robot descriptions, (w,
-x, y, z).
+"""Quaternion (w, x, y, z) of the rotation between the controller's base frame and `base_link` in the
+manufacturer's robot descriptions.
 """
 
 
@@ -97,8 +97,8 @@ class _Hand(Enum):
 
 class UrBackend:
     """An externally clocked `Backend` for the controller. It also implements `Paced`, `Reporting`,
-    `Stepwise`, `CarriesTool`, `GuidedByHand` and `HasIo`. Only with the option `torque` it has the attributes
-    of `ImpedanceControlled`.
+    `Stepwise`, `CarriesTool`, `GuidedByHand` and `HasIo`. It has the attributes of `ImpedanceControlled` only
+    with the option `torque`.
     """
 
     set_impedance: Callable[[Impedance | None], None]
@@ -162,7 +162,7 @@ class UrBackend:
         self._begun = False
         self._unconnected = 0  # packages since the program ended
         self._hand = _Hand.OFF
-        self._begins_at_rest = False  # position of the arm after torques
+        self._begins_at_rest = False  # after torques: commands begin where the arm is
         self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
