@@ -101,7 +101,7 @@ class Jog:
         self._spent = UNLIMITED  # reason why the last session ended, until the client releases the jog
         self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
-        self._line: JogLine | None = None  # velocity of the TCP
+        self._line: JogLine | None = None  # the line of the TCP
         self._let_go = False
 
     async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
