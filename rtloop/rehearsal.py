@@ -31,7 +31,7 @@ from rtloop.loop import ControlLoop
 
 FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
-"""Maximum number of cycles for loading a motion. It is enough for the longest one."""
+"""Maximum number of cycles for loading a motion. It is enough for the longest motion."""
 MAX_SETTLING_S = 30.0
 """Timeout for the arm to settle at the end of a motion, s. It is longer than the time after which the cycle
 ends any motion.

@@ -31,7 +31,7 @@ class OwnRest:
     """
 
     def __init__(self, scope: Scope, robot: str) -> None:
-        """Raises NotFoundError: there is no such robot."""
+        """Raises NotFoundError if there is no such robot."""
         state = scope["app"].state
         if robot and robot not in state.robots:
             raise NotFoundError(f"there is no robot {shown(robot)}; valid are: {', '.join(state.robots)}")

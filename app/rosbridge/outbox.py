@@ -28,7 +28,7 @@ MAX_PER_TOPIC = 100
 their ids.
 """
 DEFAULT_QUEUE = 100
-"""Number of messages of a topic that wait if the client gives no number or 0."""
+"""Maximum number of messages of a topic that wait, if the client gives no number or 0."""
 
 
 def dumps(content: Message) -> str:

@@ -121,7 +121,7 @@ class Keys:
         await self._run(lambda database: self._drop(database, "key = ?", key))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of the store."""
         with self._lock:
             if self._database is not None:
                 self._database.close()

@@ -189,7 +189,7 @@ class Impedance:
 
     Attributes:
         cartesian: whether stiffness and damping act at the TCP along the base frame's axes (6 values each,
-            N/m and N·m/rad; weak joint springs hold the null space) or on the joints (dof values each,
+            N/m and N·m/rad; the joints' own springs hold the null space) or on the joints (dof values each,
             N·m/rad).
         stiffness: stiffness of the springs.
         damping_ratio: damping ratio of each spring, for the inertia that it moves. 1 is critical damping.

@@ -214,7 +214,9 @@ def entry(cell: CheckedBackend) -> str:
 
 
 def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
-    """Raises ContractError: the first command after `before` commands differs from the measured position."""
+    """Check that the first command after the first `before` commands equals the measured position. Raises
+    ContractError if it differs.
+    """
     command, measured = driver.first_command(before)
     off = np.abs(command - measured)
     joint = int(off.argmax())

@@ -48,7 +48,9 @@ def io(cell: CheckedBackend) -> str:
 
 
 def _require_sound(points: list[IoPoint]) -> None:
-    """Raises ContractError: names are invalid or duplicate, or there are too many."""
+    """Check the list of inputs and outputs. Raises ContractError if names are invalid or duplicate, or if
+    there are too many.
+    """
     names = [each.name for each in points]
     if len(set(names)) < len(names) or len(names) > IO_POINTS:
         raise ContractError(f"io(): at most {IO_POINTS}, each with a name of its own; got {sorted(names)}")

@@ -16,7 +16,7 @@ STREAMED_RAD, STREAM_S = 0.02, 0.3
 
 
 def begin_stream(driver: Driver) -> None:
-    """Open a session whose targets move the arm. Raises ContractError: the session is rejected."""
+    """Open a session whose targets move the arm. Raises ContractError if the session is rejected."""
     open_session(driver, Stream.JOINT_IMPEDANCE)
     session, block = driver.memory.session.data, driver.memory.setpoint
     start = driver.heard.commands[-1][0][0]
@@ -29,7 +29,7 @@ def begin_stream(driver: Driver) -> None:
 
 
 def open_session(driver: Driver, stream: Stream) -> None:
-    """Open a session. Raises ContractError: it is rejected."""
+    """Open a session. Raises ContractError if it is rejected."""
     memory = driver.memory
     session, ack = memory.session.data, memory.session_ack
     session["number"] += 1

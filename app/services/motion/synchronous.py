@@ -29,7 +29,7 @@ MAX_NAME = 200
 
 @dataclass(slots=True)
 class _Sync:
-    """Robots that move segment by segment.
+    """A group of robots that move synchronously, segment by segment.
 
     Attributes:
         waiting: parts of incomplete segments, by the number of the segment and by robot.

@@ -162,7 +162,7 @@ def outside(limits: JointLimits, position: Array) -> Reason:
 
 
 class FreedriveService:
-    """Freedrive of one robot."""
+    """Controls freedrive for one robot."""
 
     def __init__(
         self,

@@ -32,7 +32,8 @@ log = logging.getLogger("cobot.servo")
 
 
 class ServoSessions:
-    """One robot's servo sessions, one at a time. Each request gets a number, its generation.
+    """Manages one robot's servo sessions, one at a time. Each request gets a number, which is called its
+    generation.
 
     Attributes:
         generation: number of the last request.

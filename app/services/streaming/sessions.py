@@ -124,7 +124,7 @@ class StreamSession:
             self._writer.end()
 
     def finish(self, reason: str) -> None:
-        """End a servo session after the points that already wait, or after at most a second."""
+        """End a servo session after the points that are already waiting, but after at most a second."""
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.finish()

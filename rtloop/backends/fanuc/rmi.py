@@ -58,7 +58,7 @@ class TcpLines:
     """`RmiLines` over TCP."""
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
-        """Connect. Raises OSError: the controller does not answer."""
+        """Connect. Raises OSError if the controller does not answer."""
         self._socket = socket.create_connection((host, port), timeout_s)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._rest = b""
@@ -107,7 +107,7 @@ class RmiStatus:
 
 
 Connect = Callable[[int, float], RmiLines]
-"""Connects to a port within a timeout. Raises OSError if this fails."""
+"""Type of a function that connects to a port within a timeout. It raises OSError if this fails."""
 
 
 class RmiClient:

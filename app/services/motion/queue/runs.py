@@ -17,7 +17,7 @@ class QueueRun:
     """A trajectory that the real-time loop executes, or will execute next.
 
     Attributes:
-        moves: for each end of a motion in the stretch, the move that ends there.
+        moves: for each point of the stretch at which a motion ends, the move that ends there.
     """
 
     stretch: Stretch

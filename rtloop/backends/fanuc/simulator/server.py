@@ -28,7 +28,7 @@ class RmiServer:
     """Serves the two ports of the Remote Motion Interface, between two packets of Stream Motion."""
 
     def __init__(self, address: str, port: int, answers: RmiAnswers) -> None:
-        """Raises OSError: the address or port cannot be used."""
+        """Open the two ports. Raises OSError if the address or a port cannot be used."""
         self._answers = answers
         self._door = socket.create_server((address, port))
         try:

@@ -13,9 +13,9 @@ class ControllerOptions:
     """
     Attributes:
         period_ms: 4 (IPO_FAST) or 12 (IPO).
-        relative: mode of RSI_ON.
+        relative: whether RSI_ON uses the relative mode instead of the absolute one.
         hold_on: whether the last correction stays at the output of ETHERNET if an answer is missing.
-        timeout: number of late answers that end RSI.
+        timeout: number of late answers after which RSI ends.
         in_a_row: whether only consecutive late answers count for `timeout`, instead of all since RSI_ON.
         operation_mode: T1, T2, AUT or EXT.
         override: program override, percent.
