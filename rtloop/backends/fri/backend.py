@@ -155,6 +155,7 @@ class FriBackend:
     def write(self, command: Array) -> None:
         message = self._beat.newest
         if message is None or self._beat.due or self._answered:
+            self._require_motion()
             return
         self._answered = True
         result = first_rejection(self._checks_of_a_command(message))
@@ -169,7 +170,7 @@ class FriBackend:
             return
         if command[1].any() or not self._may_reconnect(message):
             self._last_motion = result
-            raise BackendError(f"the robot accepts no commands: {result.reason}")
+            self._require_motion()
 
     def enable(self) -> None:
         """Enable the drives. Either side may start first. If the robot accepts no commands at the start, the
@@ -269,6 +270,13 @@ class FriBackend:
         from rtloop.backends.fri.simulator.lockstep import FriRig
 
         return FriRig(settings, limits)
+
+    def _require_motion(self) -> None:
+        """Raise the error after the end of the controller's motion, also in a cycle without an answer: the
+        arm does not follow its command then.
+        """
+        if self._enabled and isinstance(self._last_motion, Rejected):
+            raise BackendError(f"the robot accepts no commands: {self._last_motion.reason}")
 
     def _checks_of_a_command(self, message: MonitoringMessage) -> Iterator[Accepted | Rejected]:
         yield self._last_motion

@@ -367,6 +367,25 @@ def test_comes_back_after_every_fault_without_a_jump(
     assert (steps <= limits.max_velocity).all()
 
 
+def test_each_cycle_after_an_ended_motion_reports_that_the_arm_does_not_follow(make: Make) -> None:
+    """Also the cycles of lost packets, which have no answer. Otherwise rtloop waits for measured values that
+    change, and rejects each reset of an arm that rests.
+    """
+    driven = make()
+    driven.enable()
+    driven.swing(100)
+    end = safety_stop(driven)
+    driven.until(lambda: driven.problems)
+    end()
+    driven.problems.clear()
+    driven.network.drop = 10
+    for _ in range(12):
+        assert driven.cycle()
+    assert driven.backend.status().packets_lost >= 10
+    assert len(driven.problems) == 12
+    assert all("safety stop 1" in each for each in driven.problems)
+
+
 @pytest.mark.parametrize("speed_rad_s", [0.0, 0.3])
 def test_a_motion_that_a_short_safety_stop_has_ended_is_not_begun_anew_before_a_reset(
     make: Make, speed_rad_s: float
