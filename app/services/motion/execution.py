@@ -170,6 +170,7 @@ class MotionService:
         signals = self.force_zero.applied(signals)
         if claim.speed_override.paused:
             await claim.run_interruptibly(claim.speed_override.opened.wait())
+        changed_s = self.scene_changed_s
         await self.require_free_since(claim.since_s, trajectory)  # the motion may have been planned earlier
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while there is a claim
@@ -185,6 +186,8 @@ class MotionService:
                 claim.job.follow_signals(lambda: follower.results)
             claim.job.start(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()
+        if self.scene_changed_s != changed_s:  # the motion may have waited until rtloop had the scene
+            await self._interrupt_on_contact(claim, trajectory)
         return follower
 
     async def replace(
@@ -218,10 +221,7 @@ class MotionService:
         if claim.job is not None:
             claim.job.prolong(trajectory)
         if checked_s <= self.scene_changed_s:  # the scene may have been checked against the trajectory before
-            try:
-                await self._require_free(trajectory)
-            except CollisionError as exc:
-                claim.interrupt(StopReason(str(exc), "scene").error)
+            await self._interrupt_on_contact(claim, trajectory)
 
     async def require_free_since(self, since_s: float, trajectory: Trajectory) -> None:
         """Check a motion again if the scene has changed since this time, on the link's clock.
@@ -231,6 +231,13 @@ class MotionService:
         """
         if since_s <= self.scene_changed_s:
             await self._require_free(trajectory)
+
+    async def _interrupt_on_contact(self, claim: Claim, trajectory: Trajectory) -> None:
+        """Interrupt a motion that collides in the scene that came into force while it was handed over."""
+        try:
+            await self._require_free(trajectory)
+        except CollisionError as exc:
+            claim.interrupt(StopReason(str(exc), "scene").error)
 
     async def _require_free(self, trajectory: Trajectory) -> None:
         checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)

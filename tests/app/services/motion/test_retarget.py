@@ -21,6 +21,7 @@ from app.services.rights.claims import Claim
 from app.services.rights.job import JobKind
 from app.services.rights.stop_reason import StopReason
 from cobot.errors import ConflictError, ExecutionError, PlanningTimeout, UnavailableError
+from cobot.ipc.layout import Command
 from cobot.motions.requests import MotionRequest
 from cobot.robot.scene import Scene
 from cobot.types import LoopMode, PlannerName, Scaling
@@ -551,6 +552,36 @@ def test_a_motion_that_begins_while_a_scene_is_stored_is_stopped_too(
     job = around.post("/robot/move/joints?wait=false", FAR | {"speed": 0.3}).json()["id"]
     assert "ball" in around.end(putting).json()["stopped"]
     assert ended(around, job)["state"] == "cancelled"
+    monkeypatch.undo()
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
+def test_a_motion_that_waits_to_begin_until_rtloop_has_the_scene_is_stopped_too(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands are sent one after the other: its start may wait for that of the scene, after its check."""
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    body = ball_at(around, 1.1)
+    commands = around.app.state.services.link.commands
+    send, told = commands._send, list[str]()
+
+    async def slowly(kind: Command, **values: Any) -> None:
+        told.append(kind.name)
+        if kind is Command.SCENE:
+            await asyncio.sleep(0.05)
+        await send(kind, **values)
+
+    monkeypatch.setattr(commands, "_send", slowly)
+    putting = around.begin(around.asking("POST", "/scene", json=body))
+    around.until(lambda: "SCENE" in told)
+    job = around.post("/robot/move/joints?wait=false", FAR | {"speed": 0.3}).json()["id"]
+    around.end(putting).raise_for_status()
+    found = ended(around, job)
+    assert told.index("SCENE") < told.index("START")
+    assert found["state"] == "cancelled", found
+    assert "ball" in found["error"]["detail"]
+    assert around.joints()[0] < 0.8
     monkeypatch.undo()
     around.post("/scene", {"clear": True}).raise_for_status()
 
