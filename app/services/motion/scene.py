@@ -304,7 +304,7 @@ class SceneService:
             remaining = await self._examine(checker)  # a different motion has begun, or this one has ended
         elif leading is not None:
             in_force.set()
-            remaining = None if await leading else remaining
+            remaining = None if await _is_led(leading) else remaining
         stopped = "" if remaining is None else await self._stop_if_invalid(checker, remaining)
         return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
 
@@ -408,3 +408,12 @@ class SceneService:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
                 raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
+
+
+async def _is_led(leading: asyncio.Task[bool]) -> bool:
+    """Wait for the way around. An unexpected error of the search counts as no way: the motion must stop."""
+    try:
+        return await leading
+    except Exception:
+        log.exception("the search for a way around has failed")
+        return False

@@ -586,6 +586,26 @@ def test_a_motion_that_waits_to_begin_until_rtloop_has_the_scene_is_stopped_too(
     around.post("/scene", {"clear": True}).raise_for_status()
 
 
+def test_a_search_that_fails_with_an_unexpected_error_stops_the_motion(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A planning process passes on any exception of its libraries."""
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+
+    async def compute(*_: Any) -> None:
+        raise ValueError("a bug in a library")
+
+    monkeypatch.setattr(PlanningHere, "compute", compute)
+    put = around.post("/scene", ball_at(around, 1.1))
+    assert put.status_code == 200, put.text
+    assert "ball" in put.json()["stopped"]
+    assert ended(around, job)["state"] == "cancelled"
+    monkeypatch.undo()
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
 def test_a_way_around_that_comes_too_late_is_reported_as_such(
     around: VirtualService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
