@@ -160,8 +160,8 @@ class ServiceIo:
             sent.is_late = isinstance(exc.__cause__, TimeoutError)
             self._problem = str(exc)
             return
-        self._problem = _rejection(begin, service, answer)
-        if self._problem:
+        if problem := _rejection(begin, service, answer):
+            self._problem = problem
             self._sent.drop(interface, sent)
         else:
             self._confirm(interface, value, sent)
@@ -239,8 +239,17 @@ class PolledIo(ServiceIo):
 
     @property
     def values(self) -> dict[str, float]:
-        """The values that are not too old."""
+        """The values that are not too old.
+
+        Those that the driver has confirmed are forgotten once it has gone away: a controller that is switched
+        on again has its own.
+        """
         now_s = time.monotonic()
+        self._found = {
+            name: (value, at_s)
+            for name, (value, at_s) in self._found.items()
+            if at_s < math.inf or self._can_set(name)
+        }
         return {name: value for name, (value, at_s) in self._found.items() if now_s - at_s <= MAX_AGE_S}
 
     @property
@@ -283,15 +292,22 @@ class PolledIo(ServiceIo):
                 continue
             listed = [answer[service.value]] if service.number else answer[service.value]
             place = 0 if service.number else number
-            if place < len(listed):
+            if place >= len(listed):
+                self._unread[name] = f"{begin} has the numbers 0 to {len(listed) - 1}"
+            elif not self._places[name][0].is_analog and listed[place] not in (0, 1):
+                self._unread[name] = f"{begin} has answered {listed[place]}, valid are 0 and 1"
+            else:
                 self._found[name] = float(listed[place]), time.monotonic()
                 self._unread.pop(name, None)
-            else:
-                self._unread[name] = f"{begin} has the numbers 0 to {len(listed) - 1}"
         self._problem = self._sent.explain(self.values, time.monotonic()) or self._problem
 
+    def _can_set(self, interface: str) -> bool:
+        """Whether the service that sets an output has a server."""
+        write = self._places[interface][0].write
+        return write is not None and self._services[write.name].is_ready
+
     def _confirm(self, interface: str, value: float, sent: SentOutput) -> None:
-        if self._places[interface][0].read is None:
+        if self._places[interface][0].read is None and self._sent.is_newest(interface, sent):
             self._found[interface] = value, math.inf
             self._sent.drop(interface, sent)
 

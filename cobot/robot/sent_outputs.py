@@ -42,9 +42,13 @@ class SentOutputs:
         self._sent[name] = sent = SentOutput(value, now_s)
         return sent
 
+    def is_newest(self, name: str, sent: SentOutput) -> bool:
+        """Whether no newer value was sent to this output."""
+        return self._sent.get(name) is sent
+
     def drop(self, name: str, sent: SentOutput) -> None:
         """Forget a value that the device has rejected, unless a newer one was sent."""
-        if self._sent.get(name) is sent:
+        if self.is_newest(name, sent):
             del self._sent[name]
 
     def is_overdue(self, name: str, now_s: float) -> bool:

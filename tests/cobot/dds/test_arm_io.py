@@ -86,6 +86,24 @@ def test_a_driver_that_does_not_set_an_output_delays_no_other_request(
     asyncio.run(run())
 
 
+def test_the_rejection_of_one_output_stays_when_another_one_is_set(
+    driver: Callable[[Answer], tuple[UrIo, list[Message]]],
+) -> None:
+    """rtloop reads the problem only several times a second."""
+
+    async def only_16(request: Message) -> Message:
+        return {"success": request["pin"] == 16}
+
+    async def run() -> None:
+        made, _ = driver(only_16)
+        made.set_output("digital_out/8", 1.0)
+        made.set_output("digital_out/16", 1.0)
+        await asyncio.gather(*made._tasks)
+        assert made.problem.startswith("digital_out/8 cannot be set")
+
+    asyncio.run(run())
+
+
 def test_an_output_without_a_service_is_rejected_at_once(
     driver: Callable[[Answer], tuple[UrIo, list[Message]]],
 ) -> None:
@@ -291,6 +309,65 @@ def test_a_number_that_the_controller_does_not_have_is_unknown_and_named(
         )
         driver.signals["io", 19] = 1
         await until(lambda: made.values == {"io/19": 1.0, "io/20": 1.0} and made.problem == "")
+
+    asyncio.run(run())
+
+
+def test_a_digital_value_other_than_0_and_1_is_unknown_and_named(polled: Callable[..., PolledIo]) -> None:
+    """Doosan's driver answers -1, with success, if its controller does not tell the value."""
+
+    async def run() -> None:
+        driver = Driver({("ctrl_box_digital_input", 1): -1, ("ctrl_box_analog_input", 1): -1.0})
+        made = polled(driver, "doosan", "digital_in/1", "analog_in/1")
+        await until(lambda: made.values == {"analog_in/1": -1.0} and made.problem != "")
+        assert made.problem == (
+            "digital_in/1 cannot be read: the service /arm/get_ctrl_box_digital_input has answered -1, valid "
+            "are 0 and 1"
+        )
+        driver.signals["ctrl_box_digital_input", 1] = 1
+        await until(lambda: made.values.get("digital_in/1") == 1.0 and made.problem == "")
+
+    asyncio.run(run())
+
+
+def test_a_late_confirmation_is_not_that_of_a_newer_value(polled: Callable[..., PolledIo]) -> None:
+    """The driver has set 1, and may have set 0 since: nobody knows what the output is."""
+
+    async def run() -> None:
+        driver, both_sent = Driver({}), asyncio.Event()
+
+        async def answer(name: str, type_: str, request: Message) -> Message:
+            if request["value"] == 0:
+                both_sent.set()
+                await asyncio.Event().wait()
+            await both_sent.wait()
+            return {"ret": 0}
+
+        driver.answer = answer  # type: ignore[method-assign]
+        made = polled(driver, "xarm", "digital_out/3")
+        made.set_output("digital_out/3", 1.0)
+        made.set_output("digital_out/3", 0.0)
+        await asyncio.gather(*made._tasks)
+        assert "has not answered" in made.problem
+        assert made.values == {}
+
+    asyncio.run(run())
+
+
+def test_an_output_that_was_confirmed_is_unknown_once_the_driver_has_gone(
+    polled: Callable[..., PolledIo],
+) -> None:
+    """A controller that is switched on again has its own values."""
+
+    async def run() -> None:
+        driver = Driver({})
+        made = polled(driver, "xarm", "digital_out/3")
+        made.set_output("digital_out/3", 1.0)
+        await until(lambda: made.values == {"digital_out/3": 1.0})
+        driver.is_away = True
+        assert made.values == {}
+        driver.is_away = False
+        assert made.values == {}
 
     asyncio.run(run())
 
