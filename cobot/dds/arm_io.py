@@ -187,7 +187,7 @@ class ServiceIo:
 def _rejection(begin: str, service: DriverIoService, answer: Message) -> str:
     """The reason why a request was not carried out; "" if it was."""
     name, done = service.done
-    if answer[name] == done:
+    if answer[name] in done:
         return ""
     parts = [f"{name} is {answer[name]}", joined_text(answer.get("message", ""), 200)]
     return f"{begin} has rejected it; see the driver's log ({': '.join(each for each in parts if each)})"

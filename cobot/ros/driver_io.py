@@ -28,7 +28,7 @@ class DriverIoService:
             numbers.
         value: field that contains the value. It is in the request if the service sets an output, otherwise in
             the answer.
-        done: field of the answer that shows whether the request was executed, and the value that it then has.
+        done: field of the answer that shows whether the request was executed, and its possible values then.
         fixed: other fields of the request.
     """
 
@@ -36,7 +36,7 @@ class DriverIoService:
     type: str
     number: str
     value: str
-    done: tuple[str, bool | int] = ("success", True)
+    done: tuple[str, tuple[bool | int, ...]] = ("success", (True,))
     fixed: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -103,8 +103,12 @@ def _span(kind: str, numbers: range) -> str:
 
 
 def _xarm(name: str, number: str, value: str) -> DriverIoService:
+    """A service of an xArm. Its controller answers 1 while it has an error, and 2 while it has a warning. The
+    answer contains the values nevertheless. With an error, only an old driver sets an output.
+    """
+    done = (0, 2) if value == "value" else (0, 1, 2)
     type_ = {"digitals": "GetDigitalIO", "data": "GetAnalogIO", "value": "SetDigitalIO"}[value]
-    return DriverIoService(name, f"xarm_msgs/srv/{type_}", number, value, ("ret", 0))
+    return DriverIoService(name, f"xarm_msgs/srv/{type_}", number, value, ("ret", done))
 
 
 def _doosan(name: str, number: str = "index") -> DriverIoService:

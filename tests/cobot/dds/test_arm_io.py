@@ -153,6 +153,7 @@ class Driver:
         self.signals = signals
         self.asked: list[tuple[str, Message]] = []
         self.hangs = self.refuses = self.is_away = False
+        self.ret = 0
 
     async def answer(self, name: str, type_: str, request: Message) -> Message:
         answer: Message
@@ -175,11 +176,11 @@ class Driver:
             answer = {"success": not self.refuses}
             return answer | ({} if short.startswith("Set") else {"value": self.signals.get(place, 0)})
         if short == "SetDigitalIO":
-            return {"ret": 9 if self.refuses else 0, "message": f"ionum={request['ionum']}"}
+            return {"ret": 9 if self.refuses else self.ret, "message": f"ionum={request['ionum']}"}
         if short == "GetAnalogIO":
-            return {"ret": 0, "message": "", "data": self.signals[name, request["ionum"]]}
+            return {"ret": self.ret, "message": "", "data": self.signals[name, request["ionum"]]}
         digitals = [int(self.signals.get((name, number), 0)) for number in range(16)]
-        return {"ret": 0, "message": "", "digitals": digitals}
+        return {"ret": self.ret, "message": "", "digitals": digitals}
 
 
 @pytest.fixture
@@ -326,6 +327,27 @@ def test_a_digital_value_other_than_0_and_1_is_unknown_and_named(polled: Callabl
         )
         driver.signals["ctrl_box_digital_input", 1] = 1
         await until(lambda: made.values.get("digital_in/1") == 1.0 and made.problem == "")
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(("ret", "is_set"), [(1, False), (2, True)])
+def test_an_error_or_a_warning_of_an_xarm_hides_no_input(
+    polled: Callable[..., PolledIo], ret: int, is_set: bool
+) -> None:
+    """Its controller adds them to the answer of each request, 1 and 2. The oracle is the vendor's own code,
+    `XArmAPI::_check_code`. A new driver sets no output while there is an error, an old one does.
+    """
+
+    async def run() -> None:
+        driver = Driver({("get_cgpio_digital", 8): 1, ("get_tgpio_analog", 1): 3.25})
+        driver.ret = ret
+        made = polled(driver, "xarm", "digital_in/8", "tool_analog_in/1", "digital_out/3")
+        here = {"digital_in/8": 1.0, "tool_analog_in/1": 3.25}
+        await until(lambda: made.values == here)
+        assert made.problem == ""
+        made.set_output("digital_out/3", 1.0)
+        await until(lambda: ("digital_out/3" in made.values) == is_set and bool(made.problem) != is_set)
 
     asyncio.run(run())
 
