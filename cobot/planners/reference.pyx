@@ -11,7 +11,7 @@ Its cells take the same time, or more time where the motion hardly uses its acce
 slow motion keeps the speed that a velocity limit allows, and needs few cells for this.
 """
 
-from libc.math cimport ceil, fabs, sqrt
+from libc.math cimport cbrt, ceil, fabs, sqrt
 
 import numpy as np
 
@@ -23,11 +23,16 @@ cdef double STILL = 1e-12  # A coordinate with a smaller share does not bound th
 cdef double DENSE = 3.0
 cdef double MAX_FACTOR = 10.0
 # Largest change of this factor over the duration of a shortest cell. Means of so many values then make it
-# smooth, because a jump in the durations of cells would be a jerk at the first rate.
+# smooth, because a jump in the durations of cells would be a jerk at the first rate. This jerk is a larger
+# share of its limit if a full acceleration takes longer to reach the speed. If that takes more than `GENTLE`
+# times as long as the acceleration takes to build up, durations change more slowly, by up to `MAX_GENTLER`.
 cdef double CHANGE = 0.07
 cdef int MEAN = 17
+cdef double GENTLE = 2.0
+cdef double MAX_GENTLER = 10.0
 cdef int MEANS = 3
-# Cells have equal durations unless this share of them suffices.
+# Cells have equal durations unless this share of them suffices and the maximum number is not exceeded. If all
+# cells had to be longer than needed, the longest ones would be too long to keep a speed.
 cdef double WORTH = 0.7
 cdef int MAX_EVEN = 20000
 
@@ -93,16 +98,20 @@ cdef void _use(
 
 
 cdef _factors(
-    const double* time, const double* shares, int intervals, double cell_s, int even, int mean
+    const double* time, const double* shares, int intervals, double cell_s, int even, int mean,
+    double gentler
 ):
     """How many times longer than `cell_s` a cell may take, at the middle of each of `even` cells, (even,).
 
     Args:
         time, shares: of the motion before the mean, see `_use`.
         mean: the number of cells over which the mean is taken.
+        gentler: factor by which the durations change more slowly than by `CHANGE`.
     """
     cdef int place = 0, i, k, _mean
+    cdef int half = <int>(gentler * MEAN / 2.0)
     cdef double begin, end, used, passed, least
+    cdef double change = CHANGE / gentler
     dense, factors = np.zeros(even), np.empty(even)
     cdef double* needed = doubles(dense, even)
     cdef double* factor = doubles(factors, even)
@@ -125,13 +134,23 @@ cdef _factors(
             least = max(least, needed[k])
         factor[i] = 1.0 / min(least, 1.0)
     for i in range(1, even):
-        factor[i] = min(factor[i], factor[i - 1] + CHANGE)
+        factor[i] = min(factor[i], factor[i - 1] + change)
     for i in range(even - 2, -1, -1):
-        factor[i] = min(factor[i], factor[i + 1] + CHANGE)
+        factor[i] = min(factor[i], factor[i + 1] + change)
     for _mean in range(MEANS):
-        padded = np.pad(factors, MEAN // 2, mode="edge")
-        factors = np.convolve(padded, np.full(MEAN, 1.0 / MEAN), mode="valid")
+        padded = np.pad(factors, half, mode="edge")
+        factors = np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), mode="valid")
     return factors
+
+
+cdef double _speeding_up(const double* first, const double* speed, int points, int m) noexcept nogil:
+    """Longest time that a full acceleration takes to reach the speed, s."""
+    cdef double longest = 0.0
+    cdef int i, j
+    for i in range(points):
+        for j in range(m):
+            longest = max(longest, fabs(first[i * m + j]) * speed[i])
+    return longest
 
 
 cdef class _Motion:
@@ -185,7 +204,7 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
     cdef int m = np.shape(first)[1]
     cdef int i, cells, even
     cdef double window, cell_s, area, way, v, area_before, way_before, v_before, mean_s, longer_s
-    cdef double change
+    cdef double change, gentler
     first, second, jerk = (np.array(each, dtype=np.float64, order="C") for each in (first, second, jerk))
     square = np.array(speed, dtype=np.float64) ** 2
     times, areas = np.zeros(points), np.zeros(points)
@@ -204,13 +223,17 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
         whole[i] = whole[i - 1] + duration * ((i - 1) * step + duration * (2.0 * x[i - 1] + x[i]) / 6.0)
     window = min(_build_up(p, doubles(jerk, points * m), points, m), t[points - 1])
     cdef double end_s = t[points - 1] + window
-    even = <int>min(max(ceil(end_s / window * per_window), least), MAX_EVEN)
+    even = <int>min(max(ceil(end_s / window * per_window), least), max(<double>MAX_EVEN, most))
     shares = np.empty(points - 1)
     _use(p, doubles(second, points * m), x, points, m, step, doubles(shares, points - 1))
     cell_s = end_s / even
-    factors = _factors(t, doubles(shares, points - 1), points - 1, cell_s, even, <int>per_window + 1)
+    gentler = cbrt(_speeding_up(p, x, points, m) / (GENTLE * window))
+    factors = _factors(
+        t, doubles(shares, points - 1), points - 1, cell_s, even, <int>per_window + 1,
+        min(max(gentler, 1.0), MAX_GENTLER),
+    )
     amounts = np.concatenate([[0.0], np.cumsum(1.0 / factors)])
-    if amounts[even] > WORTH * even:
+    if amounts[even] > min(WORTH * even, most):
         cells = <int>min(<double>even, most)
         cell_s = end_s / cells
         ends, widths = cell_s * np.arange(cells + 1.0), np.ones(cells)

@@ -106,8 +106,12 @@ def test_bounds_that_no_rate_keeps_are_refused() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("slowness", [1.0, 10.0])
-def test_the_reference_motion_is_that_of_the_law_in_numpy(seed: int, slowness: float) -> None:
+@pytest.mark.parametrize(
+    ("slowness", "jerk", "most"), [(1.0, 0.1, 400), (10.0, 0.1, 400), (10.0, 0.1, 60), (6.0, 0.02, 2000)]
+)
+def test_the_reference_motion_is_that_of_the_law_in_numpy(
+    seed: int, slowness: float, jerk: float, most: int
+) -> None:
     random = np.random.default_rng(seed)
     places = np.linspace(0.0, 1.0, 41)
     waves = random.normal(size=(3, 4))
@@ -118,10 +122,11 @@ def test_the_reference_motion_is_that_of_the_law_in_numpy(seed: int, slowness: f
 
     first, second = wave(1), wave(2)
     speed = 1.0 / slowness / np.abs(first).max(axis=1)
-    bounds = (10, 400, 8.0)
-    found, widths = reference_motion(first, second, 0.1 * first, speed, 1.0, bounds)
-    expected, expected_widths = plain_reference_motion(first, second, 0.1 * first, speed.copy(), 1.0, bounds)
+    bounds = (10, most, 8.0)
+    found, widths = reference_motion(first, second, jerk * first, speed, 1.0, bounds)
+    expected, expected_widths = plain_reference_motion(first, second, jerk * first, speed.copy(), 1.0, bounds)
     assert widths == pytest.approx(expected_widths, rel=1e-9)
     assert found == pytest.approx(expected, abs=1e-9)
     assert (np.diff(found) >= 0.0).all()
-    assert (widths.max() > 2.0) == (slowness > 1.0)
+    assert len(widths) <= most
+    assert (widths.max() > 2.0) == (slowness > 1.0 and most > 60)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cobot.types import Array
 
-DENSE, MAX_FACTOR, CHANGE, MEAN, WORTH = 3.0, 10.0, 0.07, 17, 0.7
+DENSE, MAX_FACTOR, CHANGE, MEAN, WORTH, GENTLE = 3.0, 10.0, 0.07, 17, 0.7, 2.0
 
 
 def reference_motion(
@@ -46,11 +46,13 @@ def reference_motion(
         np.abs(first[k:][: points - 1] * along[:, None] + (second * square[:, None])[k:][: points - 1])
         for k in (0, 1)
     ]
-    factors = widened(times, np.max(used, axis=(0, 2)), cell_s, even, int(bounds[2]) + 1)
+    speeding_up_s = float((np.abs(first) * v[:, None]).max())
+    gentler = min(max((speeding_up_s / (GENTLE * window)) ** (1.0 / 3.0), 1.0), 10.0)
+    factors = widened(times, np.max(used, axis=(0, 2)), cell_s, even, int(bounds[2]) + 1, gentler)
     amounts = np.concatenate([[0.0], np.cumsum(1.0 / factors)])
     cells = int(min(max(math.ceil(amounts[-1]), bounds[0]), bounds[1]))
     places = np.interp(np.linspace(0.0, amounts[-1], cells + 1), amounts, np.arange(even + 1.0))
-    if amounts[-1] > WORTH * even:
+    if are_equal := amounts[-1] > min(WORTH * even, bounds[1]):
         cells = min(even, int(bounds[1]))
         places = np.arange(cells + 1.0) * even / cells
     ends, widths = cell_s * places, np.diff(places)
@@ -73,10 +75,10 @@ def reference_motion(
         control[i + 1] = value - (bend * mean_s**2 + slope * longer_s) / 6.0
         control[i + 1] = min(max(control[i + 1], control[i]), length)
     control[cells:] = length
-    return control, widths / widths[0] if amounts[-1] > WORTH * even else widths
+    return control, widths / widths[0] if are_equal else widths
 
 
-def widened(times: Array, used: Array, cell_s: float, even: int, mean: int) -> Array:
+def widened(times: Array, used: Array, cell_s: float, even: int, mean: int, gentler: float) -> Array:
     """How many times longer than `cell_s` a cell may take, at the middle of each of `even` cells."""
     grid = np.arange(even + 1.0) * cell_s
     needed = np.zeros(even)
@@ -88,9 +90,10 @@ def widened(times: Array, used: Array, cell_s: float, even: int, mean: int) -> A
     needed[grid[1:] >= times[-1] - mean * cell_s] = 1.0
     needed = np.clip(needed, 1.0 / MAX_FACTOR, 1.0)
     factors = np.array([1.0 / needed[max(0, i - mean) : i + 2].max() for i in range(even)])
-    steps = CHANGE * np.abs(np.subtract.outer(np.arange(even), np.arange(even)))
+    steps = CHANGE / gentler * np.abs(np.subtract.outer(np.arange(even), np.arange(even)))
     factors = (factors + steps).min(axis=1)
+    half = int(gentler * MEAN / 2.0)
     for _ in range(3):
-        padded = np.pad(factors, MEAN // 2, mode="edge")
-        factors = np.lib.stride_tricks.sliding_window_view(padded, MEAN).mean(axis=1)
+        padded = np.pad(factors, half, mode="edge")
+        factors = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).mean(axis=1)
     return factors

@@ -197,6 +197,22 @@ def test_a_slow_motion_needs_few_segments_and_takes_no_longer_than_ruckigs(
     assert timed.trajectory.segments < 250  # with cells of equal duration: 472 and 1000
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("more", [1.0, 10.0, 50.0])
+def test_a_line_of_an_arm_with_high_jerk_limits_takes_no_longer_than_ruckigs(
+    robot: RobotDescription, speed: float, more: float
+) -> None:
+    """As a Franka, whose acceleration builds up in 2 ms: cells must not get longer so soon that the jerk
+    limit, which is small for the speed, makes the arm brake in the middle of its way.
+    """
+    start, way = 0.3 * robot.limits.min_position, np.array([1.0, -0.7, 0.5, 0.3, -0.9, 0.2, 0.1])
+    scaled = robot.limits.scaled(speed, min(speed, PLANNED_ACCELERATION), Scaling(speed).jerk)
+    limits = scaled.with_rates(scaled.max_velocity, scaled.max_acceleration, more * scaled.max_jerk)
+    timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
+    require_limits(timed.trajectory, limits)
+    assert 0.9999 < timed.trajectory.duration_s / fastest_s(limits, way) < 1.005
+
+
 @pytest.mark.parametrize("share", [1e-6, 0.01])
 def test_the_law_is_the_same_in_slow_motion(robot: RobotDescription, share: float) -> None:
     """Velocities by f, accelerations by f², jerks by f³: the same motion in 1/f of the time."""
