@@ -122,6 +122,13 @@ class Coordinates:
         """Number of zones with different limits."""
         return 1 if self._zones is None else len(self._zones.ends)
 
+    @property
+    def shortest_zone(self) -> float:
+        """Length of the shortest zone, in the path parameter."""
+        return (
+            self.path.length if self._zones is None else float(np.diff(self._zones.ends, prepend=0.0).min())
+        )
+
     def shares(self, places: Array) -> Array:
         """Shares of the velocity, acceleration and jerk limits for each coordinate at these places, shape (3,
         n, m).

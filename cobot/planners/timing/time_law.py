@@ -9,6 +9,7 @@ remainder.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -45,6 +46,10 @@ changes within a few cells of the first size.
 """
 PLACES = 100
 """Minimum number of places of a path that the first timing checks."""
+ZONE_PLACES, MAX_ZONE_PLACES = 6, 2000
+"""Minimum number of these places in the shortest zone, unless this needs more places than the second number
+along the whole path. Otherwise cells would be longer than a zone that lies between two places.
+"""
 GAP = 5e-4
 """The optimisation ends if at most this share of the duration could still be gained."""
 ITERATIONS = 60
@@ -124,7 +129,8 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
 def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
     """The first arguments of `reference_motion`, whose speed keeps the velocity and acceleration limits."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
-    places = np.linspace(0.0, length, max(PLACES, 3 * pieces) + 1)
+    of_zones = min(ZONE_PLACES * length / max(coordinates.shortest_zone, 1e-12), MAX_ZONE_PLACES)
+    places = np.linspace(0.0, length, max(PLACES, 3 * pieces, math.ceil(of_zones)) + 1)
     _, (first, second, third), slowness = coordinates.at(places)
     _, acceleration, jerk = coordinates.shares(places)
     max_acceleration, max_jerk = coordinates.max_acceleration * acceleration, coordinates.max_jerk * jerk

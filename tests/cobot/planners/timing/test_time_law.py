@@ -20,7 +20,7 @@ from cobot.errors import PlanningError
 from cobot.planners import MotionRequest, plan
 from cobot.planners.effort_reserve import PLANNED_EFFORT
 from cobot.planners.search.spline import control_spline, resampled
-from cobot.planners.timing.coordinates import Coordinates
+from cobot.planners.timing.coordinates import Coordinates, Zones
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import Timed, time_optimal, with_room
 from cobot.robot.description import RobotDescription
@@ -211,6 +211,31 @@ def test_a_line_of_an_arm_with_high_jerk_limits_takes_no_longer_than_ruckigs(
     timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
     require_limits(timed.trajectory, limits)
     assert 0.9999 < timed.trajectory.duration_s / fastest_s(limits, way) < 1.005
+
+
+@pytest.mark.parametrize(
+    ("speed", "share", "longest_s"), [(0.1, 0.5, 21.5), (0.1, 0.1, 26.0), (0.3, 0.1, 8.7)]
+)
+def test_a_short_slow_part_of_a_long_path_slows_only_this_part(
+    robot: RobotDescription, speed: float, share: float, longest_s: float
+) -> None:
+    """As a short slow motion between two long ones, with blends. Without the slow part it takes 20.4 and
+    7.1 s.
+    """
+    ends, dof = 0.5 * np.array([robot.limits.min_position, robot.limits.max_position]), robot.limits.dof
+    path = JointCurve.straight(*ends)
+    shares = np.ones((3, 3, dof + 2))
+    shares[0, 1] = share
+    zones = Zones(path.length * np.array([0.5, 0.505, 1.0]), shares)
+    limits = robot.limits.scaled(speed, speed, speed)
+    motion = time_optimal(robot, path, limits, zones=zones).trajectory
+    require_limits(motion, limits)
+    times = np.linspace(0.0, motion.duration_s, 20001)
+    way = (motion.sample(times)[:, 0] - ends[0, 0]) / np.ptp(ends[:, 0])
+    inside = (way > 0.5) & (way < 0.505)
+    used = np.abs(motion.sample(times[inside], 1)) / limits.max_velocity
+    assert 0.9 * share < used.max() < share * ROUNDING
+    assert motion.duration_s < longest_s
 
 
 @pytest.mark.parametrize("share", [1e-6, 0.01])
