@@ -13,9 +13,11 @@ from cobot_run import WAIT_S
 from few_joint_arms import Chain, Z, robot_of
 from independent_models import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
+from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
-from cobot.planners.search import sampling
+from cobot.planners.search import sampling, spline
+from cobot.robot.collision import RESOLUTION_M
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
@@ -68,6 +70,25 @@ def test_ompl_and_chomp_lead_around_a_post_without_touching_anything(
     assert any(contacts.bodies(joints) for joints in straight), "the post stands in the way"
     for joints in motion.sample(np.linspace(0.0, motion.duration_s, 2000)):
         assert not contacts.bodies(joints), joints
+
+
+def test_a_motion_is_proven_even_if_the_samples_of_its_path_miss_what_it_touches(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spline, "SAMPLES", 2)
+    for problem in scenes.problems(robot, "shelf", 4, SEED):
+        checker = problem.robot.collision
+        request = MotionRequest(
+            problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), seed=1, timeout_s=WAIT_S
+        )
+        corners = sampling.find_path(problem.robot, request, problem.goal[None])
+        least_m = checker.margin_m - RESOLUTION_M
+        curve, _ = spline.smooth_curve(spline.resampled(corners, spline.FIRST_POINTS))
+        on_curve = curve.at(np.linspace(0.0, 1.0, 2000))
+        assert checker.clearance.distances(on_curve, 0.1).min() < least_m
+        motion = spline.smooth_motion(problem.robot, corners, request.scaled_limits(problem.robot))
+        in_motion = motion.sample(np.linspace(0.0, motion.duration_s, 2000))
+        assert checker.clearance.distances(in_motion, 0.1).min() >= least_m
 
 
 @pytest.mark.parametrize("planner", AROUND)
