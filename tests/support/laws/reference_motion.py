@@ -96,4 +96,4 @@ def widened(times: Array, used: Array, cell_s: float, even: int, mean: int, gent
     for _ in range(3):
         padded = np.pad(factors, half, mode="edge")
         factors = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).mean(axis=1)
-    return factors
+    return np.asarray(factors)
