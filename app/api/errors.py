@@ -155,7 +155,7 @@ def status_of(error: CobotError) -> int:
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error of this application in the one form."""
+    """Install the handlers that answer every error of this application in the same form."""
     # All of them are coroutines, because Starlette would run a plain function in a thread.
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)

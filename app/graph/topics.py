@@ -58,7 +58,7 @@ class Topics:
             latch: whether later subscribers get the last message.
             owner: the client or part of the service that publishes.
             local: whether the DDS process publishes this topic itself and must not mirror it.
-            alone: whether no other owner may publish on the topic from now on.
+            alone: whether the topic is reserved for this owner from now on.
             inferred: whether the type was taken from a subscription, because the client gave none.
             on_demand: function that is called with the number of subscribers, now and whenever it changes.
 

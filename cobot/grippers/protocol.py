@@ -255,7 +255,7 @@ class Gripper(Protocol):
         ...
 
     def disconnect(self) -> None:
-        """Close the connection. This may be called after an error, and twice."""
+        """Close the connection. This may be called after an error, and more than once."""
         ...
 
     def open(self) -> None:

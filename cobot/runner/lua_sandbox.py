@@ -23,7 +23,7 @@ from cobot.foreign import plain_error
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
-"""Number of instructions between two checks of the limits. They take about a millisecond."""
+"""Number of instructions between two checks of the limits. So many instructions take about a millisecond."""
 END_S = 0.3
 """Maximum time to wait for a program that must end, s. The program notices the request within milliseconds,
 or never.
@@ -53,7 +53,7 @@ class Stopping(Exception):
 
 
 class ProgramWatch:
-    """Tells a program when it must end, and lets it wait until then.
+    """Tells a program when it must end, and interrupts its waits at that moment.
 
     Attributes:
         reason: the reason why the program must end; "" while it may continue.

@@ -122,7 +122,7 @@ class Driver:
         self.memory.heartbeat.publish()
 
     def start(self) -> None:
-        """Open the device. A second call acts like a new rtloop after a crash.
+        """Open the device. A second call simulates a new start of rtloop after a crash.
 
         Raises:
             BackendError: the device cannot be opened.

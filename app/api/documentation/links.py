@@ -15,7 +15,7 @@ JOB = "$response.body#/id"
 NAME = "$response.body#/name"
 RECORDING = "$response.body#/names/0"
 TWIN = "_of"
-"""Suffix of the operation ids whose path names the robot."""
+"""Suffix of the operation ids of endpoints whose path contains the robot's name."""
 
 
 def _parameter(name: str, value: str) -> dict[str, Any]:

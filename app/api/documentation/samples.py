@@ -1,4 +1,4 @@
-"""Sample files for the uploads, which the documentation offers. Each can be uploaded unchanged."""
+"""Sample files that the documentation offers for uploads. Each can be uploaded unchanged."""
 
 from __future__ import annotations
 

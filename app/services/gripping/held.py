@@ -29,7 +29,7 @@ from cobot.robot.scene import Scene, SceneObject
 from cobot.types import RESTING, Array
 
 REACH_M = 0.01
-"""Maximum distance of an object from the TCP to count as between the fingers, m."""
+"""Maximum distance between the TCP and an object that counts as between the fingers, m."""
 AGAIN_S = 0.02
 
 log = logging.getLogger("cobot.gripper")

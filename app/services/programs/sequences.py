@@ -379,7 +379,7 @@ class SequenceService:
             job.hold(held)
 
     def _count(self, event: dict[str, Any]) -> None:
-        """Update the progress, because the sequence begins this step."""
+        """Update the progress of the job when the sequence begins the step of `event`."""
         job, rounds, steps = self._ownership.sequence_job, self.status.n_iterations or 1, event["n_waypoints"]
         if job is not None and steps:
             job.at_waypoint((event["iteration"] - 1 + event["share"]) * steps, rounds * steps)

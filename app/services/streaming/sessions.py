@@ -138,7 +138,7 @@ class StreamSession:
 
 
 class StreamService:
-    """Begins sessions and follows them to their end, even if their clients die.
+    """Starts sessions and monitors each one until it ends, even if its client dies.
 
     Attributes:
         session: the current session; None if there is none.

@@ -12,7 +12,7 @@ MAX_FRAGMENTS = 1 << 16
 class SampleAssembly:
     """The bytes of a sample, and a record of the fragments that have arrived.
 
-    Errors: MalformedError for a fragment that cannot belong to any sample, or not to this one.
+    Errors: MalformedError: a fragment is invalid in any sample, or belongs to a different one.
     """
 
     __slots__ = ("_data", "_marks", "_size", "count", "inline", "touched_s")

@@ -55,7 +55,7 @@ def remove_shapes(branches: Iterable[MovingJoint]) -> None:
 
 
 def place(spec: mujoco.MjSpec, resting: dict[MovingJoint, float]) -> None:
-    """Turn and move each body as its joint does at this position, rad or m."""
+    """Move each body to the pose that it has at the given position of its joint, rad or m."""
     degrees = bool(spec.compiler.degree)
     for node, at in resting.items():
         if (by := at - node.reference(degrees)) == 0.0:
