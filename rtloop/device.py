@@ -147,7 +147,7 @@ class DeviceWatch:
         scaling: object = status.speed_scaling
         if not (isinstance(scaling, int | float | np.number) and math.isfinite(scaling) and scaling >= 0.0):
             raise ForeignError(
-                f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number of 0 or more"
+                f"the backend's status().speed_scaling is {shown(scaling)}; it must be a number of 0 or more"
             )
         if self.is_enabling:
             status = replace(status, text="; ".join(filter(None, (ENABLING, status.text))))
@@ -218,9 +218,9 @@ class DeviceWatch:
             left_out = fill_points(record, points)
             if left_out != self._left_out:
                 log.warning(
-                    "inputs and outputs of the device that are not shown: %s; there is room for %d, with "
+                    "these inputs and outputs of the device are not shown: %s; cobot shows up to %d, with "
                     "names of up to %d bytes",
-                    ", ".join(left_out) or "none any more",
+                    ", ".join(left_out) or "none",
                     IO_POINTS,
                     IO_NAME_BYTES,
                 )
@@ -244,6 +244,7 @@ def _report_period_s(backend: Backend) -> float:
     period_s = getattr(backend, "report_period_s", POLL_S)
     if not (isinstance(period_s, int | float) and MIN_POLL_S <= period_s <= POLL_S):
         raise BackendError(
-            f"the backend's report_period_s is {shown(period_s)}, it must be {MIN_POLL_S:g} to {POLL_S:g} s"
+            f"the backend's report_period_s is {shown(period_s)}; it must be from "
+            f"{MIN_POLL_S:g} to {POLL_S:g} s"
         )
     return float(period_s)

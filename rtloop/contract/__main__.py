@@ -88,7 +88,7 @@ def _files(chosen: argparse.Namespace) -> int:
     settings = load_settings(chosen.config)
     write = getattr(backend_class(chosen.name), "controller_files", None)
     if write is None:
-        raise ConfigError(f"{chosen.name} has no files for a robot controller")
+        raise ConfigError(f"the backend {chosen.name} does not provide files for a robot controller")
     if settings.robot.backend.type != chosen.name:
         raise ConfigError(
             f"robot.backend is {settings.robot.backend.type}, not {chosen.name}: name settings with its "

@@ -45,7 +45,9 @@ class CheckedBackend:
             )
             driver.run(REST_S)
             if driver.mode != LoopMode.HOLD:
-                raise ContractError(f"at rest the mode becomes {driver.mode.name}: {driver.reason}")
+                raise ContractError(
+                    f"while the arm is at rest, the mode changes to {driver.mode.name}: {driver.reason}"
+                )
             yield driver
 
     @contextmanager

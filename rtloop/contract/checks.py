@@ -38,7 +38,10 @@ def calls(cell: CheckedBackend) -> str:
         heard = driver.heard
         driver.end()
     if [heard.calls[0], *heard.calls[-2:]] != ["open", "disable", "close"]:
-        raise ContractError(f"the calls were {', '.join(heard.calls)}")
+        raise ContractError(
+            "the first call must be open and the last two disable and close; the calls were "
+            f"{', '.join(heard.calls)}"
+        )
     if heard.calls.index("read") > heard.calls.index("write"):
         raise ContractError("write was called before read")
     return f"{len(heard.commands)} commands between open and close"
@@ -56,7 +59,7 @@ def values(cell: CheckedBackend) -> str:
         driver.step()
         backend.read(found)
         if found.values is not buffer:
-            raise ContractError("read has replaced the arrays that it was given")
+            raise ContractError("read must write into the arrays that it is given, but it has replaced them")
         for name in MEASURED_NAMES:
             if not np.isfinite(getattr(found, name)).all():
                 raise ContractError(
@@ -64,13 +67,15 @@ def values(cell: CheckedBackend) -> str:
                     f"it is {getattr(found, name)}"
                 )
         if "position" not in rows:
-            raise ContractError("capabilities.measured lacks position, without which no arm can be driven")
+            raise ContractError(
+                "capabilities.measured must contain position, because cobot cannot control an arm without it"
+            )
         off = np.abs(found.position - driver.heard.commands[-1][0][0])
     joint = int(off.argmax())
     if not off[joint] <= FOLLOWED_RAD:
         raise ContractError(
-            f"at rest {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad from its command, "
-            f"allowed: {FOLLOWED_RAD} rad: check units, signs and the order of the joints"
+            f"at rest, {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad away from its "
+            f"command, allowed: {FOLLOWED_RAD} rad: check units, signs and the order of the joints"
         )
     return ", ".join(name for name in MEASURED_NAMES if name in rows)
 
@@ -83,15 +88,15 @@ def status(cell: CheckedBackend) -> str:
             raise NotTested("the backend has no status()")
         found = backend.status()
     if not isinstance(found, DeviceStatus):
-        raise ContractError(f"status() returns a {type(found).__name__}, it must be a DeviceStatus")
+        raise ContractError(f"status() returns a {type(found).__name__}; it must return a DeviceStatus")
     words = dataclasses.asdict(found)
     wrong = [name for name in STATUS_WORDS if not isinstance(words[name], str)]
     if wrong:
-        raise ContractError(f"status().{wrong[0]} is {words[wrong[0]]!r}, it must be text")
+        raise ContractError(f"status().{wrong[0]} is {words[wrong[0]]!r}; it must be a string")
     if found.operation_mode not in MODES:
-        raise ContractError(f"status().operation_mode is {found.operation_mode!r}, it must be one of {MODES}")
+        raise ContractError(f"status().operation_mode is {found.operation_mode!r}; it must be one of {MODES}")
     if not (math.isfinite(found.speed_scaling) and 0.0 <= found.speed_scaling <= 1.0):
-        raise ContractError(f"status().speed_scaling is {found.speed_scaling}, it must be from 0 to 1")
+        raise ContractError(f"status().speed_scaling is {found.speed_scaling}; it must be from 0 to 1")
     return ", ".join(words[name] for name in STATUS_WORDS if words[name])
 
 
@@ -116,7 +121,9 @@ def guiding(cell: CheckedBackend) -> str:
         driver.until("the arm is held after hand guiding", lambda: driver.mode != LoopMode.JOINT_IMPEDANCE)
         driver.until("the arm rests after hand guiding", lambda: driver.mode != LoopMode.STOPPING)
         if driver.mode != LoopMode.HOLD:
-            raise ContractError(f"hand guiding ends in mode {driver.mode.name}: {driver.reason}")
+            raise ContractError(
+                f"after hand guiding the mode is {driver.mode.name} and not HOLD: {driver.reason}"
+            )
         if not off <= HELD_RAD:
             raise ContractError(
                 f"during hand guiding the command is {off:.4f} rad from the measured position, allowed: "
@@ -174,7 +181,7 @@ def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> l
         cycle, joint = np.unravel_index(share.argmax(), share.shape)
         if not share[cycle, joint] <= SLACK:
             raise ContractError(
-                f"{what}: the {name} of {bounds.names[joint]} is {share[cycle, joint]:.2f} of its limit "
+                f"{what}: the {name} of {bounds.names[joint]} is {share[cycle, joint]:.2f} times its limit "
                 f"in cycle {cycle} of a motion"
             )
         shares.append(float(share[cycle, joint]))
@@ -185,7 +192,7 @@ def staleness(cell: CheckedBackend) -> str:
     """A written command reaches the device in the same cycle."""
     with cell.drive() as driver:
         if driver.wire is None:
-            raise NotTested("its rig does not record the commands to the device")
+            raise NotTested("the backend's rig does not record the commands to the device")
         driver.run(FADED_S)
         written, sent = len(driver.heard.commands), len(driver.wire)
         driver.move()
@@ -247,7 +254,7 @@ def reject_open(cell: CheckedBackend) -> str:
     """`open` reports a missing device as an error; no later call does."""
     with cell.make_driver() as driver:
         if "disconnect" not in driver.rig.faults:
-            raise NotTested("its rig has no fault disconnect")
+            raise NotTested("the backend's rig cannot inject the fault disconnect")
         driver.rig.inject("disconnect")
         try:
             driver.start()
@@ -257,12 +264,16 @@ def reject_open(cell: CheckedBackend) -> str:
         else:
             said = driver.reason if driver.mode == LoopMode.FAULT else ""
         if not said:
-            raise ContractError("it can be opened, enabled and driven although no device answers")
+            raise ContractError(
+                "the backend can be opened and enabled and accepts commands although no device answers"
+            )
         driver.end()
         driver.rig.clear("disconnect")
         driver.start()
         if driver.reset() != ACCEPTED:
-            raise ContractError(f"once the device is connected: {driver.reason}")
+            raise ContractError(
+                f"the device is connected again, but the fault cannot be reset: {driver.reason}"
+            )
         driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
         driver.move()
     return said

@@ -44,8 +44,8 @@ def _require_refusal(cell: CheckedBackend, settings: Settings, word: str) -> Non
     except ConfigError as exc:
         if word in str(exc):
             return
-        raise ContractError(f"the error does not name {word}: {exc}") from exc
-    raise ContractError(f"{word} is not rejected")
+        raise ContractError(f"the error does not mention {word}: {exc}") from exc
+    raise ContractError(f"an invalid {word} is not rejected")
 
 
 def claims(cell: CheckedBackend) -> str:
@@ -55,9 +55,11 @@ def claims(cell: CheckedBackend) -> str:
     able = capabilities_of(backend)
     for flags, methods in CLAIMS.items():
         if getattr(able, flags) and not any(hasattr(backend, method) for method in methods):
-            raise ContractError(f"capabilities.{flags} is claimed without a method {' or '.join(methods)}")
+            raise ContractError(
+                f"capabilities.{flags} requires a method {' or '.join(methods)}, which is missing"
+            )
     if able.hardware and not isinstance(backend, Reporting):
-        raise ContractError("capabilities.hardware is claimed without a method status")
+        raise ContractError("capabilities.hardware requires a method status, which is missing")
     return able.words
 
 

@@ -185,7 +185,7 @@ class Driver:
                 return
             self.step()
         raise ContractError(
-            f"{what}: this has not happened within {PATIENCE_S:g} s; the mode is {self.mode.name}"
+            f"not reached within {PATIENCE_S:g} s: {what}; the mode is {self.mode.name}"
             + (f": {self.reason}" if self.reason else "")
         )
 

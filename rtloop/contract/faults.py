@@ -35,7 +35,9 @@ def survives(fault: str, cell: CheckedBackend) -> str:
                 driver.move()
         require_limits(cell, "written commands", [each[0][0] for each in driver.heard.commands[before:]])
         if driver.mode != LoopMode.HOLD:
-            raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
+            raise ContractError(
+                f"after the motions the mode is {driver.mode.name} and not HOLD: {driver.reason}"
+            )
     return f"{MOTIONS_UNDER_LOSS} motions arrive"
 
 
@@ -76,7 +78,10 @@ def while_loading(fault: str, cell: CheckedBackend) -> str:
             driver.await_answer()
             result = driver.loop.controller.motion_result
             if result in (MotionResult.RUNNING, MotionResult.ARRIVED):
-                raise ContractError(f"{fault} while a motion is loaded: it is {result.name}")
+                raise ContractError(
+                    f"{fault} while a motion is being loaded: the motion must be rejected or end, but "
+                    f"it is {result.name}"
+                )
         _require_recovery(cell, driver)
     return said
 
@@ -131,9 +136,11 @@ def mode_change(cell: CheckedBackend) -> str:
             driver.run(MEANWHILE_S)
             after = backend.status().operation_mode if isinstance(backend, Reporting) else None
             if before is not None and before == after:
-                raise ContractError(f"status().operation_mode stays {before!r}")
+                raise ContractError(
+                    f"the operation mode has changed, but status().operation_mode is still {before!r}"
+                )
             if driver.mode in ENDED and not driver.reason:
-                raise ContractError(f"the mode is {driver.mode.name}, without a reason")
+                raise ContractError(f"the mode is {driver.mode.name}, but no reason is reported")
             went_on = driver.mode not in ENDED
         running = MotionResult.RUNNING
         driver.until("a motion ends", lambda: driver.loop.controller.motion_result != running)
@@ -168,14 +175,14 @@ def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], No
 
 def _require(driver: Driver, fault: str) -> None:
     if fault not in driver.rig.faults:
-        raise NotTested(f"its rig has no fault {fault}")
+        raise NotTested(f"the backend's rig cannot inject the fault {fault}")
 
 
 def _await_fault(driver: Driver, fault: str) -> str:
     """Wait until rtloop reports the fault, and return the reported reason."""
     driver.until(f"{fault} is a fault", lambda: driver.mode in ENDED)
     if not driver.reason:
-        raise ContractError(f"{fault}: the mode is {driver.mode.name}, without a reason")
+        raise ContractError(f"{fault}: the mode is {driver.mode.name}, but no reason is reported")
     return driver.reason
 
 
@@ -191,7 +198,9 @@ def _require_lasting(driver: Driver, fault: str) -> None:
         raise ContractError(f"{fault}: a reset raises an exception in the cycle: {exc}") from exc
     driver.run(MEANWHILE_S)
     if driver.mode not in ENDED:
-        raise ContractError(f"{fault}: while it lasts, a reset leads to {driver.mode.name}")
+        raise ContractError(
+            f"{fault}: although the fault lasts, the mode after a reset is {driver.mode.name}"
+        )
     for command, _ in driver.heard.commands[written:]:
         if not np.isfinite(command).all():
             raise ContractError(f"{fault}: a command is not finite")
@@ -205,15 +214,17 @@ def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
     before = len(driver.heard.commands)
     result = driver.reset()
     if isinstance(result, Rejected):
-        raise ContractError(f"its cause has gone, but a reset is rejected: {result.reason}")
+        raise ContractError(
+            f"the cause of the fault no longer exists, but a reset is rejected: {result.reason}"
+        )
     driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
     sent = len(driver.wire or ())
     if driver.heard.calls.count("open") != 1:
-        raise ContractError("the device was opened again")
+        raise ContractError("the backend was opened again; a reset must not need that")
     require_entry(cell, driver, max(before, len(driver.heard.commands) - 1))
     driver.run(REST_S)
     if driver.mode != LoopMode.HOLD:
-        raise ContractError(f"after a reset the mode becomes {driver.mode.name}: {driver.reason}")
+        raise ContractError(f"after a reset the mode changes to {driver.mode.name}: {driver.reason}")
     driver.move()
     if driver.wire is not None:
         require_limits(cell, "after a reset, commands sent to the device", driver.wire[sent:])

@@ -22,11 +22,13 @@ def io(cell: CheckedBackend) -> str:
     again. An unknown output is rejected.
     """
     if not capabilities_of(cell.kind).io:
-        raise NotTested("capabilities.io is not claimed")
+        raise NotTested("the backend's capabilities do not include io")
     with cell.drive() as driver:
         backend = driver.backend
         if not isinstance(backend, HasIo):
-            raise ContractError("capabilities.io is claimed without the methods io and set_output")
+            raise ContractError(
+                "capabilities.io requires the methods io and set_output; one of them is missing"
+            )
         points = list(io_points(backend.io()))
         _require_sound(points)
         outputs = [each for each in points if each.is_output]
@@ -41,9 +43,11 @@ def io(cell: CheckedBackend) -> str:
         except BackendError:
             pass
         else:
-            raise ContractError(f"set_output({UNKNOWN!r}) raises no BackendError")
+            raise ContractError(f"set_output({UNKNOWN!r}) must raise a BackendError, but does not")
         if driver.mode != LoopMode.HOLD:
-            raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
+            raise ContractError(
+                f"after the outputs were set, the mode is {driver.mode.name}: {driver.reason}"
+            )
     return f"{len(outputs)} outputs among {len(points)} inputs and outputs"
 
 
@@ -53,10 +57,15 @@ def _require_sound(points: list[IoPoint]) -> None:
     """
     names = [each.name for each in points]
     if len(set(names)) < len(names) or len(names) > IO_POINTS:
-        raise ContractError(f"io(): at most {IO_POINTS}, each with a name of its own; got {sorted(names)}")
+        raise ContractError(
+            f"io() must return at most {IO_POINTS} inputs and outputs with different names, "
+            f"got {sorted(names)}"
+        )
     for point in points:
         if not 0 < len(point.name.encode()) <= IO_NAME_BYTES or "/" in point.name:
-            raise ContractError(f"io(): {point.name!r}: a name has 1 to {IO_NAME_BYTES} bytes and no slash")
+            raise ContractError(
+                f"io(): the name {point.name!r} must have 1 to {IO_NAME_BYTES} bytes and no slash"
+            )
         require_number(point, point.value)
 
 

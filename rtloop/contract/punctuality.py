@@ -39,14 +39,14 @@ def beat(cell: CheckedBackend) -> str:
     if not hasattr(cell.kind, "wait"):
         raise NotTested("rtloop's own clock starts the cycles")
     if capabilities_of(cell.kind).hardware:
-        raise NotTested("its device is real, and its rig's device need not follow the clock")
+        raise NotTested("the backend is for a real device, and a simulated device need not follow the clock")
     period_s, home = cell.settings.rt.period_s, cell.robot.positions[cell.settings.robot.start_position]
     backend: Any = cell.kind(cell.settings, cell.robot.limits)
     pace = Pace(period_s)
     try:
         backend.open(np.array(home.joints))
     except BackendError as exc:
-        raise NotTested(f"without its rig: {exc}") from exc
+        raise NotTested(f"the backend cannot be opened without its rig: {exc}") from exc
     try:
         begun, beats = time.monotonic(), 0
         while time.monotonic() - begun < BEATEN_S:

@@ -144,7 +144,7 @@ class Broken(Around):
 
     def _require_connection(self) -> None:
         if "disconnect" in self._active:
-            raise BackendError("the connection has been cut by the contract")
+            raise BackendError("the contract test has interrupted the connection")
 
 
 def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
@@ -166,7 +166,7 @@ def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
     strange = sorted(set(rig.faults) - set(FAULTS))
     if strange:
         raise ConfigError(
-            f"robot.backend: {name}: contract_rig: there is no fault {strange[0]!r}; valid are: "
+            f"robot.backend: {name}: contract_rig lists the unknown fault {strange[0]!r}; valid are: "
             f"{', '.join(FAULTS)}"
         )
     return rig

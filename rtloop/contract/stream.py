@@ -40,7 +40,7 @@ def open_session(driver: Driver, stream: Stream) -> None:
         lambda: ack.try_read() and int(ack.data["session"]) == int(session["number"]),
     )
     if int(ack.data["result"]) != Ack.ACCEPTED:
-        raise ContractError(f"a stream is rejected: {text(ack.data['message'])}")
+        raise ContractError(f"rtloop rejects a streaming session: {text(ack.data['message'])}")
 
 
 def end_session(driver: Driver) -> None:

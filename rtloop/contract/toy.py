@@ -175,7 +175,9 @@ class ToyArm:
 
     def enable(self) -> None:
         if self._missed:
-            raise BackendError(f"the device has been silent for {self._missed * self._period_s:.3f} s")
+            raise BackendError(
+                f"no packet has arrived from the device for {self._missed * self._period_s:.3f} s"
+            )
         self._device.switch_on()
         self.wait(self._period_s)
 

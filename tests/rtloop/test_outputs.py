@@ -102,7 +102,7 @@ def test_what_there_is_no_room_for_is_named_once_in_the_log(
     shown = [each.name for each in report_of(rig.memory.io.data).points]
     assert shown == [name for name in arm._io if name != long]
     (line,) = [each.getMessage() for each in caplog.records if long in each.getMessage()]
-    assert line.endswith(f"not shown: {long}; there is room for {IO_POINTS}, with names of up to 64 bytes")
+    assert line.endswith(f"not shown: {long}; cobot shows up to {IO_POINTS}, with names of up to 64 bytes")
 
 
 class PromptArm(PanelArm):
@@ -131,5 +131,5 @@ def test_a_report_period_out_of_range_is_rejected(
 ) -> None:
     arm = PromptArm(settings, robot.limits)
     arm.report_period_s = period_s
-    with pytest.raises(BackendError, match=r"report_period_s is .*, it must be 0.001 to 0.2 s"):
+    with pytest.raises(BackendError, match=r"report_period_s is .*; it must be from 0.001 to 0.2 s"):
         Rig(settings, robot, backend=arm)

@@ -155,7 +155,7 @@ def test_a_speed_override_that_is_none_is_a_fault_with_its_value(rig: PacedRig, 
     rig.arm.report = replace(rig.arm.report, speed_scaling=scaling)
     rig.step(300)
     assert rig.mode is LoopMode.FAULT
-    said = f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number of 0 or more"
+    said = f"the backend's status().speed_scaling is {shown(scaling)}; it must be a number of 0 or more"
     assert rig.reason == said
     assert rig.told().speed_scaling == 1.0, "what it said before"
     rig.arm.report = replace(rig.arm.report, speed_scaling=np.float32(0.5))

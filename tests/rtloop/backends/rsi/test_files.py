@@ -165,6 +165,6 @@ def test_the_command_writes_them_once(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["files", "rsi", str(folder), "--config", str(config)]) == 1
     assert "exists already" in capsys.readouterr().err
     assert main(["files", "mujoco", str(folder)]) == 1
-    assert "mujoco has no files for a robot controller" in capsys.readouterr().err
+    assert "mujoco does not provide files for a robot controller" in capsys.readouterr().err
     assert main(["files", "rsi", str(tmp_path / "other")]) == 1
     assert "robot.backend is mujoco, not rsi" in capsys.readouterr().err
