@@ -55,8 +55,7 @@ from cobot.robot.description import RobotDescription, load_robot
 DESCRIPTION = """Moves a robot arm. The service answers a motion request when the motion is done; `success`
 shows whether the arm has arrived and settled. Lengths are in m, angles in rad. Each endpoint of a robot also
 exists below `/robots/NAME`: [endpoints by robot](/docs/robots). AUBO's services have
-[their own page](/docs/vendor).
-**This service is not a safety system.**"""
+[their own page](/docs/vendor). **This service is not a safety system.**"""
 
 
 def create_app(
