@@ -30,10 +30,11 @@ from network_namespaces import Host, connect, hosts
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
+from cobot.client.tls import tls_context
 
 if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
-from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
@@ -149,7 +150,9 @@ def operator(hub: Hub, cell: PlantRun, tokens: dict[str, str]) -> Iterator[httpx
 
 def socket_of(client: httpx.Client, path: str, hub: Hub) -> ClientConnection:
     assert hub.certificates is not None
-    trusted = ssl.create_default_context(cafile=hub.certificates / "ca.pem")
+    # This client reads and writes in two threads. Without the context of cobot.client, Python before 3.13
+    # loses the request about once in 300 connections (see cobot.client.tls).
+    trusted = tls_context(ssl.create_default_context(cafile=hub.certificates / "ca.pem"))
     url = str(client.base_url).replace("https", "wss").rstrip("/") + path
     return connect_socket(url, ssl=trusted, proxy=None, open_timeout=20.0, legacy=True)
 
@@ -390,7 +393,7 @@ def test_too_many_connections_are_refused(viewer: httpx.Client, hub: Hub, cell: 
 def _opens(viewer: httpx.Client, path: str, hub: Hub) -> bool:
     try:
         socket_of(viewer, path, hub).close()
-    except (InvalidStatus, InvalidMessage):  # the second one while the hub still closes the others
+    except InvalidStatus:
         return False
     return True
 
