@@ -252,18 +252,15 @@ class CollisionChecker:
                 f"the motion travels {travel:.4g} {self.limits.units}, "
                 f"at most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
             )
-        if self.clearance.contact(pieces) is None:
+        found = self.clearance.contact(pieces)
+        if found is None:
             self._proven = trajectory
             return None
-        found = self.clearance.contact(pieces, first=True)
-        is_first = found is not None
-        found = found or self.clearance.contact(pieces)
-        if found is None:
-            return None
-        piece, share, pair, distance_m = found
+        first = self.clearance.contact(pieces, first=True)  # may prove a distance within the resolution
+        piece, share, pair, distance_m = first or found
         begin_s, end_s = trajectory.breakpoints_s[piece : piece + 2]
         time_s = float(begin_s + share * (end_s - begin_s))
-        return FirstContact(time_s if is_first else 0.0, time_s, Contact(*self.names(pair), distance_m))
+        return FirstContact(0.0 if first is None else time_s, time_s, Contact(*self.names(pair), distance_m))
 
     def refusal(self, trajectory: Trajectory, found: FirstContact) -> CollisionError:
         """The error of `check_trajectory` for a motion, which reports its first contact and its deepest

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cobot.errors import CollisionError
+from cobot.errors import CollisionError, PlanningError
 from cobot.planners.held import Held
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
@@ -41,10 +41,11 @@ def smooth_motion(
 
     Raises:
         CollisionError: the path still touches something with `LAST_POINTS` points.
+        PlanningError: a collision-free path cannot be timed, see `time_optimal`.
     """
     points = FIRST_POINTS
     while True:
-        curve, _ = smooth_curve(resampled(corners, points))
+        curve, pieces = smooth_curve(resampled(corners, points))
         is_last = points >= LAST_POINTS
         points *= 2
         if not is_last and (
@@ -52,14 +53,14 @@ def smooth_motion(
             or (held is not None and held.excess(curve.at(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
         ):
             continue
-        trajectory = time_optimal(robot, curve, limits).trajectory
         try:
+            trajectory = time_optimal(robot, curve, limits).trajectory
             robot.collision.check_trajectory(trajectory)
-        except CollisionError:
-            if is_last:
-                raise
-        else:
             return trajectory
+        except PlanningError as exc:
+            touches = isinstance(exc, CollisionError) or robot.collision.clearance.contact(pieces) is not None
+            if is_last or not touches:  # more points do not make a collision-free path possible
+                raise
 
 
 def resampled(corners: Array, count: int) -> Array:

@@ -12,7 +12,7 @@ import pytest
 from independent_models import MJCF, Contacts, changed_world, robot_in
 
 from cobot.errors import CollisionError, InputError
-from cobot.robot.collision import RESOLUTION_M, CollisionChecker
+from cobot.robot.collision import RESOLUTION_M, CollisionChecker, motion_pieces
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory, from_hermite
@@ -163,6 +163,26 @@ def test_a_motion_is_free_until_its_first_contact(robot: RobotDescription) -> No
     with pytest.raises(CollisionError):
         collision.check_trajectory(cut(motion, 0.0, found.free_s + 0.02))
     assert collision.first_contact(rest_to_rest(np.zeros(7), 0.1 * low)) is None
+
+
+def test_a_contact_is_reported_even_if_a_later_check_proves_its_distance_within_the_resolution(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collision, motion = robot.collision, rest_to_rest(np.zeros(7), IN_THE_FLOOR)
+    hit = collision.clearance.contact(motion_pieces(motion))
+    assert hit is not None
+    answers: list[tuple[int, float, int, float] | None] = [hit, None, None]
+
+    class Stub:
+        def contact(self, pieces: Array, first: bool = False) -> tuple[int, float, int, float] | None:
+            return answers.pop(0)
+
+    monkeypatch.setattr(collision, "clearance", Stub())
+    found = collision.first_contact(motion)
+    assert found is not None
+    assert found.free_s == 0.0
+    assert found.contact.distance_m == hit[3]
+    assert not collision.has_proven(motion)
 
 
 def test_nothing_comes_nearer_between_two_checks_than_a_free_motion_is_proven_to(

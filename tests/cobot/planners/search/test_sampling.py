@@ -17,11 +17,13 @@ from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
 from cobot.planners.search import sampling, spline
+from cobot.planners.timing.path import JointCurve
+from cobot.planners.timing.time_law import Timed, time_optimal
 from cobot.robot.collision import RESOLUTION_M
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
-from cobot.types import Algorithm, Array, PlannerName, Pose, Scaling
+from cobot.types import Algorithm, Array, JointLimits, PlannerName, Pose, Scaling
 
 SEED = 20261121
 POSTS = {
@@ -88,6 +90,43 @@ def test_a_motion_is_proven_even_if_the_samples_of_its_path_miss_what_it_touches
         motion = spline.smooth_motion(problem.robot, corners, request.scaled_limits(problem.robot))
         in_motion = motion.sample(np.linspace(0.0, motion.duration_s, 2000))
         assert checker.clearance.distances(in_motion, 0.1).min() >= checker.margin_m - RESOLUTION_M
+
+
+def test_a_path_that_cannot_be_timed_ends_the_plan_only_if_it_is_collision_free(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spline, "SAMPLES", 2)
+    problem = next(scenes.problems(robot, "shelf", 1, SEED))
+    clearance = problem.robot.collision.clearance
+    request = MotionRequest(
+        problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), seed=1, timeout_s=WAIT_S
+    )
+    corners = sampling.find_path(problem.robot, request, problem.goal[None])
+    are_free: list[bool] = []
+
+    def time_no_more_than(free_curves: int) -> None:
+        """From now on, so many collision-free curves can be timed and no other curve."""
+        are_free.clear()
+
+        def time_or_fail(robot: RobotDescription, curve: JointCurve, limits: JointLimits) -> Timed:
+            are_free.append(bool(clearance.are_free(curve.at(np.linspace(0.0, 1.0, 2000))).all()))
+            if not are_free[-1] or sum(are_free) > free_curves:
+                raise PlanningError("no motion along the path")
+            return time_optimal(robot, curve, limits)
+
+        monkeypatch.setattr(spline, "time_optimal", time_or_fail)
+
+    limits = request.scaled_limits(problem.robot)
+    time_no_more_than(1)
+    motion = spline.smooth_motion(problem.robot, corners, limits)
+    assert np.allclose(motion.end, problem.goal, rtol=0.0, atol=1e-12)
+    assert are_free[0] is False
+    assert are_free[-1] is True
+    time_no_more_than(0)
+    with pytest.raises(PlanningError, match="no motion along the path"):
+        spline.smooth_motion(problem.robot, corners, limits)
+    assert are_free.count(True) == 1
+    assert are_free[-1] is True
 
 
 @pytest.mark.parametrize("planner", AROUND)
