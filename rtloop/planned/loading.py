@@ -68,7 +68,7 @@ def load(
         piece[:] = slot.coefficients[begin:end]
         checksum = zlib.crc32(piece.data, checksum)
         if not path.is_finite(begin, end):
-            raise RefusedError("the trajectory has a coefficient that is not finite")
+            raise RefusedError("a coefficient of the trajectory is not finite")
         if not path.stays_within(begin, end, low, high):
             _refuse_positions(piece, path.breakpoints_s[begin : end + 1], limits)
         if start is not None or end < segments:

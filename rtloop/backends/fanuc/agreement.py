@@ -107,6 +107,6 @@ class ArmAgreement:
         axis = int(apart.argmax())
         raise BackendError(
             f"Stream Motion reports axis {axis + 1} at {fixed(axes[axis], 3)} degrees, the Remote Motion "
-            f"Interface at {fixed(rmi_axes[axis], 3)}: does the arm move, or is this another robot? "
-            "robot.backend.j3: relative or horizon switches this comparison off"
+            f"Interface at {fixed(rmi_axes[axis], 3)}: is the arm moving, or is this a different robot? "
+            "To skip this comparison, set robot.backend.j3 to relative or horizon"
         )

@@ -166,7 +166,7 @@ class FanucBackend:
             self._enabling.result()
             reason = why_not_ready(self._newest)
             if reason and now_s - self._asked_s > self._options.enable_s:
-                raise BackendError(f"{reason}, for {self._options.enable_s:g} s")
+                raise BackendError(f"{reason}; this has not changed within {self._options.enable_s:g} s")
         except BackendError:
             self._enabling = None
             raise

@@ -108,7 +108,7 @@ class BringUp:
         )
         value = number_of(reply.get("PortValue"))
         if not 0 <= value <= MAX_ANALOG:
-            raise BackendError(f"the controller reports no value of {name}")
+            raise BackendError(f"the controller does not report the value of {name}")
         return int(value)
 
     def _status(self) -> RmiStatus:
@@ -127,5 +127,7 @@ class BringUp:
         while not self._rmi.status().servo_ready:
             if self._clock() > deadline_s:
                 alarms = self._rmi.alarms()
-                raise BackendError(f"its servos are off: {alarms}" if alarms else "its servos are off")
+                raise BackendError(
+                    f"the arm's servos are off: {alarms}" if alarms else "the arm's servos are off"
+                )
             self._sleep(LOOK_S)

@@ -217,7 +217,7 @@ class RmiClient:
         else:
             self.drop()
             raise BackendError(
-                f"the controller does not answer a request to {what}: it sends other lines instead"
+                f"the controller does not answer a request to {what}: it sends different lines instead"
             )
         error = reply.get("ErrorID", 0)
         if error != 0:

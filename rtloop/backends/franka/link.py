@@ -60,7 +60,7 @@ class Knock:
             if time.monotonic() < self._until_s:
                 return False
             self._socket.close()
-            raise self._no_answer(f"no answer within {CONNECT_S:g} s")
+            raise self._no_answer(f"it has not answered within {CONNECT_S:g} s")
         error = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         self._socket.close()
         if error:
@@ -69,7 +69,7 @@ class Knock:
 
     def _no_answer(self, why: str | None) -> BackendError:
         return BackendError(
-            f"no answer at {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
+            f"cannot connect to {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
             "control unit, and FCI activated in Desk?"
         )
 

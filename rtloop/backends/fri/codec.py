@@ -88,7 +88,7 @@ def _header(packet: bytes) -> FriHeader:
             if inner <= 3:
                 values[inner - 1] = varint_of(inner, inner_kind, value) & 0xFFFF_FFFF
     if -1 in values:
-        raise WireError("its header is incomplete")
+        raise WireError("the header is incomplete")
     return FriHeader(*values)
 
 
@@ -96,7 +96,7 @@ def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _En
     try:
         return of(varint_of(number, kind, value))
     except ValueError as exc:
-        raise WireError(f"{what} is {value}, known are {[int(each) for each in of]}") from exc
+        raise WireError(f"{what} is {value}; valid are {[int(each) for each in of]}") from exc
 
 
 def _monitoring(packet: bytes, header: FriHeader) -> MonitoringMessage:
@@ -114,7 +114,7 @@ def _check_joints(message: MonitoringMessage) -> None:
     """Check that all joint values are for the same number of joints."""
     count = message.joints or len(message.measured_position)
     if not 0 <= count <= MAX_JOINTS:
-        raise WireError(f"{count} joints, at most {MAX_JOINTS} are possible")
+        raise WireError(f"the message is for {count} joints; the maximum is {MAX_JOINTS}")
     for values in (
         message.measured_position,
         message.commanded_position,
@@ -124,7 +124,7 @@ def _check_joints(message: MonitoringMessage) -> None:
         message.external_torque,
     ):
         if values and len(values) != count:
-            raise WireError(f"there are values of {len(values)} joints, but the robot has {count}")
+            raise WireError(f"the message contains values of {len(values)} joints, but the robot has {count}")
     message.joints = count
 
 

@@ -41,7 +41,9 @@ def unframe(packet: bytes) -> tuple[bytes, bool]:
     message = packet[4:-4]
     found, sent = crc32(message), _NUMBER.unpack_from(packet, len(packet) - 4)[0]
     if found != sent:
-        raise WireError(f"the frame of FRI 2.7 states the CRC-32 {sent:#010x}, its message has {found:#010x}")
+        raise WireError(
+            f"the frame of FRI 2.7 states the CRC-32 {sent:#010x}, but its message has {found:#010x}"
+        )
     return message, True
 
 

@@ -30,7 +30,7 @@ def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
         if byte < 0x80:
             return value & 0xFFFF_FFFF_FFFF_FFFF, index + 1
         shift += 7
-    raise WireError(f"a number that begins at byte {at} does not end")
+    raise WireError(f"the number at byte {at} is incomplete")
 
 
 def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
@@ -45,7 +45,7 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
             key, at = read_varint(data, at, end)
         number, kind = key >> 3, key & 7
         if number == 0:
-            raise WireError(f"a field without a number before byte {at}")
+            raise WireError(f"the field number before byte {at} is 0, which is invalid")
         if kind == VARINT:
             value, at = read_varint(data, at, end)
             yield number, kind, value, 0
@@ -57,9 +57,9 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
         elif kind == FOUR_BYTES:
             size = 4
         else:
-            raise WireError(f"field {number} is of kind {kind}, which is unknown")
+            raise WireError(f"field {number} has the unknown wire type {kind}")
         if size > end - at:
-            raise WireError(f"field {number} needs {size} bytes, there are {end - at}")
+            raise WireError(f"field {number} needs {size} bytes, but only {end - at} are left")
         yield number, kind, at, at + size
         at += size
 
@@ -67,14 +67,14 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
 def varint_of(number: int, kind: int, value: int) -> int:
     """Return the value of a field that must be a varint."""
     if kind != VARINT:
-        raise WireError(f"field {number} is of kind {kind} instead of a number")
+        raise WireError(f"field {number} must be a number, but has wire type {kind}")
     return value
 
 
 def double_of(data: bytes, number: int, kind: int, at: int) -> float:
     """Return the value of a field that must be a double."""
     if kind != EIGHT_BYTES:
-        raise WireError(f"field {number} is of kind {kind} instead of a double")
+        raise WireError(f"field {number} must be a double, but has wire type {kind}")
     value: float = _DOUBLE.unpack_from(data, at)[0]
     return value
 
@@ -82,7 +82,7 @@ def double_of(data: bytes, number: int, kind: int, at: int) -> float:
 def need_length(number: int, kind: int) -> None:
     """Check that a field contains a message or a string."""
     if kind != LENGTH:
-        raise WireError(f"field {number} is of kind {kind} instead of a message")
+        raise WireError(f"field {number} must be a message, but has wire type {kind}")
 
 
 @cache
@@ -115,12 +115,14 @@ def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tup
             found.append(_DOUBLE.unpack_from(data, begin)[0])
         elif kind == LENGTH and (stop - begin) % 8 == 0:
             if stop - begin > 8 * limit:
-                raise WireError(f"{(stop - begin) // 8} values, at most {limit} are possible")
+                raise WireError(
+                    f"field {wanted} contains {(stop - begin) // 8} values; the maximum is {limit}"
+                )
             found.extend(_packed((stop - begin) // 8).unpack_from(data, begin))
         else:
-            raise WireError(f"field {wanted} is of kind {kind} instead of doubles")
+            raise WireError(f"field {wanted} must contain doubles, but has wire type {kind}")
         if len(found) > limit:
-            raise WireError(f"more than {limit} values")
+            raise WireError(f"field {wanted} contains more than {limit} values")
     return tuple(found)
 
 

@@ -91,7 +91,7 @@ class Ros2ControlOptions(BackendOptions):
     @model_validator(mode="after")
     def _check_io(self) -> Self:
         if both := sorted(set(self.inputs) & set(self.outputs)):
-            raise ValueError(f"{both[0]!r} is an input and an output, names must differ")
+            raise ValueError(f"{both[0]!r} is the name of both an input and an output; rename one of them")
         if unknown := sorted(set(self.analog) - set(self.inputs) - set(self.outputs)):
             raise ValueError(f"analog: {unknown[0]!r} is neither in inputs nor in outputs")
         if self.io != "gpio":
@@ -104,7 +104,7 @@ class Ros2ControlOptions(BackendOptions):
             if kind is None or (name in self.outputs and not driver.can_set(place)):
                 raise ValueError(f"{name!r} is {place}; with io: {self.io} valid are {driver.valid()}")
             if kind[0].is_analog != (name in self.analog):
-                what = "a number, add it to" if kind[0].is_analog else "true or false, remove it from"
+                what = "a number: add it to" if kind[0].is_analog else "true or false: remove it from"
                 raise ValueError(f"{name!r} is {place}, whose value is {what} analog")
 
     @property
@@ -131,7 +131,7 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
     names = [options.prefix + name for name in options.joints or limits.names]
     if len(names) != limits.dof:
         raise ConfigError(
-            f"robot.backend.joints has {len(names)} names, the arm has {limits.dof} joints: "
+            f"robot.backend.joints has {len(names)} names, but the arm has {limits.dof} joints: "
             f"{', '.join(limits.names)}"
         )
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -33,8 +33,8 @@ def resampled(
     off = np.abs(from_hermite(fewer_s, *fewer).sample(times_s) - rows[0])
     if not off.max() <= deviation_rad:
         raise BackendError(
-            f"the motion has {len(times_s)} points, the controller takes {max_points} "
-            f"(robot.backend.max_points); with so few it would leave its path by {off.max():.4f} rad, "
+            f"the motion has {len(times_s)} points, but the controller accepts at most {max_points} "
+            f"(robot.backend.max_points); the arm would then leave its path by {off.max():.4f} rad, "
             f"allowed: {deviation_rad:g} rad (robot.backend.resampling_rad): make the motion shorter"
         )
     return fewer_s, fewer

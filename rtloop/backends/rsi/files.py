@@ -96,7 +96,7 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
             "network, which the controller sends to"
         )
     if settings.rt.period_s not in PERIODS_S:
-        raise ConfigError(f"rt.period_s is {settings.rt.period_s:g}, RSI has 0.004 and 0.012")
+        raise ConfigError(f"rt.period_s is {settings.rt.period_s:g}; for RSI it must be 0.004 or 0.012")
     axes = options.axes_of(limits)
     relative = options.correction == "relative"
     context = context_for(

@@ -77,12 +77,12 @@ class RsiOptions(BackendOptions):
     def _check(self) -> Self:
         if self.axes is not None and len(set(self.axes)) < len(self.axes):
             twice = next(axis for axis in self.axes if self.axes.count(axis) > 1)
-            raise ValueError(f"axes: {twice} is listed twice, each axis moves one joint")
+            raise ValueError(f"axes: {twice} is listed twice; each axis must be listed once")
         both = sorted(set(self.inputs) & set(self.outputs))
         if both:
-            raise ValueError(f"{both[0]!r} is an input and an output, names must differ")
+            raise ValueError(f"{both[0]!r} is the name of both an input and an output; rename one of them")
         if self.axis_tag == self.external_tag:
-            raise ValueError(f"axis_tag and external_tag are both {self.axis_tag!r}, they must differ")
+            raise ValueError(f"axis_tag and external_tag are both {self.axis_tag!r}; they must differ")
         return self
 
     def axes_of(self, limits: JointLimits) -> tuple[str, ...]:

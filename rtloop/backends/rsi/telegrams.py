@@ -226,7 +226,7 @@ def _number(text: str, where: str) -> float:
         raise TelegramError(f"{where} is {shown(text)}, which is not a finite number")
     value = float(text)
     if not abs(value) <= MAX_VALUE:
-        raise TelegramError(f"{where} is {shown(text)}, at most {MAX_VALUE:g} is possible")
+        raise TelegramError(f"{where} is {shown(text)}; the maximum is {MAX_VALUE:g}")
     return value
 
 
@@ -234,7 +234,7 @@ def _whole(text: str, where: str) -> int:
     text = text.strip()
     value = int(text) if _WHOLE.fullmatch(text) else MAX_IPOC
     if value >= MAX_IPOC:
-        raise TelegramError(f"{where} is {shown(text)}, it must be a whole number from 0 to 2^63 - 1")
+        raise TelegramError(f"{where} is {shown(text)}; it must be a whole number from 0 to 2^63 - 1")
     return value
 
 
@@ -244,7 +244,7 @@ def _bit(text: str, where: str) -> bool:
         return text in _TRUE
     value = _number(text, where)
     if value not in (0.0, 1.0):
-        raise TelegramError(f"{where} is {shown(text)}, it must be 0 or 1")
+        raise TelegramError(f"{where} is {shown(text)}; it must be 0 or 1")
     return value == 1.0
 
 
@@ -259,16 +259,16 @@ def _element(telegram: Telegram, tag: str, entry: str = "") -> TelegramElement:
     found = telegram.elements.get(tag)
     if found is None:
         raise TelegramError(
-            f"it has no {tag}: the Ethernet configuration of the controller needs {entry or tag}"
+            f"the telegram has no {tag}: add {entry or tag} to the Ethernet configuration of the controller"
         )
     return found
 
 
 def _root(telegram: Telegram, root: str, kind: str) -> None:
     if telegram.root != root:
-        raise TelegramError(f"its root is {shown(telegram.root)}, expected is {root}")
+        raise TelegramError(f"the root element is {shown(telegram.root)}; it must be {root}")
     if telegram.type != kind:
-        raise TelegramError(f"{root} has the Type {shown(telegram.type)}, expected is {kind}")
+        raise TelegramError(f"{root} has the Type {shown(telegram.type)}; it must be {kind}")
 
 
 def _rob(telegram: Telegram, layout: TelegramLayout) -> RobState:
@@ -303,10 +303,13 @@ def _check_axes(element: TelegramElement, layout: TelegramLayout) -> None:
     """Raise an error if the controller's axes differ from the model's."""
     for name, text in element.attributes.items():
         if name not in ROBOT_AXES:
-            raise TelegramError(f"AIPos has an axis {shown(name)}, a robot has {', '.join(ROBOT_AXES)}")
+            raise TelegramError(
+                f"AIPos contains an unknown axis {shown(name)}; valid are: {', '.join(ROBOT_AXES)}"
+            )
         if name not in layout.axes and _number(text, f"AIPos.{name}") != 0.0:
             raise TelegramError(
-                f"{name} is at {shown(text)} degrees, and no joint of the model is {name}: another robot, or "
+                f"axis {name} is at {shown(text)} degrees, but the model has no such joint: this is a "
+                "different robot, or "
                 "robot.backend.axes is wrong"
             )
 
@@ -327,8 +330,8 @@ def _read_state(element: TelegramElement, state: RobState) -> None:
         return
     if len(modes) > 1:
         raise TelegramError(
-            f"{STATE} says that the operation mode is {' and '.join(modes)}: the outputs of $T1, $T2, $AUT "
-            "and $EXT have other numbers on this controller"
+            f"{STATE} reports that the operation mode is {' and '.join(modes)} at the same time: $T1, $T2, "
+            "$AUT and $EXT are mapped to other outputs on this controller"
         )
     state.operation_mode, state.is_ready, state.is_stopped = modes[0], bits["Ready"], not bits["NoStop"]
 

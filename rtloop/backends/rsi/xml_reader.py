@@ -58,14 +58,16 @@ def shown(value: object) -> str:
 def read_telegram(packet: bytes) -> Telegram:
     """Parse a packet. Raises TelegramError if the packet is not a telegram."""
     if len(packet) > MAX_PACKET:
-        raise TelegramError(f"it has more than {MAX_PACKET} bytes")
+        raise TelegramError(f"the packet is longer than {MAX_PACKET} bytes")
     reader = _Reader()
     try:
         reader.parser.Parse(packet, True)
     except expat.ExpatError as exc:
-        raise TelegramError(f"it is not XML ({exc}); it begins with {shown(packet[:20])}") from exc
+        raise TelegramError(
+            f"the packet is not XML ({exc}); its first bytes are {shown(packet[:20])}"
+        ) from exc
     except (ValueError, LookupError) as exc:  # an encoding that Python does not know
-        raise TelegramError(f"it is not XML ({exc})") from exc
+        raise TelegramError(f"the packet is not XML ({exc})") from exc
     return reader.telegram
 
 
@@ -91,11 +93,13 @@ class _Reader:
             telegram.root, telegram.type = name, attributes.get("Type", "")
             return
         if self._depth > 2:
-            raise TelegramError(f"{shown(name)} is inside another element, a telegram has one level")
+            raise TelegramError(
+                f"{shown(name)} is inside another element; a telegram's elements must not be nested"
+            )
         if name in telegram.elements:
             raise TelegramError(f"{shown(name)} occurs twice")
         if len(telegram.elements) == MAX_ELEMENTS:
-            raise TelegramError(f"it has more than {MAX_ELEMENTS} elements")
+            raise TelegramError(f"the telegram contains more than {MAX_ELEMENTS} elements")
         self._open = telegram.elements[name] = TelegramElement(attributes)
 
     def _end(self, name: str) -> None:
@@ -107,12 +111,14 @@ class _Reader:
             return
         self._open.text += text
         if len(self._open.text) > MAX_TEXT:
-            raise TelegramError(f"it has a text of more than {MAX_TEXT} characters")
+            raise TelegramError(f"an element's text is longer than {MAX_TEXT} characters")
 
     @staticmethod
     def _reject_doctype(name: str, system: str | None, public: str | None, internal: bool) -> None:
-        raise TelegramError("it has a document type, which may define entities; a telegram has none")
+        raise TelegramError("the telegram contains a document type declaration, which is not allowed")
 
     @staticmethod
     def _reject_instruction(target: str, data: str) -> None:
-        raise TelegramError(f"it has a processing instruction, {shown(target)}; a telegram has none")
+        raise TelegramError(
+            f"the telegram contains a processing instruction, {shown(target)}, which is not allowed"
+        )

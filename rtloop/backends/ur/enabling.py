@@ -135,12 +135,13 @@ class Enabling:
                 raise BackendError(reason)
             if not self._in_time:
                 raise BackendError(
-                    f"{request or 'starting'}: not done within {self._options.enable_s:g} s (the controller "
-                    f"answered {answer!r}); the arm is: {mode_in_words(state()['robot_mode'])}"
+                    f"{request or 'starting'} has not finished within {self._options.enable_s:g} s (the "
+                    f"controller "
+                    f"answered {answer!r}); the robot mode is: {mode_in_words(state()['robot_mode'])}"
                 )
         mode = state()["robot_mode"]
         if mode != UrRobotMode.RUNNING:
-            raise BackendError(SWITCH_ON.get(mode) or f"the robot mode: {mode_in_words(mode)}")
+            raise BackendError(SWITCH_ON.get(mode) or f"the robot mode is: {mode_in_words(mode)}")
 
     def _end_programs(self, state: State) -> Generator[None, None, None]:
         """Wait until no program runs. If a cobot program is still running, it is ended. Any other running
@@ -170,7 +171,7 @@ class Enabling:
             until_s = self._transport.clock() + self._options.connect_s
             while not self._primary.is_connected():
                 if self._transport.clock() > until_s:
-                    raise TimeoutError(f"nothing within {self._options.connect_s:g} s")
+                    raise TimeoutError(f"no connection within {self._options.connect_s:g} s")
                 yield
             self._primary.send(text.encode())
         except OSError as exc:

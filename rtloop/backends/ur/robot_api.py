@@ -109,7 +109,7 @@ class RobotApi:
             elif isinstance(event, h11.Data):
                 self._body += bytes(event.data)
                 if len(self._body) > MAX_BYTES:
-                    raise ValueError(f"longer than {MAX_BYTES} bytes")
+                    raise ValueError(f"it is longer than {MAX_BYTES} bytes")
             elif isinstance(event, h11.EndOfMessage):
                 return True
             elif isinstance(event, h11.ConnectionClosed):
@@ -140,7 +140,7 @@ class RobotApi:
         if self._request == "is in remote control":
             mode = str(content.get("mode", ""))
             if mode not in ("LOCAL", "REMOTE"):
-                raise self._make_error(f"its control mode is {mode[:50]!r}, expected is LOCAL or REMOTE")
+                raise self._make_error(f"its control mode is {mode[:50]!r}; it must be LOCAL or REMOTE")
             return str(mode == "REMOTE").lower()
         return "releasing" if self._request == "unlock protective stop" else "done"
 

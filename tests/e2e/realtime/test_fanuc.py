@@ -195,7 +195,7 @@ def test_the_fence_is_said_in_words(run: RunOverFanuc, controller: ControllerPro
     controller.ask(fence=True)
     run.until(lambda: "the fence is open: close it (SRVO-004" in device(run)["status"]["text"])
     answer = httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-    assert "its servos are off: the fence is open: close it" in answer.text
+    assert "the arm's servos are off: the fence is open: close it" in answer.text
 
 
 @pytest.mark.thorough

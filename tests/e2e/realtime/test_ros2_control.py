@@ -205,7 +205,9 @@ def test_long_motions_are_resampled_or_refused(double: Double) -> None:
         waves = [np.cos(w * times_s) - 1.0, -w * np.sin(w * times_s), -w * w * np.cos(w * times_s)]
         rows = 0.05 * np.array(waves)[:, :, None] * np.ones(7)
         rows[0] += start
-        with pytest.raises(BackendError, match="the motion has 501 points, the controller takes 20"):
+        with pytest.raises(
+            BackendError, match="the motion has 501 points, but the controller accepts at most 20"
+        ):
             made.load(times_s, rows)
     finally:
         made.close()

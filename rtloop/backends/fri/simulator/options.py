@@ -50,4 +50,4 @@ class CabinetOptions:
                 f"the send period is {self.period_ms} ms; FRI allows {MIN_PERIOD_MS} to {MAX_PERIOD_MS} ms"
             )
         if self.multiplier < 1:
-            raise ValueError(f"the receive multiplier is {self.multiplier}, it must be 1 or more")
+            raise ValueError(f"the receive multiplier is {self.multiplier}; it must be 1 or more")

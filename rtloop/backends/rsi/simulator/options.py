@@ -34,6 +34,6 @@ class ControllerOptions:
 
     def __post_init__(self) -> None:
         if self.period_ms not in PERIODS_MS:
-            raise ValueError(f"a period of {self.period_ms} ms, RSI has 4 (IPO_FAST) and 12 (IPO)")
+            raise ValueError(f"the period is {self.period_ms} ms; it must be 4 (IPO_FAST) or 12 (IPO)")
         if not 0 <= self.override <= 100:
-            raise ValueError(f"the override is {self.override} %, it must be 0 to 100")
+            raise ValueError(f"the override is {self.override} %; it must be from 0 to 100")

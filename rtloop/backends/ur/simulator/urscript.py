@@ -199,7 +199,7 @@ class Script:
         for node in ast.walk(tree):
             if not isinstance(node, _KNOWN):
                 line = getattr(node, "lineno", self.line)
-                raise ScriptError(f"line {line}: {type(node).__name__} is not known here")
+                raise ScriptError(f"line {line}: this interpreter does not support {type(node).__name__}")
             if isinstance(node, ast.Call):
                 name = node.func.id if isinstance(node.func, ast.Name) else "?"
                 if name not in self._functions and name not in self._defs:
@@ -247,7 +247,7 @@ class Script:
         if thread is not None:
             thread.steps += 1
             if thread.steps > MAX_STEPS:
-                raise ScriptError(f"line {self.line}: an endless loop: nothing in it waits")
+                raise ScriptError(f"line {self.line}: a loop does not end, because nothing in it waits")
 
     def _do(self, node: ast.stmt, frame: _Frame) -> Run:
         if isinstance(node, ast.FunctionDef | ast.Pass):
@@ -314,7 +314,7 @@ class Script:
             return not value if isinstance(node.op, ast.Not) else -value
         if isinstance(node, ast.List):
             return (yield from self._values(node.elts, frame))
-        raise ScriptError(f"line {self.line}: a function that waits cannot be called there")
+        raise ScriptError(f"line {self.line}: a function that waits cannot be called inside this expression")
 
     def _values(self, nodes: list[ast.expr], frame: _Frame) -> Run:
         values = [None] * len(nodes)
@@ -341,7 +341,7 @@ class Script:
             found = function.call(*arguments, **named)
             return (yield from found) if function.waits else found
         if frame.depth > MAX_DEPTH:
-            raise ScriptError(f"line {self.line}: too many calls within calls")
+            raise ScriptError(f"line {self.line}: function calls are nested too deeply")
         parameters = [each.arg for each in made.args.args]
         if len(arguments) + len(named) != len(parameters):
             raise ScriptError(f"line {self.line}: {name} has {len(parameters)} arguments")
@@ -387,7 +387,7 @@ class Script:
             named = {str(each.arg): self._direct(each.value, frame) for each in node.keywords}
             arguments = [self._direct(each, frame) for each in node.args]
             return self._functions[node.func.id].call(*arguments, **named)
-        raise ScriptError(f"line {self.line}: {type(node).__name__} is not known here")
+        raise ScriptError(f"line {self.line}: this interpreter does not support {type(node).__name__}")
 
     # Threads
 

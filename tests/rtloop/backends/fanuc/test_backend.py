@@ -250,7 +250,7 @@ def test_a_stop_is_said_and_a_reset_recovers(
     assert {E_STOP: "the emergency stop of the operator panel is pressed: release it (SRVO-001",
             FENCE: "the fence is open: close it (SRVO-004 Fence open)",
             CONTACT: "the controller has detected a collision (SRVO-050"}[cause] in text  # fmt: skip
-    with pytest.raises(BackendError, match=r"stop is pressed|its servos are off: .*\(SRVO-0"):
+    with pytest.raises(BackendError, match=r"stop is pressed|the arm's servos are off: .*\(SRVO-0"):
         driven.enable()  # the cause persists
     driven.controller.release(cause)
     driven.enable().move(0, -0.1)

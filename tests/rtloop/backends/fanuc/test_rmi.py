@@ -116,8 +116,8 @@ def test_a_session_that_is_not_accepted_is_another_clients() -> None:
         (b"\xff\x1b[2J", r"\\x1b\[2J"),
         (None, "does not answer a request to report its status: timed out"),
         (b'{"Command": "Unknown", "ErrorID": 1}', "it does not know FRC_GetStatus"),
-        (b'{"Command": "FRC_GetStatus", "ErrorID": 2556935}', "its servos are off"),
-        (b'{"Communication": "FRC_SystemFault"}\n' * 200, "it sends other lines instead"),
+        (b'{"Command": "FRC_GetStatus", "ErrorID": 2556935}', "the arm's servos are off"),
+        (b'{"Communication": "FRC_SystemFault"}\n' * 200, "it sends different lines instead"),
     ],
 )
 def test_a_reply_that_is_none_is_named(said: bytes | None, sentence: str) -> None:

@@ -371,7 +371,7 @@ def test_its_state_is_shown_in_words(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"address": "127.0.0.9"}, "no answer at 127.0.0.9, port 1337: Connection refused"),
+        ({"address": "127.0.0.9"}, "cannot connect to 127.0.0.9, port 1337: Connection refused"),
         ({"address": "robot.test", "realtime": "enforce"}, "robot.backend.realtime: ignore"),
     ],
 )

@@ -207,7 +207,7 @@ def test_says_what_is_wrong_with_a_packet() -> None:
     assert f"at most {MAX_BYTES}" in str(decode_monitoring(bytes(MAX_BYTES + 1)))
     odd = MonitoringMessage(HEADER, joints=7, measured_position=(0.0,) * 6)
     assert decode_monitoring(encode_monitoring(odd)) == (
-        "no monitoring message of FRI: there are values of 6 joints, but the robot has 7"
+        "no monitoring message of FRI: the message contains values of 6 joints, but the robot has 7"
     )
 
 

@@ -90,8 +90,8 @@ def test_a_wrong_checksum_is_named() -> None:
     packet[-10] ^= 1
     found, sent = zlib.crc32(packet[4:-4]), zlib.crc32(BARE)
     assert decode_monitoring(bytes(packet)) == (
-        f"no monitoring message of FRI: the frame of FRI 2.7 states the CRC-32 {sent:#010x}, its message has "
-        f"{found:#010x}"
+        f"no monitoring message of FRI: the frame of FRI 2.7 states the CRC-32 {sent:#010x}, but its message "
+        f"has {found:#010x}"
     )
 
 

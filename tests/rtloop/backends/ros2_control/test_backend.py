@@ -161,14 +161,17 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
         ({"namespace": "left"}, "robot.backend.namespace"),
         ({"max_points": 3}, "robot.backend.max_points"),
         ({"outputs": {"a": "tool"}}, "robot.backend.outputs"),
-        ({"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}}, "'a' is an input and an output"),
+        (
+            {"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}},
+            "'a' is the name of both an input and an output",
+        ),
         ({"io": "ur", "inputs": {"a": "digital_in/18"}}, "'a' is digital_in/18; with io: ur valid are"),
         ({"io": "ur", "outputs": {"a": "digital_in/1"}}, "'a' is digital_in/1; with io: ur valid are"),
         ({"io": "ur", "outputs": {"a": "analog_out/0"}}, "for outputs digital_out/0 to 17 only"),
-        ({"io": "ur", "inputs": {"a": "analog_in/0"}}, "value is a number, add it to analog"),
+        ({"io": "ur", "inputs": {"a": "analog_in/0"}}, "value is a number: add it to analog"),
         (
             {"io": "ur", "outputs": {"a": "digital_out/0"}, "analog": ["a"]},
-            "value is true or false, remove it from analog",
+            "value is true or false: remove it from analog",
         ),
         ({"io": "motoros2", "outputs": {"a": "io/10009"}}, "io/10 to 99999; for outputs io/10010 to 29999"),
         ({"io": "xarm", "inputs": {"a": "digital_in/16"}}, "digital_in/0 to 15, digital_out/0 to 15, "),
@@ -253,7 +256,9 @@ def test_fewer_points_stay_near_the_path() -> None:
     every_s = np.linspace(0.0, 4.0, 4001)
     again = from_hermite(fewer_s, *fewer).sample(every_s)
     assert np.abs(again - made.sample(every_s)).max() <= 1e-3
-    with pytest.raises(BackendError, match=r"202 points, the controller takes 10 .*would leave its path by"):
+    with pytest.raises(
+        BackendError, match=r"202 points, but the controller accepts at most 10 .*leave its path by"
+    ):
         resampled(times_s, rows, 10, 1e-5)
 
 

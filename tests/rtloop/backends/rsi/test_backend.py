@@ -393,7 +393,7 @@ def test_external_axes_may_be_any_joints(make: Make) -> None:
         ({"axis_tag": "A K"}, "axis_tag"),
         ({"sen_type": '"><x'}, "sen_type"),
         ({"outputs": {"a/b": 1}}, "outputs"),
-        ({"outputs": {"x": 1}, "inputs": {"x": 1}}, "'x' is an input and an output"),
+        ({"outputs": {"x": 1}, "inputs": {"x": 1}}, "'x' is the name of both an input and an output"),
         ({"axis_tag": "K", "external_tag": "K"}, "axis_tag and external_tag are both 'K'"),
         ({"correction": "both"}, "correction"),
         ({"address": "robot"}, "is not an IPv4 address"),

@@ -102,30 +102,33 @@ WRONG: dict[str, tuple[str, str]] = {
     "an entity": (ENTITY + ROB, "document type"),
     "an unknown entity": (ROB.replace("50", "&a;"), "not XML"),
     "an instruction": ("<?php 1?>" + ROB, "processing instruction"),
-    "another root": (ROB.replace("Rob", "Bob"), "its root is 'Bob', expected is Rob"),
-    "another Type": (ROB.replace("KUKA", "ABB"), "the Type 'ABB', expected is KUKA"),
-    "no Type": (ROB.replace(' Type="KUKA"', ""), "the Type '', expected is KUKA"),
+    "another root": (ROB.replace("Rob", "Bob"), "the root element is 'Bob'; it must be Rob"),
+    "another Type": (ROB.replace("KUKA", "ABB"), "the Type 'ABB'; it must be KUKA"),
+    "no Type": (ROB.replace(' Type="KUKA"', ""), "the Type ''; it must be KUKA"),
     "a deeper level": (DEEP, "'Deeper' is inside another element"),
     "an element twice": (ROB.replace("<Strange>7</Strange>", "<IPOC>1</IPOC>"), "'IPOC' occurs twice"),
     "an attribute twice": (ROB.replace('A2="-90.0"', 'A1="1"'), "duplicate attribute"),
-    "no positions": (ROB.replace("AIPos", "AXPos"), "it has no AIPos: the Ethernet configuration"),
-    "no time stamp": (ROB.replace("IPOC", "IPO"), "it has no IPOC"),
+    "no positions": (
+        ROB.replace("AIPos", "AXPos"),
+        "the telegram has no AIPos: add DEF_AIPos to the Ethernet configuration",
+    ),
+    "no time stamp": (ROB.replace("IPOC", "IPO"), "the telegram has no IPOC"),
     "a missing axis": (ROB.replace(' A3="90.0"', "", 1), "AIPos has no attribute A3"),
-    "a seventh axis": (ROB.replace('A1="0.0"', 'A1="0.0" A7="1.0"'), "an axis 'A7'"),
+    "a seventh axis": (ROB.replace('A1="0.0"', 'A1="0.0" A7="1.0"'), "an unknown axis 'A7'"),
     "not a number": (ROB.replace("-90.0", "nan"), "AIPos.A2 is 'nan', which is not a finite number"),
     "infinite": (ROB.replace("-90.0", "inf"), "AIPos.A2 is 'inf'"),
     "too large a power": (ROB.replace("-90.0", "1e999"), "AIPos.A2 is '1e999'"),
     "a decimal comma": (ROB.replace("-90.0", "-90,0"), "AIPos.A2 is '-90,0'"),
     "Python's underscore": (ROB.replace("-90.0", "-9_0.0"), "AIPos.A2 is '-9_0.0'"),
     "another script": (ROB.replace("-90.0", "٩٠"), "AIPos.A2 is '\\u0669\\u0660'"),
-    "far away": (ROB.replace("-90.0", "-9000000"), "at most 1e+06 is possible"),
+    "far away": (ROB.replace("-90.0", "-9000000"), "the maximum is 1e+06"),
     "a negative time": (ROB.replace("4208163634", "-1"), "IPOC is '-1'"),
     "a fraction of a time": (ROB.replace("4208163634", "1.5"), "IPOC is '1.5'"),
     "a time without end": (ROB.replace("4208163634", "9" * 30), "IPOC is"),
     "two modes": (ROB.replace('T1="0"', 'T1="1"'), "the operation mode is T1 and EXT"),
-    "a bit of 2": (ROB.replace('EXT="1"', 'EXT="2"'), "State.EXT is '2', it must be 0 or 1"),
-    "a long text": (ROB.replace("<Strange>7", "<Strange>" + "7" * 300), "a text of more than"),
-    "a long packet": (ROB.replace("<Strange>", " " * MAX_PACKET + "<Strange>"), "has more than"),
+    "a bit of 2": (ROB.replace('EXT="1"', 'EXT="2"'), "State.EXT is '2'; it must be 0 or 1"),
+    "a long text": (ROB.replace("<Strange>7", "<Strange>" + "7" * 300), "text is longer than"),
+    "a long packet": (ROB.replace("<Strange>", " " * MAX_PACKET + "<Strange>"), "is longer than"),
     "many elements": (
         ROB.replace("<Strange>7</Strange>", "".join(f"<S{n}/>" for n in range(MAX_ELEMENTS))),
         "more than 200 elements",
@@ -152,7 +155,7 @@ def test_an_axis_that_no_joint_is_must_not_move() -> None:
 
 def test_an_external_axis_that_is_not_reported_is_named() -> None:
     found = decode_rob(ROB.encode(), RAIL)
-    assert found == "it has no EIPos: the Ethernet configuration of the controller needs DEF_EIPos"
+    assert found == "the telegram has no EIPos: add DEF_EIPos to the Ethernet configuration of the controller"
 
 
 @given(st.binary(max_size=300))

@@ -15,7 +15,7 @@ from rtloop.backends.simulators.udp_server import UdpServer
     ("options", "text"),
     [
         (["--period", "0"], "the send period is 0 ms; FRI allows 1 to 100 ms"),
-        (["--multiplier", "0"], "the receive multiplier is 0, it must be 1 or more"),
+        (["--multiplier", "0"], "the receive multiplier is 0; it must be 1 or more"),
         (["--client", "nowhere"], "'nowhere' is not HOST:PORT"),
         (["--client", "[::1]:30200"], "client '[::1]' is neither an IPv4 address nor a host name"),
         (["--address", "::1"], "'::1' is not an IPv4 address"),

@@ -107,7 +107,7 @@ def test_late_answers_end_it_beyond_the_budget(make: Make, in_a_row: bool, late:
 @pytest.mark.parametrize(
     ("packet", "reason"),
     [
-        (lambda ipoc: answer(ipoc, kind="ImFree"), "the Type 'ImFree', expected is cobot"),
+        (lambda ipoc: answer(ipoc, kind="ImFree"), "the Type 'ImFree'; it must be cobot"),
         (lambda ipoc: answer(ipoc).replace(b"A3", b"A9"), "AK has no attribute A3"),
         (lambda ipoc: answer(ipoc).replace(b'A3="0.0"', b'A3="nan"'), "AK.A3 is 'nan'"),
         (lambda ipoc: b"<Sen", "not XML"),
@@ -157,7 +157,7 @@ def test_its_operator_starts_the_program_again_when_nothing_prevents_it(make: Ma
 
 
 @pytest.mark.parametrize(
-    ("options", "reason"), [({"period_ms": 5}, "RSI has 4"), ({"override": 101}, "0 to 100")]
+    ("options", "reason"), [({"period_ms": 5}, "it must be 4"), ({"override": 101}, "0 to 100")]
 )
 def test_wrong_options_are_named(options: dict[str, int], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
