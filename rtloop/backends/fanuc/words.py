@@ -32,7 +32,7 @@ ALARMS = {
 """Texts for FANUC's alarm codes. Other alarms are shown with the controller's own text."""
 ERRORS = {
     2556934: "the TP program cannot run: is another program selected or running, or an alarm active?",
-    2556935: "its servos are off: release the emergency stop, close the fence, clear the alarms",
+    2556935: "the arm's servos are off: release the emergency stop, close the fence, clear the alarms",
     2556936: "the TP program cannot run: is another program selected or running, or an alarm active?",
     2556937: "the Remote Motion Interface is not running: initialize it, or restart the controller",
     2556940: "it cannot be reset: the cause of its alarm persists",
@@ -48,7 +48,7 @@ ERRORS = {
     2556971: "it is in single-step mode: switch STEP off at the teach pendant",
     2556981: "this TP program does not exist: is option J519 installed?",
     7004: "the TP program is in use by another client",
-    7015: "RMI_MOVE is the selected program at the teach pendant: select another one",
+    7015: "RMI_MOVE is the selected program at the teach pendant: select a different program",
 }
 """Texts for the error numbers of the Remote Motion Interface (B-84184EN, appendix)."""
 _NUMBER = re.compile(r"[A-Z]{4}-[0-9]{3}")
@@ -92,5 +92,5 @@ def why_not_ready(packet: StatusPacket) -> str:
     if packet.robot_status & RobotFlag.ERROR:
         return "the controller has an alarm"
     if not packet.motion_possible:
-        return "its Stream Motion program does not run, or has ended"
+        return "the controller's Stream Motion program does not run, or has ended"
     return ""

@@ -154,7 +154,7 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"joints": ["a", "b"]}, "robot.backend.joints has 2 names, the arm has 7 joints: joint1"),
+        ({"joints": ["a", "b"]}, "robot.backend.joints has 2 names, but the arm has 7 joints: joint1"),
         ({"joints": list("aabcdef")}, "'a' occurs twice"),
         ({"namespace": "/iiwa"}, "/iiwa is the namespace of cobot's own topics"),
         ({"action": "/iiwa/follow_joint_trajectory"}, "the robot would follow itself"),

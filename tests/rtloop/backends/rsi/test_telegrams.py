@@ -148,7 +148,9 @@ def test_what_is_wrong_is_named(name: str) -> None:
 
 def test_an_axis_that_no_joint_is_must_not_move() -> None:
     four = replace(SIX, axes=SIX.axes[:4], scale=SIX.scale[:4])
-    assert "A5 is at '45.0' degrees, and no joint of the model is A5" in str(decode_rob(ROB.encode(), four))
+    assert "axis A5 is at '45.0' degrees, but the model has no such joint" in str(
+        decode_rob(ROB.encode(), four)
+    )
     still = ROB.replace('A5="45.0" A6="-180.0"', 'A5="0.0" A6="0.0"')
     assert isinstance(decode_rob(still.encode(), four), RobState)
 
