@@ -403,7 +403,10 @@ def _opens(viewer: httpx.Client, path: str, hub: Hub) -> bool:
 def test_a_stop_keeps_its_deadline_while_a_thousand_requests_run(
     viewer: httpx.Client, hub: Hub, cell: PlantRun, connections: int
 ) -> None:
-    """With more connections than the hub accepts, it rejects further requests until some are closed."""
+    """With more connections than the hub accepts, it rejects further requests until some are closed.
+
+    The client opens all connections before it has sent all requests, so the last ones may get status 408.
+    """
     assert hub.certificates is not None
     job = cell.move_slowly()
     given = (f"{viewer.base_url}panel/words.json", str(hub.certificates / "ca.pem"))
@@ -424,7 +427,7 @@ def test_a_stop_keeps_its_deadline_while_a_thousand_requests_run(
     assert cell.job(job) == "cancelled"
     assert took_s < STOP_S
     assert codes.get(200) or connections == PARALLEL, codes
-    assert set(codes) <= {0, 200, 409, 503}, codes
+    assert set(codes) <= {0, 200, 408, 409, 503}, codes
     until(lambda: viewer.get("robots").status_code == 200)
 
 
