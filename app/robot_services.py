@@ -8,7 +8,6 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
@@ -42,7 +41,6 @@ from app.services.reports.health import HealthService
 from app.services.reports.recordings import RecordingService
 from app.services.reports.states import StateTexts
 from app.services.reports.watch import watching
-from app.services.rights.job import JobRecord
 from app.services.rights.job_book import JobBook
 from app.services.rights.ownership import Ownership
 from app.services.rights.speed_override import FRACTIONS, MAX_PAUSE_S
@@ -185,7 +183,6 @@ def _services(
     cell = cell_of(settings)
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     jobs = JobBook(link, settings.jobs_file)
-    jobs.on_change = partial(_tell_job, link)
     ownership = Ownership(link, jobs)
     goals = Goals(robot, settings.planning)
     motion = MotionService(robot, link, planning)
@@ -263,20 +260,4 @@ def _services(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad
         ),
         states=StateTexts(shared.events, link, robot.limits),
-    )
-
-
-def _tell_job(link: RobotLink, record: JobRecord) -> None:
-    """Publish an event about a job that has changed its state."""
-    link.events.publish(
-        "job",
-        job=record.id,
-        kind=record.kind.value,
-        state=record.state.value,
-        owner=record.owner,
-        parent=record.parent,
-        motion=record.motion_id,
-        error=None if record.error is None else record.error.detail,
-        code=None if record.error is None else record.error.code,
-        details=None if record.error is None else dict(record.error.details),
     )

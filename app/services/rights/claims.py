@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from app.services.clients import RequestClient
 from app.services.rights.job import Job
 from app.services.rights.lease import Lease
-from app.services.rights.speed_override import SpeedOverride
+from app.services.rights.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.rights.stop_reason import StopReason
 from cobot.clock import Clock
 from cobot.errors import ExecutionError, MotionTimeout
@@ -167,12 +167,11 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
 
     The timeout refers to full speed. It is extended while the motion is slowed down or paused.
     """
-    override = claim.speed_override
-    paused_s, slowed_s = override.paused_s, override.slowed_s
-    begun_s = claim.clock.now_s()
+    begun_s, before_s = claim.clock.now_s(), claim.speed_override.delays_s()
 
     def left_s() -> float:
-        longer_s = override.excused_s(paused_s) + override.slowed_s - slowed_s
+        paused_s, slowed_s = claim.speed_override.delays_s()
+        longer_s = min(paused_s - before_s[0], MAX_PAUSE_S) + slowed_s - before_s[1]
         return begun_s + caller.timeout_s + longer_s - claim.clock.now_s()
 
     async def watch() -> None:

@@ -11,7 +11,6 @@ import contextlib
 import logging
 import os
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -63,7 +62,6 @@ class JobBook:
         file: file for the records; None to keep them only in memory.
 
     Attributes:
-        on_change: function that is called with the record of each job that has changed its state.
         ending: whether the service is shutting down. Jobs that end from then on count as interrupted.
     """
 
@@ -76,7 +74,6 @@ class JobBook:
         self._whole = 0
         """Number of the change up to which the file is complete."""
         self._told = False
-        self.on_change: Callable[[JobRecord], None] = lambda record: None
         self.ending = False
         self._path = file
         self._file: RotatingFile | None = None
@@ -131,7 +128,7 @@ class JobBook:
         """Report the beginning or the end of a pause, for all jobs that it affects."""
         for job in list(self._live.values()):
             if job.state is not JobState.QUEUED:
-                self.on_change(job.record())
+                self._publish(job.record())
 
     def close(self) -> None:
         """Write the pending lines, as far as the disk permits."""
@@ -146,7 +143,22 @@ class JobBook:
         else:
             self._live[job.id] = job
         self._write(record)
-        self.on_change(record)
+        self._publish(record)
+
+    def _publish(self, record: JobRecord) -> None:
+        error = record.error
+        self._link.events.publish(
+            "job",
+            job=record.id,
+            kind=record.kind.value,
+            state=record.state.value,
+            owner=record.owner,
+            parent=record.parent,
+            motion=record.motion_id,
+            error=None if error is None else error.detail,
+            code=None if error is None else error.code,
+            details=None if error is None else dict(error.details),
+        )
 
     def _keep(self, record: JobRecord) -> None:
         self._past[record.id] = record

@@ -62,27 +62,16 @@ class SpeedOverride:
     @property
     def paused_s(self) -> float:
         """Total duration of all pauses, including the current pause, s."""
-        return self._paused_s + (self._lasts_s if self.paused else 0.0)
+        return self.delays_s()[0]
 
-    def excused_s(self, paused_s: float) -> float:
-        """Return the time by which pauses extend the timeout of a motion, at most MAX_PAUSE_S.
-
-        Args:
-            paused_s: value of `SpeedOverride.paused_s` when the motion began.
+    def delays_s(self) -> tuple[float, float]:
+        """Return the total duration of all pauses, including the current pause; and the total time by which
+        motions have taken longer because the fraction was below 1, without pauses, s.
         """
-        return min(self.paused_s - paused_s, MAX_PAUSE_S)
-
-    @property
-    def slowed_s(self) -> float:
-        """Total time by which motions have taken longer because the fraction was below 1, s. Pauses are not
-        included.
-        """
-        return self._slowed_s + (0.0 if self.paused else (1.0 - self.fraction) * self._lasts_s)
-
-    @property
-    def _lasts_s(self) -> float:
-        """Time since the last change of the fraction or the pause, s."""
-        return self._link.clock.now_s() - self._since_s
+        lasts_s = self._link.clock.now_s() - self._since_s
+        if self.paused:
+            return self._paused_s + lasts_s, self._slowed_s
+        return self._paused_s, self._slowed_s + (1.0 - self.fraction) * lasts_s
 
     async def set_fraction(self, fraction: float) -> None:
         """Set the fraction for the current motion and all later ones.
@@ -197,7 +186,7 @@ class SpeedOverride:
 
     def _account(self) -> None:
         """Add the time since the last change to the totals, before the next change."""
-        self._paused_s, self._slowed_s = self.paused_s, self.slowed_s
+        self._paused_s, self._slowed_s = self.delays_s()
         self._since_s = self._link.clock.now_s()
 
     async def begin_motion(self) -> None:

@@ -6,7 +6,8 @@ is converted only when it is read.
 
 from __future__ import annotations
 
-from typing import Generic, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -16,21 +17,22 @@ from cobot.reasons import Reason
 from cobot.types import Array, LoopMode
 
 PLACES = {name: place for place, (name, _) in enumerate(STATE_SCALARS)}
-MODE, SETTLED, MOTION_RESULT = PLACES["mode"], PLACES["settled"], PLACES["motion_result"]
 PUBLISHED_NS, MEASURED_NS = PLACES["monotonic_ns"], PLACES["measured_monotonic_ns"]
 
-Number = TypeVar("Number", int, float)
+Value = TypeVar("Value")
 
 
-class _Scalar(Generic[Number]):
-    """A property that reads the number with the same name from the record."""
+class _Scalar(Generic[Value]):
+    """A property that reads the number with the same name from the record and converts it to a type."""
+
+    def __init__(self, kind: Callable[[Any], Value]) -> None:
+        self._kind = kind
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._place = PLACES[name]
 
-    def __get__(self, state: RobotState, owner: type) -> Number:
-        number: Number = state.scalars[self._place]
-        return number
+    def __get__(self, state: RobotState, owner: type) -> Value:
+        return self._kind(state.scalars[self._place])
 
 
 class _Vector:
@@ -61,10 +63,11 @@ class RobotState:
 
     position, velocity, effort, commanded_position = _Vector(), _Vector(), _Vector(), _Vector()
     tcp, wrench, external_effort = _Vector(), _Vector(), _Vector()
-    cycle, motion_id, session, stops_seen = _Scalar[int](), _Scalar[int](), _Scalar[int](), _Scalar[int]()
-    path_time_s, path_duration_s, path_rate = _Scalar[float](), _Scalar[float](), _Scalar[float]()
-    points_taken, points_dropped, points_buffered = _Scalar[int](), _Scalar[int](), _Scalar[int]()
-    underruns, overruns, torn_reads = _Scalar[int](), _Scalar[int](), _Scalar[int]()
+    mode, settled, motion_result = _Scalar(LoopMode), _Scalar(bool), _Scalar(MotionResult)
+    cycle, motion_id, session, stops_seen = _Scalar(int), _Scalar(int), _Scalar(int), _Scalar(int)
+    path_time_s, path_duration_s, path_rate = _Scalar(float), _Scalar(float), _Scalar(float)
+    points_taken, points_dropped, points_buffered = _Scalar(int), _Scalar(int), _Scalar(int)
+    underruns, overruns, torn_reads = _Scalar(int), _Scalar(int), _Scalar(int)
 
     def __init__(self, record: np.ndarray, now_ns: int) -> None:
         """Copy a record that was just read.
@@ -77,18 +80,6 @@ class RobotState:
         self.record = record_of(octets, record.dtype)
         self.scalars = STATE_STRUCT.unpack_from(octets)  # many times faster than numpy
         self._now_ns = now_ns
-
-    @property
-    def mode(self) -> LoopMode:
-        return LoopMode(self.scalars[MODE])
-
-    @property
-    def settled(self) -> bool:
-        return bool(self.scalars[SETTLED])
-
-    @property
-    def motion_result(self) -> MotionResult:
-        return MotionResult(self.scalars[MOTION_RESULT])
 
     @property
     def interventions(self) -> list[int]:

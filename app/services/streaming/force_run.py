@@ -11,6 +11,7 @@ import numpy as np
 
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.ownership import Ownership
+from app.services.rights.speed_override import MAX_PAUSE_S
 from app.services.rights.stop_reason import StopReason
 from app.services.state.link import RobotLink
 from app.services.streaming.force_stages import Aim, ForceSample, NotMet, Push, Stage, let_go
@@ -134,8 +135,8 @@ class ForceRun:
 
     def _active_s(self) -> float:
         """Return the duration of the motion so far, without pauses that extend the timeout, s."""
-        excused_s = self._ownership.speed_override.excused_s(self._paused_s)
-        return self._link.clock.now_s() - self._begun_s - excused_s
+        paused_s = self._ownership.speed_override.paused_s - self._paused_s
+        return self._link.clock.now_s() - self._begun_s - min(paused_s, MAX_PAUSE_S)
 
     def _account(self, aim: Aim, sample: ForceSample) -> None:
         """Integrate the force error while the force is held."""

@@ -6,6 +6,7 @@ answers when it waits.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -305,12 +306,11 @@ def test_others_may_cancel_but_not_resume_under_a_lease(run: VirtualService) -> 
 
 
 def test_a_change_of_state_is_told(run: VirtualService) -> None:
-    heard: list[tuple[str, str]] = []
-    book = run.app.state.services.jobs.book
-    book.on_change = lambda record: heard.append((record.id, str(record.state)))
+    ring = run.app.state.services.link.events.ring
+    before = ring.newest
     job = running(run)
     for what in ("pause", "resume", "cancel"):
         told(run, job, what).raise_for_status()
-    book.on_change = lambda record: None
     states = ["planning", "running", "paused", "running", "cancelled"]
-    assert heard == [(job["id"], state) for state in states]
+    told_of = [json.loads(event.text)["data"] for event in ring.since(before, 100) if event.type == "job"]
+    assert [(data["job"], data["state"]) for data in told_of] == [(job["id"], state) for state in states]

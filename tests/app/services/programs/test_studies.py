@@ -50,6 +50,7 @@ class Bench:
         self.link: Any = SimpleNamespace(
             label="", stops=0, memory=SimpleNamespace(robot="iiwa"), clock=clock, heartbeat=heartbeat
         )
+        self.link.events = SimpleNamespace(publish=lambda event, **data: None)
         self.settings: Settings = load_settings().model_copy(update={"kept": folder})
         self.book = JobBook(self.link)
         self.turn = asyncio.Lock()

@@ -20,8 +20,7 @@ from thorough import few
 from virtual_service import VirtualService, virtual_service
 from wired_arm import WiredService
 
-from app.services.rights import speed_override
-from app.services.streaming import force_motions
+from app.services.streaming import force_motions, force_run
 from cobot.types import Array
 
 PAGE = Path(__file__).parents[4] / "docs" / "force.md"
@@ -304,7 +303,7 @@ def test_a_job_is_paused_resumed_and_cancelled(service: VirtualService, table: T
 def test_a_pause_is_bounded_as_those_of_moves(
     service: VirtualService, table: Table, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(speed_override, "MAX_PAUSE_S", 5.0)
+    monkeypatch.setattr(force_run, "MAX_PAUSE_S", 5.0)
     body = {**DOWN, "force": 8.0, "duration_s": 60.0, "max_time_s": 10.0, "retract": 0.01}
     accepted = service.post("/robot/force/press?wait=false", body)
     service.until(lambda: table.forces[-1] > 5.0)
