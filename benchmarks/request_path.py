@@ -28,7 +28,6 @@ from cobot.ipc.shm import RobotMemory
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import PlannerName, Pose, Scaling
 
 NOTHING, AT_REST, ANY_REQUEST, MOTION = range(4)
@@ -149,7 +148,7 @@ def _lines(robot: RobotDescription) -> tuple[tuple[MotionRequest, Body], tuple[M
 
 
 def _body(goal: Pose) -> Body:
-    numbers = (*goal.position.tolist(), *abc_from_quaternion(goal.quaternion))
+    numbers = (*goal.position.tolist(), *goal.abc)
     return {**dict(zip("xyzabc", numbers, strict=True)), "planner": "lin", "speed": 1.0}
 
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-GIMBAL_LOCK = 1e-7
-"""If cos B is below this, only the sum or the difference of A and C is defined."""
+GIMBAL_LOCK_RAD = 1e-7
+"""A value of B this close to ±π/2 counts as ±π/2."""
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
@@ -61,13 +61,19 @@ def kuka_angles(q: Sequence[float]) -> Vector:
     π/2].
 
     At B = ±π/2, where A and C are not unique, C is 0.
+
+    Source: E. Bernardes, S. Viollet, "Quaternion to Euler angles conversion: A direct, general and
+    computationally efficient method", PLoS ONE 17(11), 2022. Unlike a conversion by the rotation matrix, A +
+    C and A − C are as accurate near B = ±π/2 as elsewhere.
     """
-    (xx, xy, _), (yx, yy, _), (zx, zy, zz) = matrix(q)
-    cos_b = math.hypot(xx, yx)
-    b = math.atan2(-zx, cos_b)
-    if cos_b < GIMBAL_LOCK:
-        return math.atan2(-xy, yy), b, 0.0
-    return math.atan2(yx, xx), b, math.atan2(zy, zz)
+    w, x, y, z = q
+    half_sum, half_difference = math.atan2(x + z, w - y), math.atan2(z - x, w + y)
+    b = 2.0 * math.atan2(math.hypot(w + y, z - x), math.hypot(w - y, x + z)) - 0.5 * math.pi
+    if 0.5 * math.pi - abs(b) > GIMBAL_LOCK_RAD:
+        a, c = half_sum + half_difference, half_sum - half_difference
+    else:
+        a, c = 2.0 * (half_difference if b > 0.0 else half_sum), 0.0
+    return math.remainder(a, math.tau), b, math.remainder(c, math.tau)
 
 
 def kuka_quaternion(a: float, b: float, c: float) -> Quaternion:

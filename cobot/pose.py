@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError
-from cobot.orientations import inverse, matrix, product, rotated
+from cobot.orientations import inverse, kuka_angles, kuka_quaternion, matrix, product, rotated
 
 Array = npt.NDArray[np.float64]
 Numbers3 = tuple[float, float, float]
@@ -72,6 +72,17 @@ class Pose:
     def from_numbers(cls, numbers: Sequence[float] | Array) -> Self:
         """Make a pose from x, y, z (m) and w, x, y, z."""
         return cls(np.array(numbers[:3]), np.array(numbers[3:]))
+
+    @classmethod
+    def from_abc(cls, x: float, y: float, z: float, a: float, b: float, c: float) -> Self:
+        """Make a pose from a position, m, and KUKA angles, rad, see `kuka_quaternion`."""
+        angles = vector([a, b, c], name="angles")
+        return cls(np.array([x, y, z]), np.array(kuka_quaternion(*angles.tolist())))
+
+    @property
+    def abc(self) -> Numbers3:
+        """The orientation as KUKA angles, rad, see `kuka_angles`."""
+        return kuka_angles(self.quaternion.tolist())
 
     @property
     def numbers(self) -> Numbers7:

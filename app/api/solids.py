@@ -10,11 +10,10 @@ import numpy as np
 
 from app.api.schemas.scene import PutObject
 from cobot.errors import InputError, LimitError
-from cobot.robot.frames import pose_from_abc
 from cobot.robot.geometry.cells import boxes_of, packed, tree_of
 from cobot.robot.geometry.solids import cloud, columns
 from cobot.robot.scene import SceneObject
-from cobot.types import Array, Numbers3, Numbers6
+from cobot.types import Array, Numbers3, Numbers6, Pose
 
 FARTHEST_M = 100.0
 POINT_BYTES = 12
@@ -54,7 +53,7 @@ def solid_of(
     return SceneObject(
         shape=body.shape,
         size=size,
-        pose=pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c).numbers,
+        pose=Pose.from_abc(body.x, body.y, body.z, body.a, body.b, body.c).numbers,
         touch=tuple(touch),
         mass=body.mass,
         centre=None if body.centre is None else cast(Numbers3, tuple(body.centre)),

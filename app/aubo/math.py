@@ -11,7 +11,6 @@ from app.aubo.poses import as_list, numbers_of, pose_of
 from app.aubo.registry import service
 from cobot.errors import InputError, LimitError
 from cobot.robot import quaternion
-from cobot.robot.frames import angle_between
 from cobot.strict import shown
 from cobot.types import Array, Pose
 
@@ -109,7 +108,8 @@ def pose_angle_distance(robot: Services, p1: list[float], p2: list[float]) -> fl
     Returns:
         the angle, rad, from 0 to π.
     """
-    return angle_between(pose_of(p1, "p1").quaternion, pose_of(p2, "p2").quaternion)
+    first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
+    return math.hypot(*quaternion.between(first.quaternion.tolist(), second.quaternion.tolist()))
 
 
 @service("Math")

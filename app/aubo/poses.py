@@ -7,7 +7,6 @@ KUKA's angles (C, B, A).
 from __future__ import annotations
 
 from cobot.errors import InputError
-from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, Pose
 from cobot.units import require_angle, require_way
 
@@ -27,7 +26,7 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
     for axis, value in zip("xyz", (x, y, z), strict=True):
         if abs(value) > FARTHEST_M:
             raise InputError(f"{name}: {axis} may be up to {FARTHEST_M:g} m, got {value:g} m")
-    return pose_from_abc(x, y, z, rz, ry, rx)
+    return Pose.from_abc(x, y, z, rz, ry, rx)
 
 
 def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
@@ -47,7 +46,7 @@ def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M
 
 def numbers_of(pose: Pose) -> list[float]:
     """The six numbers of a pose; ry in [−π/2, π/2]."""
-    rz, ry, rx = abc_from_quaternion(pose.quaternion).tolist()
+    rz, ry, rx = pose.abc
     return [*pose.position.tolist(), rx, ry, rz]
 
 

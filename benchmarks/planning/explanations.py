@@ -19,7 +19,6 @@ from virtual_service import VirtualService, virtual_service
 
 from benchmarks.table import Row, percentiles, row
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array
 
 Body = dict[str, Any]
@@ -132,7 +131,7 @@ def _request(robot: RobotDescription, random: np.random.Generator) -> tuple[str,
         case _:
             here = robot.model.forward(start)
             away = here.position + random.normal(size=3) * 0.3
-            a, b, c = np.asarray(abc_from_quaternion(here.quaternion)).tolist()
+            a, b, c = here.abc
             along = {"x": away[0], "y": away[1], "z": away[2], "a": a, "b": b, "c": c}
             via = dict(
                 zip("xyz", (0.5 * (here.position + away) + random.normal(size=3) * 0.1).tolist(), strict=True)

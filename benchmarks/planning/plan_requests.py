@@ -20,7 +20,6 @@ from benchmarks.service import service
 from benchmarks.table import Row, row
 from cobot.config import load_settings
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array
 
 COLUMNS = ("p50", "p95", "max")
@@ -84,7 +83,7 @@ def _free(robot: RobotDescription, count: int) -> Iterator[tuple[str, str, Body]
             yield planner, JOINTS, {"start": start.tolist(), "joints": goal.tolist(), "planner": planner}
         here, across = robot.model.forward(start), random.normal(size=3)
         away = here.position + LINE_M * across / np.linalg.norm(across)
-        a, b, c = abc_from_quaternion(here.quaternion)
+        a, b, c = here.abc
         pose = dict(zip("xyz", away.tolist(), strict=True)) | {"a": a, "b": b, "c": c}
         yield "lin", POSE, {"start": start.tolist(), "planner": "lin"} | pose
 

@@ -18,7 +18,6 @@ from cobot.errors import CobotError
 from cobot.ipc.shm import RobotMemory
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, PlannerName, Pose, Scaling
 
 Result = TypeVar("Result")
@@ -119,7 +118,7 @@ def _drive(client: Client, memory: RobotMemory, goal: Pose, robot: RobotDescript
     watcher = threading.Thread(target=watch)
     watcher.start()
     try:
-        a, b, c = abc_from_quaternion(goal.quaternion)
+        a, b, c = goal.abc
         x, y, z = goal.position
         client.move_pose(x=x, y=y, z=z, a=a, b=b, c=c, speed=0.5, planner="lin")
     finally:

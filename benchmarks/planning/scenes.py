@@ -16,7 +16,6 @@ from cobot.config import load_settings
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
 from cobot.robot.inverse_kinematics import solve_near
 from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
@@ -146,7 +145,7 @@ def _somewhere(
         if turn is not None:
             turned[1:] = turn[1:]
             turned[0] *= turn is DOWN
-        pose = pose_from_abc(x, y * (side if kind == "bin" else 1.0), z, *turned)
+        pose = Pose.from_abc(x, y * (side if kind == "bin" else 1.0), z, *turned)
         for _ in range(3):
             seed = random.uniform(limits.min_position, limits.max_position)
             descent = solve_near(robot.model, pose, seed)

@@ -18,7 +18,6 @@ from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
 from cobot.planners.path.lin import straight_line
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose, Scaling
@@ -254,7 +253,8 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
 
 def _as_written(pose: Pose) -> Pose:
     """The pose as it results when a client sends its orientation as angles."""
-    return pose_from_abc(*pose.position.tolist(), *abc_from_quaternion(pose.quaternion))
+    x, y, z = pose.position.tolist()
+    return Pose.from_abc(x, y, z, *pose.abc)
 
 
 def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:

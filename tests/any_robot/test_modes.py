@@ -16,7 +16,6 @@ from servo_bench import Bench, runner
 
 from benchmarks.stress.judge import Judge
 from cobot.ipc.layout import Interpolation, Stream
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import LoopMode
 from rtloop.backends.mujoco import MujocoBackend
 
@@ -100,7 +99,7 @@ def test_servo_points_bring_the_arm_to_the_last_of_them(made: Made, own_rig: Rig
         for number in range(60):
             share = min(1.0, number / 40)
             here = made.pose(0.03 * share, -0.03 * share, -0.03 * share)
-            rz, ry, rx = abc_from_quaternion(here.quaternion)
+            rz, ry, rx = here.abc
             values = [*here.position, rx, ry, rz]
             bench.point(values, point_type="cartesian", time=0.02)
             await bench.cycles(20)

@@ -57,6 +57,26 @@ def test_a_pose_survives_its_seven_numbers() -> None:
     np.testing.assert_allclose(again.quaternion, pose.quaternion, atol=1e-15)
 
 
+def test_a_pose_from_kukas_angles_is_in_metres_and_radians_and_has_them_again() -> None:
+    pose = Pose.from_abc(0.4, 0.0, 0.5, 0.3, -0.2, np.pi / 2)
+    assert pose.position.tolist() == [0.4, 0.0, 0.5]
+    expected = Rotation.from_euler("ZYX", [0.3, -0.2, np.pi / 2]).as_matrix()
+    np.testing.assert_allclose(pose.rotation, expected, atol=1e-15)
+    assert pose.abc == pytest.approx((0.3, -0.2, np.pi / 2))
+    with pytest.raises(InputError, match="angles must be finite"):
+        Pose.from_abc(0.4, 0.0, 0.5, np.inf, 0.0, 0.0)
+
+
+def test_the_error_names_the_part_of_a_pose_that_is_wrong() -> None:
+    for position, quaternion, error in (
+        (np.zeros(3), np.zeros(4), "quaternion must not be zero"),
+        (np.array([0, np.nan, 0]), np.array([1.0, 0, 0, 0]), "position must be finite"),
+        (np.zeros(2), np.array([1.0, 0, 0, 0]), "position must have 3 numbers"),
+    ):
+        with pytest.raises(InputError, match=error):
+            Pose(position, quaternion)
+
+
 @pytest.mark.parametrize("numbers", [(0.0,) * 7, (np.nan, 0, 0, 1, 0, 0, 0), (0, 0, 0, 1, 0, 0), (0, 0)])
 def test_numbers_that_are_no_pose_are_rejected(numbers: tuple[float, ...]) -> None:
     with pytest.raises(InputError):

@@ -37,10 +37,9 @@ from cobot.motions.signals import (
 )
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
 from cobot.trajectory import Trajectory
 from cobot.trajectory_parts import remainder_at
-from cobot.types import Array, LoopMode, PlannerName, Scaling
+from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling
 
 NOWHERE = PathPlace("time_s", 0.0)
 
@@ -331,7 +330,7 @@ def test_a_stop_on_the_path_is_as_short_as_the_limits_permit(
     random = np.random.default_rng(seed)
     speed_m_s = float(random.uniform(0.1, 0.25))
     x, y = random.uniform(0.45, 0.6), random.uniform(-0.2, 0.2)
-    above, below = (pose_from_abc(x, y, z, 0.0, np.pi, 0.0) for z in (0.55, 0.40))
+    above, below = (Pose.from_abc(x, y, z, 0.0, np.pi, 0.0) for z in (0.55, 0.40))
     there = plan(robot, MotionRequest(rig.home, above, PlannerName.PTP, Scaling(1.0)))
     assert there is not None
     down = MotionRequest(

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from app.api.schemas.explain import Explain, Works, explain_of, tried_of
 from cobot.errors import CobotError
 from cobot.findings import Explanation, Remedy
 from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose
 from cobot.motions.planners import BODY_FIELDS
 from cobot.motions.requests import MotionRequest
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, Pose, Scaling
 
 ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose", MoveArc: "arc"}
@@ -88,7 +85,7 @@ def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str
 
 def _pose(goal: Pose, base_frame: str) -> dict[str, Any]:
     x, y, z = goal.position.tolist()
-    a, b, c = np.asarray(abc_from_quaternion(goal.quaternion)).tolist()
+    a, b, c = goal.abc
     return {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "frame_id": base_frame}
 
 

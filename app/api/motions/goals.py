@@ -25,7 +25,6 @@ from cobot.motions.bodies import (
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.fields import Direction
 from cobot.motions.requests import NO_START, Arc, MotionRequest, TcpSpeed
-from cobot.robot.frames import pose_from_abc
 from cobot.strict import shown
 from cobot.types import Array, JointLimits, PlannerName, Pose, Scaling, Synchronization
 
@@ -46,7 +45,7 @@ def _arc_to(body: MovePose) -> Arc | None:
 
 
 def _pose(body: PathPose) -> Pose:
-    return pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c)
+    return Pose.from_abc(body.x, body.y, body.z, body.a, body.b, body.c)
 
 
 def _vector(point: PathPoint | Direction) -> Array:

@@ -21,7 +21,6 @@ from cobot.access.roles import Role
 from cobot.motions.fields import example
 from cobot.motions.force_bodies import AnyForceMotion, FollowMotion, InsertMotion, PressMotion, SearchMotion
 from cobot.pose import Pose
-from cobot.robot.frames import abc_from_quaternion
 
 DONE = "The motion with force has reached its end"
 
@@ -39,7 +38,7 @@ class TcpPose(BaseModel):
     @classmethod
     def of(cls, pose: Pose) -> TcpPose:
         x, y, z = pose.position.tolist()
-        a, b, c = abc_from_quaternion(pose.quaternion)
+        a, b, c = pose.abc
         return cls(x=x, y=y, z=z, a=float(a), b=float(b), c=float(c))
 
 

@@ -38,7 +38,7 @@ from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import InputError
 from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose, MoveSequence
-from cobot.robot.frames import abc_from_quaternion
+from cobot.orientations import kuka_angles
 
 How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
@@ -70,7 +70,7 @@ async def pose(request: Request) -> PoseAnswer:
     call = Call(request)
     state = await call.services.link.await_measured_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
-    a, b, c = abc_from_quaternion(state.tcp[3:])
+    a, b, c = kuka_angles(state.tcp[3:].tolist())
     return PoseAnswer(
         position=Position(x=x, y=y, z=z),
         orientation=Orientation(

@@ -22,8 +22,7 @@ from app.api.solids import solid_of
 from app.services.motion.scene import Changed, SceneService
 from app.services.motion.scene_edits import Edit, clear, detach, remove_frame, remove_object
 from cobot.access.roles import Role
-from cobot.robot.frames import pose_from_abc
-from cobot.types import Numbers7
+from cobot.types import Numbers7, Pose
 
 router = EndpointRouter(tags=["scene"])
 
@@ -84,7 +83,7 @@ def _answer(changed: Changed) -> ChangedAnswer:
 
 
 def _pose(place: Place) -> Numbers7:
-    return pose_from_abc(place.x, place.y, place.z, place.a, place.b, place.c).numbers
+    return Pose.from_abc(place.x, place.y, place.z, place.a, place.b, place.c).numbers
 
 
 def _xyzw(pose: Numbers7) -> list[float]:

@@ -18,11 +18,10 @@ from app.api.schemas.tool import ChangeTool, TcpFitAnswer, ToolAnswer, ToolTip, 
 from app.api.solids import solid_of
 from app.services.motion.tool import Edit
 from cobot.access.roles import Role
-from cobot.robot.frames import pose_from_abc
 from cobot.robot.model import RobotModel
 from cobot.robot.tcp_fit import fit_tcp
 from cobot.robot.tool import BARE, Tool
-from cobot.types import Numbers7
+from cobot.types import Numbers7, Pose
 
 router = EndpointRouter(tags=["robot"])
 
@@ -89,7 +88,7 @@ def _edit(body: ChangeTool) -> Edit:
 
 def _tip_pose(tip: ToolTip) -> Numbers7:
     if tip.quaternion is None:
-        return pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c).numbers
+        return Pose.from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c).numbers
     x, y, z, w = tip.quaternion
     return (tip.x, tip.y, tip.z, w, x, y, z)
 

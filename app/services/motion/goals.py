@@ -12,13 +12,12 @@ from cobot.errors import InputError
 from cobot.motions.checks import check_for_robot
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, NamedPosition, Pose
 
 TOOL = "tool"
 """The frame_id that means the TCP frame."""
-NOWHERE = pose_from_abc(*[0.0] * 6)
+NOWHERE = Pose.from_abc(*[0.0] * 6)
 """Placeholder for the target of an arc that is defined by its angle and so has no target pose."""
 
 

@@ -17,11 +17,10 @@ from cobot.errors import CobotError
 from cobot.ipc.layout import POINTS
 from cobot.ipc.stream_writer import PointWriter
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
 from cobot.robot.inverse_kinematics import continued
 from cobot.servo.fields import BrokenRule, Refusal
 from cobot.servo.protocol import Point, ServoRules
-from cobot.types import Array
+from cobot.types import Array, Pose
 
 FAILURE_COST = 4.0
 """Pause after a failed inverse kinematics, as a multiple of its duration. Without it, many unreachable points
@@ -65,7 +64,7 @@ class PointInverse:
         x, y, z, rx, ry, rz = point.position
         try:
             near = self._link.state().commanded_position if self._before is None else self._before
-            pose = pose_from_abc(x, y, z, rz, ry, rx)
+            pose = Pose.from_abc(x, y, z, rz, ry, rx)
             joints: list[float] = continued(self._robot.model, pose, near).tolist()
             return joints
         except CobotError as exc:

@@ -18,8 +18,8 @@ from cobot.config.section import parse
 from cobot.errors import ConfigError
 from cobot.motions.bodies import MOTION_TAGS, AnyMotion, MoveArc, MoveNamed, MovePose
 from cobot.motions.signal_bodies import SignalFields
-from cobot.robot.frames import pose_from_abc
 from cobot.strict import StrictModel, sentences, shown, unknown_key, without_repetition
+from cobot.types import Pose
 
 STANDING = {"gripper", "set", "wait_for", "wait_s"}
 """Keys of steps during which the arm does not move."""
@@ -157,5 +157,5 @@ def _move(name: str, place: str, step: Any) -> dict[str, Any]:
     if found.get("speed_m_s") is not None and "speed" not in body.model_fields_set:
         found["speed"] = 1.0
     if isinstance(body, MovePose):
-        return found | {"pose": list(pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c).numbers)}
+        return found | {"pose": list(Pose.from_abc(body.x, body.y, body.z, body.a, body.b, body.c).numbers)}
     return found | {"to": body.name if isinstance(body, MoveNamed) else body.joints}

@@ -17,12 +17,11 @@ from cobot.motions.constraints import Constraints
 from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerName, Way
 from cobot.motions.requests import NO_START, Arc, MotionRequest, TcpSpeed
 from cobot.planners import function_of
-from cobot.robot.frames import pose_from_abc
 from cobot.types import Pose, Scaling, Synchronization
 
 ROOT = Path(__file__).parents[3]
 FULL = Scaling(1.0)
-GOAL = pose_from_abc(0.4, 0.1, 0.5, 0.0, 3.14, 0.0)
+GOAL = Pose.from_abc(0.4, 0.1, 0.5, 0.0, 3.14, 0.0)
 GIVEN: dict[str, Any] = {
     "via": np.array([0.4, 0.0, 0.5]),
     "arc": Arc(np.array([0.4, 0.0, 0.4])),

@@ -22,7 +22,6 @@ from cobot.planners import plan
 from cobot.planners.explain import explain
 from cobot.planners.forecast import forecast
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
 from cobot.types import FREE_AXES, Array, PlannerName, Pose, Scaling
@@ -41,8 +40,8 @@ def pose_at(chain: Chain, joints: Array) -> Pose:
 
 def written(pose: Pose, digits: int) -> Pose:
     """As a client reads it and writes it down."""
-    angles = np.round(np.asarray(abc_from_quaternion(pose.quaternion)), digits).tolist()
-    return pose_from_abc(*np.round(pose.position, digits).tolist(), *angles)
+    angles = np.round(pose.abc, digits).tolist()
+    return Pose.from_abc(*np.round(pose.position, digits).tolist(), *angles)
 
 
 def apart(chain: Chain, joints: Array, pose: Pose) -> tuple[float, float]:

@@ -18,7 +18,6 @@ from app.services.rights.claims import Caller
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, LimitError, UnreachableError
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, LoopMode
 
 
@@ -264,7 +263,7 @@ def test_a_first_point_that_is_too_far_away_is_the_last_refusal(run: Run, mode: 
 
 def pose_numbers(robot: RobotDescription, joints: Array, offset: Array) -> list[float]:
     pose = robot.model.forward(joints)
-    rz, ry, rx = abc_from_quaternion(pose.quaternion)
+    rz, ry, rx = pose.abc
     return [*(pose.position + offset), rx, ry, rz]
 
 
