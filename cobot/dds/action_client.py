@@ -2,15 +2,19 @@
 
 The client is a separate process, so that network traffic never delays the service. It ends when its standard
 input ends. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`,
-`type`, `joint_states` and `joint`. Each line of its input is a goal, `{"number": 1, "goal": {...}}`, or a
-cancellation, `{"cancel": 1}`. Each line of its output is a JSON object with `what`:
+`type`, `answer_timeout_s`, `joint_states` and `joint`. Each line of its input is a goal, `{"number": 1,
+"goal": {...}}`, or a cancellation of that goal and all earlier ones, `{"cancel": 1}`. Each line of its output
+is a JSON object with `what`:
 
     ready       the server of the action is there, or not; five times a second
     joint       position, effort of the joint
+    sent        number of a goal that is sent now
     answer      of a goal: its number, accepted
-    feedback    values
     result      of a goal: its number, status and values; number 0 is that of a goal from before this process
     error       text
+
+A goal is sent after the answer to the previous one, because a driver with several threads may execute two
+goals in the wrong order if they arrive together. Of the goals that wait for this, only the newest is sent.
 """
 
 from __future__ import annotations
@@ -31,6 +35,8 @@ from cobot.ros.robot_messages import JOINT_STATES
 
 NAME = NodeName("cobot_gripper")
 READY_S = 0.2
+CANCELED = 5
+"""Value of action_msgs/msg/GoalStatus that is reported for a goal that was cancelled before it was sent."""
 
 
 class ActionClient:
@@ -38,15 +44,18 @@ class ActionClient:
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._joint = settings["joint"]
-        self._number = 0
-        self._ids: dict[int, Message] = {}
+        self._answer_timeout_s = settings["answer_timeout_s"]
+        self._newest = self._cancelled = 0  # numbers of goals
+        self._turn = asyncio.Lock()  # held while a goal waits for its answer
+        self._running: Message | None = None  # id of the last accepted goal
         self._tasks: set[asyncio.Task[None]] = set()
         self._action = ActionCaller(
             node,
             settings["action"],
             settings["type"],
-            lambda values: self._tell("feedback", number=self._number, values=values),
-            lambda answer: self._tell("result", number=0, status=answer["status"], values=answer["result"]),
+            lambda feedback: None,
+            lambda answer: self._tell_result(0, answer["status"], answer["result"]),
+            goal_lifespan_s=self._answer_timeout_s,
         )
         node.subscription(settings["joint_states"], JOINT_STATES, self._take_joints, reliable=False)
 
@@ -67,19 +76,37 @@ class ActionClient:
             telling.cancel()
 
     async def _run(self, number: int, goal: Message) -> None:
-        self._number = number
+        self._newest = number
         try:
-            goal_id = await self._action.send(goal)
+            async with self._turn:
+                if number != self._newest:
+                    return
+                if number <= self._cancelled:
+                    self._tell_result(number, CANCELED, {})
+                    return
+                self._tell("sent", number=number)
+                sending = asyncio.ensure_future(self._action.send(goal))
+                await asyncio.wait([sending], timeout=self._answer_timeout_s)
+                is_late = not sending.done()
+            goal_id = await sending
             self._tell("answer", number=number, accepted=goal_id is not None)
-            if goal_id is not None:
-                self._ids = {number: goal_id}
-                answer = await self._action.result(goal_id)
-                self._tell("result", number=number, status=answer["status"], values=answer["result"])
+            if goal_id is None:
+                return
+            if is_late and (number != self._newest or number <= self._cancelled):
+                await self._action.cancel(goal_id)
+            else:
+                self._running = goal_id
+            answer = await self._action.result(goal_id)
+            self._tell_result(number, answer["status"], answer["result"])
         except CobotError as exc:
             self._tell("error", number=number, text=str(exc))
 
     async def _cancel(self, number: int) -> None:
-        if (goal_id := self._ids.get(number)) is not None:
+        """Cancel the last accepted goal. If a goal waits for its answer, wait until it is accepted."""
+        self._cancelled = number
+        async with self._turn:
+            goal_id = self._running
+        if goal_id is not None:
             await self._action.cancel(goal_id)
 
     async def _tell_ready(self) -> None:
@@ -95,6 +122,11 @@ class ActionClient:
                 for name in ("position", "effort")
             }
             self._tell("joint", **values)
+
+    def _tell_result(self, number: int, status: int, values: Message) -> None:
+        """Report the result without its other fields, because a driver may put anything into them."""
+        stalled = bool(values.get("stalled"))
+        self._tell("result", number=number, status=status, values={"stalled": stalled})
 
     def _tell(self, what: str, **values: Any) -> None:
         print(json.dumps(without_nan({"what": what, **values})), flush=True)

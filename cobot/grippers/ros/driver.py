@@ -88,8 +88,14 @@ class RosOptions(GripperOptions):
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
     """The settings with which the process for `ActionProcess` is started."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
-    action = {"action": options.action, "type": f"control_msgs/action/{options.action_type}"}
-    return {**network, **action, "joint_states": options.joint_states, "joint": options.joint}
+    return {
+        **network,
+        "action": options.action,
+        "type": f"control_msgs/action/{options.action_type}",
+        "answer_timeout_s": options.answer_timeout_s,
+        "joint_states": options.joint_states,
+        "joint": options.joint,
+    }
 
 
 class RosGripper:
@@ -180,7 +186,7 @@ class RosGripper:
 
     def stop(self) -> None:
         """Cancel the running goal. A held object stays held, because its goal has ended."""
-        if self._target_m is not None and self._link.heard.status is None:
+        if self._target_m is not None and self._link.heard.goal.status is None:
             self._link.cancel()
 
     def home(self) -> None:
@@ -206,18 +212,19 @@ class RosGripper:
             GripperError: the ROS 2 driver has rejected or aborted the goal, or does not answer.
         """
         heard, options = self._link.heard, self._options
+        goal = heard.goal
         if self._target_m is None or self._noted:
             return False
-        waited_s = self._clock.now_s() - heard.sent_s
-        if heard.status is not None:
-            if heard.joint_s < heard.ended_s:
+        waited_s = self._clock.now_s() - goal.sent_s
+        if goal.status is not None:
+            if heard.joint_s < goal.ended_s:
                 return True  # the position of the joint is from before the end
             self._noted = True
-            self._end(heard.status, heard.values)
+            self._end(goal.status, goal.values)
             return False
-        if heard.accepted is False:
+        if goal.accepted is False:
             self._fail("has rejected the goal; the log of its driver says why")
-        if heard.accepted is None and waited_s > options.answer_timeout_s:
+        if goal.accepted is None and waited_s > options.answer_timeout_s:
             self._fail(
                 f"has not answered the goal within {options.answer_timeout_s:g} s; check that its driver "
                 "is running"

@@ -16,19 +16,45 @@ CLOSE_S = 2.0
 
 
 @dataclass(slots=True)
+class Goal:
+    """A goal, and what was received about it.
+
+    Attributes:
+        number: number of the goal; 0 if no goal was sent yet.
+        sent_s: time at which the goal was sent.
+        accepted: whether the goal was accepted; None before the answer.
+        ended_s: time at which the result of the goal arrived.
+        status, values: status and values of the result. The status is None before the result arrives.
+    """
+
+    number: int = 0
+    sent_s: float = 0.0
+    accepted: bool | None = None
+    ended_s: float = 0.0
+    status: int | None = None
+    values: dict[str, Any] = field(default_factory=dict)
+
+    def take(self, content: dict[str, Any], now_s: float) -> None:
+        """Read a line about this goal."""
+        if content["what"] == "sent":
+            self.sent_s = now_s
+        elif content["what"] == "answer":
+            self.accepted = content["accepted"]
+        elif content["what"] == "result":
+            self.ended_s, self.values, self.status = now_s, content["values"], content["status"]
+
+
+@dataclass(slots=True)
 class DriverState:
-    """The data received from the ROS 2 driver.
+    """The data received from the ROS 2 driver. One thread receives them, another one begins goals.
 
     Attributes:
         ready: whether the server of the action is available.
         joint: position and effort of the joint; None before the first joint state, or if they are not
             numbers.
         joint_s, told_s: times of the last joint state, and of the last data of any kind.
-        number: number of the latest goal.
-        sent_s: time at which the goal was sent.
-        accepted: whether the goal was accepted; None before the answer.
-        ended_s: time at which the result of the goal arrived.
-        status, values: status and values of the result. The status is None before the result arrives.
+        goal: the latest goal. A new goal is a new object, so that a result that arrives in the same moment
+            is not taken for its result.
         earlier: values of the last result from before this link was opened.
         problem: the reason why no more data arrive; "" if there is none.
     """
@@ -37,38 +63,30 @@ class DriverState:
     joint: tuple[Any, Any] | None = None
     joint_s: float = -1e9
     told_s: float = -1e9
-    number: int = 0
-    sent_s: float = 0.0
-    accepted: bool | None = None
-    ended_s: float = 0.0
-    status: int | None = None
-    values: dict[str, Any] = field(default_factory=dict)
+    goal: Goal = field(default_factory=Goal)
     earlier: dict[str, Any] | None = None
     problem: str = ""
 
     def begin(self, now_s: float) -> int:
         """Start a new goal, and return its number."""
-        self.number += 1
-        self.sent_s, self.accepted, self.status, self.values = now_s, None, None, {}
+        self.goal = Goal(self.goal.number + 1, now_s)
         self.earlier = None
-        return self.number
+        return self.goal.number
 
     def take(self, content: dict[str, Any], now_s: float) -> None:
         """Read a line that the process has printed."""
+        goal, what = self.goal, content["what"]
         self.told_s = now_s
-        what, own = content["what"], content.get("number") == self.number
         if what == "ready":
             self.ready = content["ready"]
         elif what == "joint":
             self.joint, self.joint_s = (content["position"], content["effort"]), now_s
-        elif what == "answer" and own:
-            self.accepted = content["accepted"]
-        elif what == "result" and own and self.number:
-            self.ended_s, self.values, self.status = now_s, content["values"], content["status"]
-        elif what == "result" and own:
-            self.earlier = content["values"]
         elif what == "error":
             self.problem = content["text"]
+        elif content["number"] == goal.number and goal.number:
+            goal.take(content, now_s)
+        elif content["number"] == goal.number:
+            self.earlier = content["values"]
 
 
 class ActionLink(Protocol):
@@ -140,7 +158,7 @@ class ActionProcess:
         self._write({"number": self.heard.begin(self._clock.now_s()), "goal": goal})
 
     def cancel(self) -> None:
-        self._write({"cancel": self.heard.number})
+        self._write({"cancel": self.heard.goal.number})
 
     def _write(self, content: dict[str, Any]) -> None:
         process = self._process

@@ -90,7 +90,7 @@ class RosRig:
 
     def _end(self, status: int, *, stalled: bool) -> None:
         self._runs, self._last = False, {"stalled": stalled, "reached_goal": not stalled}
-        self._hear(what="result", number=self.heard.number, status=status, values=self._last)
+        self._hear(what="result", number=self.heard.goal.number, status=status, values=self._last)
 
     def _tell(self) -> None:
         options = self._options

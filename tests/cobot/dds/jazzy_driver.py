@@ -1,7 +1,9 @@
 """A gripper's driver with real ROS 2: an action server, and joint states. It does as standard input says.
 
-Usage: jazzy_driver.py GripperCommand|ParallelGripperCommand. A line is a mode (good, reject, abort, never,
-nan, silent) or `object WIDTH`, where the fingers stop. The joint's position is the width, at 0.2 m/s.
+Usage: jazzy_driver.py GripperCommand|ParallelGripperCommand. A line is a mode (good, slow, reject, abort,
+never, nan, silent) or `object WIDTH`, where the fingers stop. The joint's position is the width, at 0.2 m/s.
+In the mode `slow` the answer to a goal that closes the fingers takes 0.1 s. The goal that is answered last is
+executed.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-PERIOD_S = 0.02
+PERIOD_S, SLOW_S = 0.02, 0.1
 STEP_M = 0.2 * PERIOD_S
 
 
@@ -42,8 +44,7 @@ class Driver(Node):
             "/hand/cmd",
             self.execute,
             callback_group=group,
-            goal_callback=lambda _: GoalResponse.REJECT if self.mode == "reject" else GoalResponse.ACCEPT,
-            handle_accepted_callback=self.accept,
+            goal_callback=self.judge,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
@@ -52,16 +53,20 @@ class Driver(Node):
             position = math.nan if self.mode == "nan" else self.position
             self.states.publish(JointState(name=["other", "jaw"], position=[9.0, position]))
 
-    def accept(self, handle: Any) -> None:
-        """On a busy computer an older goal may begin to be executed after a newer one."""
-        self.newest = handle
-        handle.execute()
+    def judge(self, goal: Any) -> GoalResponse:
+        if self.mode == "slow" and self.target(goal) < self.position:
+            time.sleep(SLOW_S)
+        self.newest = goal
+        return GoalResponse.REJECT if self.mode == "reject" else GoalResponse.ACCEPT
+
+    def target(self, goal: Any) -> float:
+        position = goal.command.position
+        return float(position[0] if "Parallel" in self.kind.__name__ else position)
 
     def execute(self, handle: Any) -> Any:
-        command = handle.request.command
-        target = command.position[0] if "Parallel" in self.kind.__name__ else command.position
+        target = self.target(handle.request)
         result = self.kind.Result()
-        while self.newest is handle and not handle.is_cancel_requested:
+        while self.newest is handle.request and not handle.is_cancel_requested:
             if self.mode == "abort":
                 break
             way = target - self.position

@@ -89,6 +89,34 @@ def test_a_late_result_of_a_goal_that_was_replaced_is_not_the_new_goals(link: Li
         assert made.state().moving is moving
 
 
+def test_a_result_in_the_moment_in_which_a_goal_begins_is_not_the_new_goals(link: Link) -> None:
+    """The results arrive in another thread."""
+    made = gripper(link)
+    made.close()
+
+    class Content(dict[str, Any]):
+        def __getitem__(self, key: str) -> Any:
+            if key == "status":
+                made.open()
+            return super().__getitem__(key)
+
+    aborted = Content(what="result", number=1, status=6, values={"stalled": False})
+    link.heard.take(aborted, link.seconds)
+    link.hear()
+    assert made.state().moving
+
+
+def test_the_time_for_the_answer_begins_when_the_goal_is_sent(link: Link) -> None:
+    """The process sends a goal after the answer to the previous one."""
+    made = gripper(link)
+    made.close()
+    link.seconds += 1.9
+    link.hear(what="sent", number=1)
+    link.seconds += 1.9
+    link.hear()
+    assert made.state().moving
+
+
 @pytest.mark.parametrize("position", [math.nan, None, "wide", math.inf])
 def test_a_position_that_is_no_number_is_an_error(link: Link, position: Any) -> None:
     made = gripper(link)

@@ -133,6 +133,25 @@ def test_widths_are_reached_and_a_newer_command_replaces(gripper: RosGripper) ->
     assert end(gripper).width == pytest.approx(0.06, abs=1e-3)
 
 
+def test_of_two_commands_at_once_the_newer_one_is_executed(gripper: RosGripper, double: Double) -> None:
+    """Though the driver, with its several threads, takes longer for the first one."""
+    gripper.move(0.01, None, None)
+    end(gripper)
+    double.be("slow")
+    gripper.close()
+    gripper.move(0.07, None, None)
+    assert end(gripper).width == pytest.approx(0.07, abs=1e-3)
+
+
+def test_a_stop_before_the_driver_has_answered_cancels(gripper: RosGripper, double: Double) -> None:
+    double.be("slow")
+    gripper.close()
+    gripper.stop()
+    width = end(gripper).width
+    assert width is not None
+    assert width > 0.04
+
+
 def test_a_part_is_held_found_again_and_lost(gripper: RosGripper, double: Double) -> None:
     double.be("object 0.03")
     gripper.grasp(ANY)
