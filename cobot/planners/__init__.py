@@ -21,14 +21,14 @@ from cobot.errors import InputError, LimitError, PlanningError
 from cobot.motions.checks import check_for_robot
 from cobot.motions.planners import PLANNERS, PlannerName, Way
 from cobot.motions.requests import MotionRequest, WaypointRequest
-from cobot.planners.checks import is_there, validate
 from cobot.planners.escape import leave_invalid_start
-from cobot.planners.goals import joint_goals, nearest_goal
+from cobot.planners.goals import is_there, joint_goals, nearest_goal
 from cobot.planners.held import Held
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.timing.waypoints import plan_waypoints
 from cobot.planners.unit_advice import advice_on_units
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import check_motion
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Notice, Trajectory
 from cobot.types import Array
@@ -153,7 +153,7 @@ def validated(robot: RobotDescription, request: MotionRequest, trajectory: Traje
         PlanningError: the motion fails a check.
     """
     try:
-        validate(robot, trajectory, request.scaled_limits(robot))
+        check_motion(robot, trajectory, request.scaled_limits(robot))
         if (held := _held(robot, request)) is not None:
             held.check(trajectory, request.planner)
     except LimitError as exc:

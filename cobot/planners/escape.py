@@ -8,7 +8,7 @@ import numpy as np
 
 from cobot.errors import CollisionError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.checks import is_there
+from cobot.planners.goals import is_there
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.collision import Contact, motion_pieces
 from cobot.robot.description import RobotDescription

@@ -12,6 +12,12 @@ from cobot.types import Array, Pose
 
 SPREAD = 8
 """Number of configurations that are checked in each interval of the arm angle."""
+ALREADY_THERE_RAD = 1e-6
+
+
+def is_there(start: Array, goal: Array) -> bool:
+    """Whether the arm is already at the goal."""
+    return bool(np.abs(goal - start).max() < ALREADY_THERE_RAD)
 
 
 def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:

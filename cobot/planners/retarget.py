@@ -19,12 +19,12 @@ from cobot.errors import CobotError, CollisionError, LimitError, PlanningError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.requests import MotionRequest
 from cobot.planners import function_of, plan
-from cobot.planners.checks import TOLERANCE, validate
 from cobot.planners.goals import nearest_goal
 from cobot.planners.ptp import from_profiles
 from cobot.planners.timing.profile import fastest_profile
 from cobot.polynomials import greatest_rates, pieces_at
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import PLANNED_TOLERANCE, check_motion
 from cobot.trajectory import ORDER, Trajectory
 from cobot.trajectory_parts import SAME_S, cut, expanded, remainder_at
 from cobot.types import Array, JointLimits, PlannerName, Synchronization
@@ -100,7 +100,7 @@ def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) ->
         problem.target_position = goal.tolist()
         solution = fastest_profile(problem)
         motion = from_profiles(solution.profiles[0], solution.duration)
-        validate(robot, motion, limits)
+        check_motion(robot, motion, limits)
     except CobotError:
         return None
     return motion
@@ -117,7 +117,7 @@ def _by_way_of_rest(
     if following is not None:
         whole = _joined(robot, request, limits, left, slowing, following)
         return replace(whole, note=following.note, notices=following.notices), slowing.duration_s
-    validate(robot, slowing, limits)
+    check_motion(robot, slowing, limits)
     return slowing, slowing.duration_s
 
 
@@ -129,7 +129,7 @@ def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) 
     used = greatest_rates(left.coefficients, np.diff(left.breakpoints_s)).max(axis=1)
     rows = zip(
         (asked.max_velocity, asked.max_acceleration, asked.max_jerk),
-        used * (1.0 + TOLERANCE),
+        used * (1.0 + PLANNED_TOLERANCE),
         (own.max_velocity, own.max_acceleration, own.max_jerk),
         strict=True,
     )
@@ -140,7 +140,7 @@ def _slow_down(state: Array, limits: JointLimits) -> Trajectory:
     """A motion from a moving state, shape (3, dof), to rest. All joints stop at the same time."""
     if not state[1:].any():
         return _resting(state[0])
-    acceleration = np.maximum(GENTLE * limits.max_acceleration, np.abs(state[2]) * (1.0 + TOLERANCE))
+    acceleration = np.maximum(GENTLE * limits.max_acceleration, np.abs(state[2]) * (1.0 + PLANNED_TOLERANCE))
     gentle = limits.with_rates(limits.max_velocity, acceleration, limits.max_jerk)
     problem = _profile(state, gentle)
     problem.control_interface = ruckig.ControlInterface.Velocity
@@ -198,12 +198,12 @@ def _joined(
             if all(speed > _tcp_speed(robot, each) for each in (left, following)):
                 continue
         try:
-            validate(robot, opening if is_proven else whole, limits)
+            check_motion(robot, opening if is_proven else whole, limits)
         except (LimitError, PlanningError):
             continue
         return whole
     try:
-        validate(robot, whole, limits)  # an error names the place in the whole motion
+        check_motion(robot, whole, limits)  # an error names the place in the whole motion
     except (LimitError, PlanningError) as exc:
         kind = CollisionError if isinstance(exc, CollisionError) else PlanningError
         said = f"the way from the current motion to the new goal: {exc}"
@@ -213,7 +213,7 @@ def _joined(
 
 def _possible_shares(slowing: Trajectory, following: Trajectory, limits: JointLimits) -> list[float]:
     """The `SHARES` at which no sample of the sum exceeds a rate limit. This takes a fraction of the time of
-    `validate`. It always includes the last one.
+    `check_motion`. It always includes the last one.
     """
     times_s = slowing.duration_s / STEPS * np.arange(STEPS)
     bounds = np.array((limits.max_velocity, limits.max_acceleration, limits.max_jerk))[:, None]
@@ -225,7 +225,7 @@ def _possible_shares(slowing: Trajectory, following: Trajectory, limits: JointLi
     for share in SHARES:
         step = round(share * STEPS)
         total = np.abs(first[:, step:] + second[:, : STEPS - step])
-        if (total <= bounds * (1.0 + TOLERANCE)).all():
+        if (total <= bounds * (1.0 + PLANNED_TOLERANCE)).all():
             possible.append(share)
     return possible
 

@@ -1,4 +1,4 @@
-"""Checks of a trajectory against the limits of the joints and their drives."""
+"""The checks that every planned motion must pass: limits of the joints and their drives, and collisions."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import numpy as np
 from cobot.errors import LimitError
 from cobot.findings import Finding
 from cobot.polynomials import greatest_rates, pieces_at
+from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
 """Share of a limit by which a value may exceed it, because clients round their motions."""
+PLANNED_TOLERANCE = 1e-9
+"""Share of a limit by which rounding may make a planned motion exceed it."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000
@@ -32,6 +35,23 @@ them.
 """
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
+
+
+def check_motion(
+    robot: RobotDescription, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
+) -> None:
+    """Reject a planned motion that does not keep its limits at the true extrema, needs more effort than its
+    drives have, or leads to a collision of the arm with itself or its surroundings.
+
+    An arm that was pushed beyond a limit may move back, but not further out.
+
+    Raises:
+        LimitError: see `check_limits` and `check_efforts`.
+        CollisionError: the arm touches itself or its surroundings; see the collision checker.
+    """
+    check_limits(trajectory, limits.including(trajectory.start), labels, PLANNED_TOLERANCE)
+    check_efforts(robot.model, trajectory, limits)
+    robot.collision.check_trajectory(trajectory)
 
 
 def check_limits(

@@ -18,13 +18,13 @@ from cobot.motions.planners import Way
 from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.stretches import Corner, Leg
 from cobot.planners.blending.leg_limits import largest, largest_rates, rates
-from cobot.planners.checks import validate
 from cobot.planners.held import ALLOWANCE, LOOK_S, MAX_LOOKS, Held
 from cobot.planners.path.cartesian import tcp_limits
 from cobot.planners.timing.coordinates import Zones
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import check_motion
 from cobot.trajectory import Notice, Trajectory, from_hermite
 from cobot.trajectory_parts import cut
 from cobot.types import Array
@@ -246,7 +246,7 @@ def part_of(
     if timed.trajectory.duration_s >= stopping.trajectory.duration_s and corners:
         return Part(stopping)
     try:
-        validate(robot, timed.trajectory, limits)
+        check_motion(robot, timed.trajectory, limits)
     except LimitError as exc:
         raise PlanningError(f"round corners: {exc}") from exc
     progress = timed.progress

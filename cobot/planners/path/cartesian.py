@@ -15,7 +15,7 @@ import numpy as np
 from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
-from cobot.planners.checks import is_there
+from cobot.planners.goals import is_there
 from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving
 from cobot.planners.path.joint_path import (
     through,

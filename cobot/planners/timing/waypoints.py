@@ -10,7 +10,7 @@ import numpy as np
 from cobot.errors import LimitError
 from cobot.motions.points import labels_of, require_positions
 from cobot.motions.requests import MotionRequest, WaypointRequest
-from cobot.planners.checks import is_there, validate
+from cobot.planners.goals import is_there
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.timing.course import PRESENT, WaypointCourse, course_of, through
 from cobot.planners.timing.rounding import smoothed
@@ -19,6 +19,7 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import (
     check_efforts,
     check_limits,
+    check_motion,
     in_range,
     stretch_to_efforts,
     stretch_to_limits,
@@ -70,7 +71,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
         return motion
     approach = MotionRequest(request.start, motion.start, PlannerName.PTP, request.approach)
     first = plan_ptp(robot, approach, motion.start)
-    validate(robot, first, approach.scaled_limits(robot))
+    check_motion(robot, first, approach.scaled_limits(robot))
     return first.followed_by(motion)
 
 
