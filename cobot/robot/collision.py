@@ -170,13 +170,16 @@ class CollisionChecker:
         first, second = self.pairs[pair]
         return self.name(first), self.name(second)
 
-    def is_own(self, pair: int) -> bool:
-        """Whether both bodies of a pair are parts of the robot, which means that their root body is the
+    def are_own(self) -> list[bool]:
+        """For each pair, whether both bodies are parts of the robot, which means that their root body is the
         same.
         """
-        roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
+        root_of = self._mj.body_rootid[self._mj.geom_bodyid].tolist()
         stands = {name for name, each in self.scene.objects.items() if not each.attached}
-        return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
+        return [
+            root_of[first] == root_of[second] != 0 and stands.isdisjoint(self.names(pair))
+            for pair, (first, second) in enumerate(self.pairs)
+        ]
 
     @property
     def nearest(self) -> NearestParts:

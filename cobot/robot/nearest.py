@@ -53,7 +53,7 @@ class NearestParts:
     def __init__(self, checker: CollisionChecker, base: str) -> None:
         self._checker, self._base = checker, base
         self._data = mujoco.MjData(checker.mj)
-        own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
+        own = np.array(checker.are_own(), dtype=bool)
         changes = self._find_changing()
         self._own, self._around = np.flatnonzero(own & changes), np.flatnonzero(~own & changes)
 
@@ -98,9 +98,11 @@ class NearestParts:
         return _point(first), _point(second)
 
     def _find_changing(self) -> npt.NDArray[np.bool_]:
-        """Whether the distance of each pair depends on the joints."""
+        """Whether the distance of each pair depends on the joints: on those that move only one of both."""
         mj, pairs = self._checker.mj, self._checker.pairs
-        moving = [self._joints_between(first, second) for first, second in pairs]
+        joints_of = [self._joints_of(body) for body in range(mj.nbody)]
+        joints_of_geom = [joints_of[body] for body in mj.geom_bodyid.tolist()]
+        moving = [joints_of_geom[first] ^ joints_of_geom[second] for first, second in pairs]
         changes = np.array([bool(joints) for joints in moving], dtype=bool)
         for joint in range(self._checker.clearance.dof):
             alone = [pair for pair, joints in enumerate(moving) if joints == {joint}]
@@ -113,11 +115,6 @@ class NearestParts:
             # A pair that is far apart at all these angles may be nearer at angles between them.
             changes[alone] = (np.ptp(distances, axis=0) > SAME_M) | (distances.min(axis=0) >= FARTHEST_M)
         return changes
-
-    def _joints_between(self, first: int, second: int) -> set[int]:
-        """The joints that move only one of two shapes."""
-        bodies = self._checker.mj.geom_bodyid
-        return self._joints_of(int(bodies[first])) ^ self._joints_of(int(bodies[second]))
 
     def _joints_of(self, body: int) -> set[int]:
         """The joints that move a body."""

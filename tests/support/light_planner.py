@@ -39,6 +39,11 @@ def end_once(robot: object, mark: Path) -> str:
     return "planned"
 
 
+def note(robot: object, file: Path) -> None:
+    with file.open("a", encoding="utf-8") as notes:
+        notes.write(f"{os.getpid()}\n")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--fd", type=int, required=True)

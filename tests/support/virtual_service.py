@@ -25,6 +25,7 @@ from virtual_time import VirtualClock, VirtualLoop
 
 from app.main import create_app
 from app.services.motion.planning import PlanningService, PlanningStatus
+from app.services.motion.planning_tasks import surround
 from cobot.client.rest import Client
 from cobot.config import Settings, load_settings
 from cobot.ipc.shm import RobotMemory
@@ -56,7 +57,10 @@ class PlanningHere(PlanningService):
     async def compute(
         self, work: Callable[[RobotDescription], Result], timeout_s: float, scene: Scene | None = None
     ) -> Result:
-        return self.placed(work, scene)(self._robot)
+        surround(self._robot, scene or self.scene, self.tool)
+        return work(self._robot)
+
+    async def prepare(self, scene: Scene | None = None, processes: int | None = None) -> None: ...
 
     def close(self) -> None: ...
 

@@ -10,17 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
-from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import in_scene, prepare_search
-from cobot.errors import CobotError, PlanningError, PlanningTimeout
+from app.services.motion.planning_pool import PlanningPool, Preparation, WorkerLost
+from app.services.motion.planning_tasks import surround
+from cobot.errors import PlanningError, PlanningTimeout
 from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
-from cobot.robot.tool import BARE
+from cobot.robot.tool import BARE, Tool
 
 POLL_S = 0.02
-PREPARE_S = 5.0
-"""Timeout for a process to take over the scene and the tool, s."""
 ATTEMPTS = 2
 """Maximum number of workers that begin the same task. It is limited because the task itself may have crashed
 the first one.
@@ -69,7 +67,6 @@ class PlanningService:
 
     scene = Scene()
     tool = BARE
-    _preparing: asyncio.Task[None] | None = None
 
     def __init__(
         self, config: Path | None, workers: int, robot: str | None = None, blanks: list[Forked] | None = None
@@ -77,6 +74,7 @@ class PlanningService:
         chosen = {"--config": config, "--robot": robot}
         self._arguments = [part for name, value in chosen.items() if value for part in (name, str(value))]
         self._pool = PlanningPool(self._arguments, workers, blanks)
+        self._known: list[tuple[Scene, Tool, Preparation]] = []  # the current scene and a coming one
 
     def warm_up(self) -> None:
         """Start the workers in advance, so that the first plan does not wait for their imports."""
@@ -130,7 +128,7 @@ class PlanningService:
         while True:
             chosen, tool = scene or self.scene, self.tool
             try:
-                found = await self._pool.run(self.placed(work, chosen), timeout_s, asked_s)
+                found = await self._pool.run(work, timeout_s, asked_s, self._preparation(chosen, tool))
             except TimeoutError as exc:
                 raise PlanningTimeout.after(
                     timeout_s, f"planning took longer than {timeout_s:.1f} s and was cancelled; {exc}"
@@ -147,27 +145,27 @@ class PlanningService:
                 return cast(Result, found)
             log.info("the scene or the tool has changed during planning: planning again")
 
-    def prepare(self, scene: Scene) -> None:
-        """Make all free processes take over a scene that is not in force yet, so that the next task does not
-        have to wait for this.
+    async def prepare(self, scene: Scene | None = None, processes: int | None = None) -> None:
+        """Let free planning processes take over the scene and the tool before their next task.
+
+        Args:
+            scene: a scene that is not in force yet; None for the current one.
+            processes: number of processes, in the order in which they get tasks; None for all.
         """
-        self._preparing = asyncio.create_task(self._prepare(scene, self.status.usable - self.status.busy))
+        ahead = self._preparation(scene or self.scene, self.tool)
+        if ahead is not None:
+            await self._pool.prepare(ahead, self._pool.size if processes is None else processes)
 
-    async def _prepare(self, scene: Scene, processes: int) -> None:
-        tasks = (self.compute(prepare_search, PREPARE_S, scene) for _ in range(processes))
-        for found in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(found, CobotError):
-                log.info("a planning process has not taken over the scene yet: %s", found)
-
-    def placed(
-        self, work: Callable[[RobotDescription], Result], scene: Scene | None = None
-    ) -> Callable[[RobotDescription], Result]:
-        """Wrap a function so that it uses the current tool and this scene; None for the current scene."""
-        scene = scene or self.scene
-        is_new = self._preparing is None  # a process may have prepared a scene that was rejected afterwards
-        if is_new and not scene.version and not self.tool.version:
-            return work
-        return partial(in_scene, scene=scene, tool=self.tool, work=work)
+    def _preparation(self, scene: Scene, tool: Tool) -> Preparation | None:
+        """The preparation for a scene and a tool; None if no process has ever needed one."""
+        if not (self._known or scene.version or tool.version):
+            return None
+        for known, with_tool, ahead in self._known:
+            if known is scene and with_tool is tool:
+                return ahead
+        made = Preparation(partial(surround, scene=scene, tool=tool))
+        self._known = [(scene, tool, made), *self._known[:1]]
+        return made
 
     def close(self) -> None:
         self._pool.close()

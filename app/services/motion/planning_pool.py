@@ -18,16 +18,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.services.motion.planning_worker import LENGTH, Task, message
+from app.services.motion.planning_worker import HEAD, Task, TooLargeError, message
 from cobot.errors import UnavailableError
 from cobot.launch.forked import Forked
 from cobot.launch.process import RUN_MODULE, is_stopped
 
 WORKER = "app.services.motion.planning_worker"
 STDOUT = 1
-LARGE_BYTES = 65536
-"""Minimum size of an answer that is unpickled in a thread, bytes. For smaller answers, the switch of threads
-takes longer than unpickling.
+LARGE_BYTES = 2**18
+"""Minimum size of a message that is pickled or unpickled in a thread, bytes. For smaller messages, the switch
+of threads takes longer.
 """
 LOOK_S = 0.5
 """Interval at which busy workers are checked for being suspended, s."""
@@ -49,14 +49,32 @@ class WorkerLost(Exception):
     begun = False
 
 
+class Preparation:
+    """A task without an answer that a worker does once, before other tasks. It is packed once for all
+    workers.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task: Task | None = task
+        self._packed = b""
+
+    async def pack(self) -> bytes:
+        if self._task is not None:
+            self._packed = await _pack(self._task, ahead=True)
+            self._task = None
+        return self._packed
+
+
 @dataclass(eq=False)
 class _Worker:
     """A planning process and the state of its current task.
 
     Attributes:
+        prepared: the newest preparation that was sent to the process.
+        preparing: whether the process has not ended it yet.
         answer: future for the answer to the current task. The answer states whether the task returned a value
             or raised an error, followed by this value or error. None without a task.
-        begun: whether the process has reported that the current task has begun.
+        begun: whether the process has reported that the current task has begun, or a preparation for it.
         usable: whether the process has loaded its robot and has not ended.
         dismissed: whether the pool itself has ended the process.
         paused: whether the process was suspended at the last check.
@@ -64,6 +82,8 @@ class _Worker:
 
     process: subprocess.Popen[bytes] | Forked
     writer: asyncio.StreamWriter
+    prepared: Preparation | None = None
+    preparing: bool = False
     answer: asyncio.Future[tuple[bool, Any]] | None = None
     begun: bool = False
     usable: bool = False
@@ -74,6 +94,12 @@ class _Worker:
         """Kill the worker. The pool then starts a new one."""
         self.usable = False
         self.process.kill()
+
+    def prepare(self, ahead: Preparation, packed: bytes) -> None:
+        """Send a preparation, unless the process has it."""
+        if self.prepared is not ahead:
+            self.prepared, self.preparing = ahead, True
+            self.writer.write(packed)
 
     def stands_still(self) -> bool:
         """Whether the process is suspended, and was also suspended at the last check."""
@@ -102,7 +128,8 @@ class PlanningPool:
         self._blanks = blanks if blanks is not None else []
         self._command = [*RUN_MODULE, WORKER, *arguments]
         self._workers: set[_Worker] = set()
-        self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
+        # The worker that was busy last comes first, because it is still in the processor's caches.
+        self._idle: asyncio.LifoQueue[_Worker] = asyncio.LifoQueue()
         self._keepers: list[asyncio.Task[None]] = []
 
     @property
@@ -120,12 +147,31 @@ class PlanningPool:
         if not self._keepers:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
-    async def run(self, task: Task, timeout_s: float, asked_s: float | None = None) -> Any:
+    async def prepare(self, ahead: Preparation, workers: int) -> None:
+        """Let this number of free workers prepare in advance, in the order in which they get tasks. Returns
+        before they have done so. A worker that is still preparing is left out, so that preparations do not
+        pile up.
+        """
+        packed = await ahead.pack()
+        taken: list[_Worker] = []
+        while len(taken) < workers and not self._idle.empty():
+            worker = self._idle.get_nowait()
+            if worker.usable:
+                taken.append(worker)
+        for worker in reversed(taken):
+            if not worker.preparing:
+                worker.prepare(ahead, packed)
+            self._idle.put_nowait(worker)
+
+    async def run(
+        self, task: Task, timeout_s: float, asked_s: float | None = None, ahead: Preparation | None = None
+    ) -> Any:
         """Run a task in a worker and return its result. Errors of the task are passed on. Cancelling this
         kills the worker.
 
         Args:
             asked_s: time at which the timeout begins, on the event loop's clock; None for now.
+            ahead: preparation that the task needs. An error of the preparation is an error of the task.
 
         Raises:
             TimeoutError: the task has taken too long. The error states how much of the time passed before a
@@ -136,7 +182,8 @@ class PlanningPool:
         loop = asyncio.get_running_loop()
         asked_s = loop.time() if asked_s is None else asked_s
         self.start()
-        packed = await asyncio.to_thread(message, task)
+        packed = await _pack(task)
+        first = b"" if ahead is None else await ahead.pack()
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
                 worker = await self._wait_for_worker()
@@ -147,6 +194,8 @@ class PlanningPool:
         worker.answer, worker.begun = loop.create_future(), False
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
+                if ahead is not None:
+                    worker.prepare(ahead, first)
                 worker.writer.write(packed)
                 succeeded, found = await self._answer(worker)
         except BaseException as exc:
@@ -221,12 +270,15 @@ class PlanningPool:
         began = False
         try:
             async with asyncio.timeout(START_S):
-                await _message(reader)
+                await _receive(reader)
             began = worker.usable = True
             self.problem = ""
             self._idle.put_nowait(worker)
             while True:
-                packed = await _message(reader)
+                is_ahead, packed = await _receive(reader)
+                if is_ahead:
+                    worker.preparing = False
+                    continue
                 if not packed:
                     worker.begun = True
                     continue
@@ -295,6 +347,13 @@ class PlanningPool:
         self.problem = problem
 
 
+async def _pack(task: Task, *, ahead: bool = False) -> bytes:
+    try:
+        return message(task, LARGE_BYTES, ahead=ahead)
+    except TooLargeError:
+        return await asyncio.to_thread(message, task, ahead=ahead)
+
+
 def _outcome(packed: bytes) -> tuple[bool, Any]:
     try:
         found: tuple[bool, Any] = pickle.loads(packed)
@@ -307,11 +366,11 @@ def _ending(status: int) -> str:
     return f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
 
-async def _message(reader: asyncio.StreamReader) -> bytes:
-    """Read the next message and return its pickle.
+async def _receive(reader: asyncio.StreamReader) -> tuple[bool, bytes]:
+    """Read the next message, and return whether it is about a preparation, and its pickle.
 
     Raises:
         asyncio.IncompleteReadError: the other end is closed.
     """
-    (size,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
-    return await reader.readexactly(size)
+    is_ahead, size = HEAD.unpack(await reader.readexactly(HEAD.size))
+    return is_ahead, await reader.readexactly(size)

@@ -6,10 +6,9 @@ which refers to the functions by name, does not load scipy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from cobot.config import Settings
 from cobot.errors import CobotError, InputError
@@ -27,7 +26,6 @@ from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-Result = TypeVar("Result")
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
 LegRequest = RatedMove | MotionRequest
 
@@ -54,23 +52,15 @@ def improve_motion(
     return improve(robot, request, state, slice_s)
 
 
-def in_scene(
-    robot: RobotDescription, scene: Scene, tool: Tool, work: Callable[[RobotDescription], Result]
-) -> Result:
-    """Run a task for a robot in a scene with a tool. Both are part of the message, because a new process
-    knows neither.
-    """
+def surround(robot: RobotDescription, scene: Scene, tool: Tool) -> None:
+    """Take over a scene and a tool, and prepare a plan and its forecast in this scene."""
     if robot.model.carried.version != tool.version + scene.loads:
         robot.model.carry(tool, scene)
     checker = robot.collision
     if (checker.scene.version, checker.tool.version) != (scene.version, tool.version):
         checker.surround(scene, tool)
-    return work(robot)
-
-
-def prepare_search(robot: RobotDescription) -> None:
-    """Take over the scene and the tool, and prepare a search in this scene. Does nothing else."""
-    robot.collision.clearance.enclose()
+    checker.clearance.enclose()
+    _ = checker.nearest  # makes it
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:

@@ -1,9 +1,11 @@
 """`python -m app.services.motion.planning_worker`: a process that computes one task after the other.
 
 It shares only an inherited socket with the service, so it may be killed at any moment. Messages are pickles,
-each preceded by its length in 8 bytes. The process first reports that the robot is loaded. Then it receives
-functions of the robot. For each, it sends an empty message when it begins, and then the answer: whether the
-function has returned, and its result or its error.
+each preceded by its head: whether it is a preparation, and its length. The process first reports that the
+robot is loaded. Then it receives functions of the robot. For each, it sends an empty message when it begins.
+If the function is a task, the answer follows: whether the function has returned, and its result or its error.
+A preparation has no answer, only another empty message at its end, so the next task can already be on its
+way. A preparation that fails is repeated before each task, and its error is then the answer.
 """
 
 from __future__ import annotations
@@ -12,27 +14,58 @@ import argparse
 import atexit
 import contextlib
 import gc
+import io
 import pickle
 import signal
 import struct
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from socket import socket
 from typing import Any, BinaryIO
 
 from cobot.launch.process import Niceness, die_with_parent, in_words, set_niceness
 
-LENGTH = struct.Struct("=Q")
+HEAD = struct.Struct("=?Q")
+BEGUN = HEAD.pack(False, 0)
+"""The message of a process that begins a preparation or a task."""
+PREPARED = HEAD.pack(True, 0)
+"""The message of a process that has ended a preparation."""
 Task = Callable[[Any], Any]
 """A task of a worker: a picklable function of `cobot.robot.description.RobotDescription`."""
 
 
-def message(content: object) -> bytes:
-    """Encode a message as bytes."""
-    packed = pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
-    return LENGTH.pack(len(packed)) + packed
+class TooLargeError(Exception):
+    """Raised if a message is larger than its limit."""
+
+
+class _Limited(io.BytesIO):
+    """Memory for at most `limit` bytes."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__()
+        self._limit = limit
+
+    def write(self, part: Any) -> int:
+        if self.tell() + memoryview(part).nbytes > self._limit:
+            raise TooLargeError
+        return super().write(part)
+
+
+def message(content: object, limit: int = sys.maxsize, *, ahead: bool = False) -> bytes:
+    """Encode a message as bytes.
+
+    Args:
+        limit: maximum number of bytes.
+        ahead: whether the message is a preparation.
+
+    Raises:
+        TooLargeError: the message is larger than the limit. This is noticed without encoding all of it.
+    """
+    packed = _Limited(limit)
+    pickle.Pickler(packed, pickle.HIGHEST_PROTOCOL).dump(content)
+    return HEAD.pack(ahead, packed.tell()) + packed.getvalue()
 
 
 def main() -> int:
@@ -76,18 +109,36 @@ def main() -> int:
 
 def _work(channel: Any, robot: Any) -> None:
     _send(channel, message(None))
-    while (task := _receive(channel)) is not None:
-        _send(channel, LENGTH.pack(0))
-        _send(channel, _outcome(task, robot))
+    failed: list[bytes] = []  # the newest preparation, if it has failed
+    while (received := _receive(channel)) is not None:
+        is_ahead, packed = received
+        _send(channel, BEGUN)
+        if is_ahead:
+            failed = [] if _outcome([packed], robot)[0] else [packed]
+            _send(channel, PREPARED)
+        else:
+            _send(channel, _answer([*failed, packed], robot))
 
 
-def _outcome(packed: bytes, robot: Any) -> bytes:
+def _answer(tasks: Sequence[bytes], robot: Any) -> bytes:
+    outcome = _outcome(tasks, robot)
     try:
-        task: Task = pickle.loads(packed)
-        return message((True, task(robot)))
+        return message(outcome)
+    except Exception as exc:  # noqa: BLE001 - the service decides what becomes of it
+        return message((False, exc))
+
+
+def _outcome(tasks: Sequence[bytes], robot: Any) -> tuple[bool, Any]:
+    """Compute tasks in this order. Returns whether all have succeeded, and the last result or the error."""
+    found = None
+    try:
+        for packed in tasks:
+            task: Task = pickle.loads(packed)
+            found = task(robot)
     except Exception as exc:  # noqa: BLE001 - the service decides what becomes of it
         exc.add_note("".join(traceback.format_tb(exc.__traceback__)))
-        return message((False, exc))
+        return False, exc
+    return True, found
 
 
 def _send(channel: BinaryIO, content: bytes) -> None:
@@ -95,14 +146,14 @@ def _send(channel: BinaryIO, content: bytes) -> None:
     channel.flush()
 
 
-def _receive(channel: BinaryIO) -> bytes | None:
-    """Read the pickle of the next message; None if the channel was closed."""
-    head = channel.read(LENGTH.size)
-    if len(head) < LENGTH.size:
+def _receive(channel: BinaryIO) -> tuple[bool, bytes] | None:
+    """Read the next message: whether it is a preparation, and its pickle; None if the channel was closed."""
+    head = channel.read(HEAD.size)
+    if len(head) < HEAD.size:
         return None
-    size = LENGTH.unpack(head)[0]
+    is_ahead, size = HEAD.unpack(head)
     packed = channel.read(size)
-    return packed if len(packed) == size else None
+    return (is_ahead, packed) if len(packed) == size else None
 
 
 if __name__ == "__main__":

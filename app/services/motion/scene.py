@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
@@ -243,10 +244,9 @@ class SceneService:
                 scene = edit(scene, hand)
             self._version = max(self._version, self.scene.version) + 1
             scene = replace(self._with_fixtures(scene, edits), version=self._version)
-            scene = replace(scene, objects=await asyncio.to_thread(with_room, scene.objects))
+            scene = replace(scene, objects=await _with_room(scene.objects))
             if scene.load == self.scene.load:
-                if self._replan_within_s > 0.0:
-                    self._planning.prepare(scene)
+                await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
@@ -282,8 +282,8 @@ class SceneService:
         """Apply a scene. If an object is in the current path, a path around it is searched while the scene is
         stored, and sent to the real-time loop once the scene is in force.
         """
-        checker = await asyncio.to_thread(self._robot.collision.among, scene)
-        remaining, in_force = await self._examine(checker), asyncio.Event()
+        checker, remaining = await self._examine(partial(self._robot.collision.among, scene))
+        in_force = asyncio.Event()
         leading = self._begin_way_around(remaining, scene, in_force)
         try:
             ours = await self._store(scene, checker)
@@ -301,11 +301,13 @@ class SceneService:
         if self._under_way() is not (None if remaining is None else remaining.handed_over):
             if leading is not None:
                 leading.cancel()
-            remaining = await self._examine(checker)  # a different motion has begun, or this one has ended
+            # a different motion has begun, or this one has ended
+            _, remaining = await self._examine(lambda: checker)
         elif leading is not None:
             in_force.set()
             remaining = None if await _is_led(leading) else remaining
         stopped = "" if remaining is None else await self._stop_if_invalid(checker, remaining)
+        await self._planning.prepare()
         return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
 
     async def _store(self, scene: Scene, checker: CollisionChecker) -> CollisionChecker:
@@ -346,19 +348,30 @@ class SceneService:
             return None
         return handed_over
 
-    async def _examine(self, checker: CollisionChecker) -> _Remaining | None:
-        """Check the remaining part of the current motion; None if nothing remains."""
-        handed_over = self._under_way()
-        if handed_over is None:
-            return None
+    async def _examine(
+        self, make: Callable[[], CollisionChecker]
+    ) -> tuple[CollisionChecker, _Remaining | None]:
+        """Make a checker and check the remaining part of the current motion, both in one thread.
+
+        Returns:
+            The checker, and the remaining part; None if nothing remains.
+        """
+        handed_over, left = self._under_way(), None
         state, since_s = self._link.state(), self._link.clock.now_s()
-        motion_id, trajectory = handed_over
-        time_s = max(0.0, state.path_time_s) if state.motion_id == motion_id else 0.0
-        if time_s >= trajectory.duration_s:
-            return None
-        left = cut(trajectory, time_s, trajectory.duration_s)
-        contact = await asyncio.to_thread(checker.first_contact, left)
-        return _Remaining(handed_over, since_s, left, contact)
+        if handed_over is not None:
+            motion_id, trajectory = handed_over
+            time_s = max(0.0, state.path_time_s) if state.motion_id == motion_id else 0.0
+            if time_s < trajectory.duration_s:
+                left = cut(trajectory, time_s, trajectory.duration_s)
+
+        def examine() -> tuple[CollisionChecker, FirstContact | None]:
+            checker = make()
+            return checker, None if left is None else checker.first_contact(left)
+
+        checker, contact = await asyncio.to_thread(examine)
+        if handed_over is None or left is None:
+            return checker, None
+        return checker, _Remaining(handed_over, since_s, left, contact)
 
     async def _stop_if_invalid(self, checker: CollisionChecker, remaining: _Remaining) -> str:
         """Stop the current motion if its remaining path collides. Return the reason, or "" if the motion
@@ -408,6 +421,13 @@ class SceneService:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
                 raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
+
+
+async def _with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
+    """See `with_room`. Without point clouds a thread is not worth its time."""
+    if any(each.cells for each in objects.values()):
+        return await asyncio.to_thread(with_room, objects)
+    return with_room(objects)
 
 
 async def _is_led(leading: asyncio.Task[bool]) -> bool:

@@ -166,6 +166,7 @@ class ToolService:
                 raise ConflictError(str(exc)) from exc
             raise
         self._take_over(tool, ours)
+        await self._planning.prepare()
         for tell in self.on_change:
             tell()
         self._link.events.publish("tool", version=tool.version, name=tool.name, mass=tool.mass)

@@ -75,7 +75,7 @@ def test_what_may_touch_is_not_looked_at():
 
 def test_what_stands_is_no_part_of_the_robot_and_what_is_held_is():
     checker = ROBOT.collision.among(Scene(1, EACH))
-    own = {frozenset(checker.names(index)): checker.is_own(index) for index in range(len(checker.pairs))}
+    own = {frozenset(checker.names(pair)): each for pair, each in enumerate(checker.are_own())}
     assert own[frozenset(("part", "link3"))]
     assert not own[frozenset(("table", "link3"))]
 

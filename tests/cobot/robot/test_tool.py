@@ -159,7 +159,7 @@ def test_shapes_are_where_the_flange_is_and_collide(model: RobotModel, robot: Ro
         found = any({each.first, each.second} == {"rod", "wall"} for each in checker.contacts(joints))
         if abs(x.max() - 0.89) > 1e-3 and abs(x.min() - 0.91) > 1e-3:
             assert found == through
-    assert all(checker.is_own(pair) for pair in range(len(checker.pairs)) if "wall" not in checker.names(pair)
+    assert all(own for pair, own in enumerate(checker.are_own()) if "wall" not in checker.names(pair)
                and {"floor"}.isdisjoint(checker.names(pair)))  # fmt: skip
     assert "rod" in checker.body_names
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -25,8 +26,9 @@ from cobot_run import HELPER_ENVIRONMENT
 
 from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_pool import PlanningPool
+from app.services.motion.planning_pool import PlanningPool, Preparation
 from app.services.motion.planning_tasks import dry_run, plan_motion
+from app.services.motion.planning_worker import HEAD, TooLargeError, message
 from cobot.config import Settings
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
 from cobot.launch.process import Niceness, is_stopped
@@ -425,13 +427,108 @@ def test_a_free_process_takes_over_the_scene_before_it_has_a_task(
     ball = SceneObject("sphere", (0.1,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
 
     async def check() -> None:
-        real.prepare(Scene(7, {"ball": ball}))
-        assert real._preparing is not None
-        await real._preparing
+        await real.prepare(Scene(7, {"ball": ball}))
         assert await real._pool.run(_objects, WAIT_S) == ["ball"]
         assert await real.compute(_objects, WAIT_S) == [], "that scene is not in force"
 
     runner.run(check())
+
+
+def test_a_process_prepares_once_before_its_tasks_and_so_does_the_one_that_replaces_it(
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: what the preparation itself writes."""
+    notes, mark = tmp_path / "notes", tmp_path / "mark"
+    ahead = Preparation(partial(light_planner.note, file=notes))
+    monkeypatch.setattr(planning, "_preparation", lambda *_: ahead)
+
+    async def check() -> None:
+        await planning.prepare()
+        both = {await planning.compute(light_planner.pid, WAIT_S) for _ in range(3)}
+        assert len(both) == 1, "the process that was busy last gets the next task"
+        busy = asyncio.create_task(planning.compute(partial(light_planner.sleep_until, mark=mark), WAIT_S))
+        await until(lambda: planning.status.busy == 1)
+        both.add(await planning.compute(light_planner.pid, WAIT_S))
+        mark.touch()
+        await busy
+        assert sorted(notes.read_text().split()) == sorted(map(str, both))
+        for worker in workers():
+            worker.kill()
+        third = await planning.compute(light_planner.pid, WAIT_S)
+        assert notes.read_text().split()[2:] == [str(third)]
+        await until(lambda: planning.warm)
+
+    runner.run(check())
+
+
+def test_preparations_do_not_pile_up_before_a_process_that_is_slow(
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
+) -> None:
+    """Oracle: what the preparations themselves write."""
+    notes, mark = tmp_path / "notes", tmp_path / "mark"
+    slow = Preparation(partial(light_planner.sleep_until, mark=mark))
+    later = [Preparation(partial(light_planner.note, file=notes)) for _ in range(3)]
+
+    async def check() -> None:
+        await planning._pool.prepare(slow, 1)
+        for each in later:
+            await planning._pool.prepare(each, 1)
+        mark.touch()
+        await planning._pool.run(light_planner.pid, WAIT_S, None, later[-1])
+        assert len(notes.read_text().split()) == 1
+
+    runner.run(check())
+
+
+def test_the_error_of_a_preparation_is_that_of_each_task_until_another_succeeds(
+    runner: asyncio.Runner, real: PlanningService
+) -> None:
+    async def check() -> None:
+        refused, fine = Preparation(_refuse), Preparation(light_planner.pid)
+        await real._pool.prepare(refused, 1)
+        for _ in range(2):
+            with pytest.raises(InputError, match="no"):
+                await real._pool.run(light_planner.pid, WAIT_S, None, refused)
+        assert await real._pool.run(light_planner.pid, WAIT_S, None, fine)
+
+    runner.run(check())
+
+
+def test_what_ends_every_worker_as_it_prepares_is_given_up_after_two(
+    runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead = Preparation(light_planner.end)
+    monkeypatch.setattr(planning, "_preparation", lambda *_: ahead)
+
+    async def check() -> None:
+        with pytest.raises(PlanningError, match=r"SIGSEGV, like the one before"):
+            await planning.compute(light_planner.pid, WAIT_S)
+        await until(lambda: planning.warm)
+
+    runner.run(check())
+
+
+def test_a_message_beyond_its_limit_is_noticed_before_all_of_it_is_encoded() -> None:
+    """Oracle: pickle alone."""
+    numbers = np.arange(4000.0)
+    packed = message(numbers)
+    assert packed == HEAD.pack(False, len(packed) - HEAD.size) + pickle.dumps(
+        numbers, pickle.HIGHEST_PROTOCOL
+    )
+    assert message(numbers, len(packed)) == packed
+    endless = (each for each in [b"x" * 70_000, b"x" * 70_000, _Unpicklable])
+    with pytest.raises(TooLargeError):
+        message(_Reading(endless), 100_000)
+
+
+class _Reading:
+    """Pickles as the list of what an iterator gives."""
+
+    def __init__(self, given: Iterator[Any]) -> None:
+        self._given = given
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return list, (), None, self._given
 
 
 def test_a_task_can_be_computed_in_a_scene_that_is_not_in_force_yet(

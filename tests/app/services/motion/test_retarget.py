@@ -474,7 +474,7 @@ def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
     at_once = asyncio.to_thread
 
     async def slowly(work: Any, *values: Any, **named: Any) -> Any:
-        if getattr(work, "__name__", "") == "first_contact":
+        if getattr(work, "__name__", "") == "examine":
             await asyncio.sleep(0.15)
         return await at_once(work, *values, **named)
 

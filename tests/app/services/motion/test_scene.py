@@ -468,3 +468,17 @@ def test_a_moved_object_stays_what_it_is(robot):
     change(robot, attach={"wedge": []})
     held = change(robot, move={"wedge": {"x": 0, "y": 0.9, "z": 0}})
     assert (held.status_code, "is attached: detach it" in held.json()["detail"]) == (409, True)
+
+
+def test_planning_processes_take_a_scene_over_before_the_next_plan_asks_for_it(robot, monkeypatch):
+    """One as soon as the scene is known, so that it can plan a way around; the others once it is in force."""
+    planning, told = robot.app.state.services.planning, []
+
+    async def note(scene=None, processes=None):
+        told.append((scene or planning.scene, processes))
+
+    monkeypatch.setattr(planning, "prepare", note)
+    put(robot, "ball", AHEAD)
+    scene = robot.app.state.services.scene.scene
+    assert "ball" in scene.objects
+    assert told == [(scene, 1), (scene, None)]
