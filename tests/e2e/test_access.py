@@ -182,10 +182,16 @@ def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_pat
 
 @pytest.mark.thorough
 def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Path) -> None:
+    """Also in a small window that shows the guide and who has stopped the arm."""
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
+    with locked.client(Role.OBSERVER) as observer:
+        observer.stop()
     with browsing(tmp_path, "--ignore-certificate-errors", "--enable-unsafe-swiftshader") as tools:
         page = Page(tools)
+        page.ask(
+            "Emulation.setDeviceMetricsOverride", width=800, height=600, deviceScaleFactor=1, mobile=False
+        )
         page.visit(f"{locked.run.url}/")
         until(lambda: page.run("document.querySelector('#token-form').checkVisibility()"))
         page.run("document.querySelector('#token').focus()")
@@ -196,7 +202,9 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         assert not page.run("document.querySelector('#token-form').checkVisibility()")
 
         until(lambda: page.run("cobotPanel.stream.ready && !document.querySelector('#guide').hidden"))
+        until(lambda: page.run("!document.querySelector('#halt').hidden"))
         page.click("#guide-skip")
+        assert page.run("document.querySelector('#guide').hidden")
         place = page.place('[data-jog="joint"]')
         page.mouse("mousePressed", place)
         refused = "document.querySelector('#jog-why').innerText.includes('role does not permit')"

@@ -32,8 +32,8 @@ export class Guide {
     this.mark = mark < MARKS.length ? mark : null;
     if (this.mark === null) keep("localStorage", SEEN, "seen");
     else element("tab-move").click(); // the marks are there
+    this.write(); // first, because its height may change the height of what scrolls
     this.point(true);
-    this.write();
   }
 
   point(on) {

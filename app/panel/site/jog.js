@@ -102,7 +102,7 @@ export class Jog {
     this.held = button;
     button.toggleAttribute("data-held", true);
     this.timer = setInterval(() => this.send(), EVERY_MS);
-    this.send(); // which lets go, and ends the timer, if nobody hears it
+    this.send(); // which lets go, and ends the timer, if there is no connection
   }
 
   // A frame without a velocity lets go; it goes out whenever a holding ends.
@@ -113,6 +113,20 @@ export class Jog {
     clearInterval(this.timer);
     this.stream.send({ type: "jog" });
     if (!this.refused) this.hint();
+  }
+
+  // The connection is lost, or no states come: the arm stops, and the person learns why.
+  lose() {
+    if (!this.held) return;
+    this.release();
+    this.refuse(() => word("reason_jog_silent"));
+  }
+
+  // For another robot.
+  clear() {
+    this.release();
+    this.refused = false;
+    this.hint();
   }
 
   send() {
@@ -129,11 +143,12 @@ export class Jog {
       frame.twist[index] = index < 3 ? velocity(FULL_M_S, MAX_M_S) : velocity(FULL_RAD_S, MAX_RAD_S);
       frame.frame = element("jog-frame").value;
     }
-    if (!this.stream.send(frame)) this.release();
+    if (!this.stream.send(frame)) this.lose();
   }
 
   hear(frame) {
     if (frame.type === "jog" && this.held) {
+      if (this.refused && frame.share === 0) return; // the service waits for the release
       this.refused = false;
       this.say(() => (frame.limited_by ? this.limited(frame) : word("jog_moves")));
     } else if (frame.type === "jog_ended" && frame.reason) this.refuse(() => word("jog_ended", { reason: whyOf(frame) }));

@@ -141,7 +141,7 @@ class Panel {
   }
 
   async choose(robot) {
-    this.jog.release();
+    this.jog.clear();
     this.drag.cancel("");
     this.freedrive.end();
     this.api.robot = robot;
@@ -173,7 +173,7 @@ class Panel {
     this.status.connected(connected);
     this.lease.lost();
     if (!connected) {
-      this.jog.release();
+      this.jog.lose();
       this.drag.cancel("drag_lost");
       this.pull.release();
     }
@@ -185,7 +185,7 @@ class Panel {
     document.body.toggleAttribute("data-silent", silent);
     this.banner.silent(silent, why);
     if (!silent) return;
-    this.jog.release();
+    this.jog.lose();
     this.drag.cancel("drag_lost");
     this.state = null; // nothing may be planned from an old position
     this.clearance.clear();

@@ -45,13 +45,56 @@ def test_a_page_that_loses_the_focus_lets_go(panel: Panel) -> None:
     panel.let_go(minus)
 
 
-def test_without_a_connection_nothing_is_held(panel: Panel) -> None:
+def test_without_a_connection_nothing_is_held_and_the_page_says_why(panel: Panel) -> None:
+    """The connection is lost before the press, and while the button is held."""
+    plus = button("joint", 0, 1)
+    interrupted = "connection was interrupted"
     panel.page.run("cobotPanel.stream.socket.close()")
-    panel.page.click(button("joint", 0, 1))
+    panel.page.click(plus)
     assert not panel.page.run("!!cobotPanel.jog.held")
+    assert interrupted in panel.text("#jog-why")
     panel.until("cobotPanel.stream.ready && document.querySelector('#connection').innerText === 'connected'")
     panel.stays()
     assert is_at(panel, HOME)
+    panel.hold(plus, away(panel, 0, 1, 0.0))
+    panel.page.run("cobotPanel.stream.socket.close()")
+    panel.until("!cobotPanel.jog.held")
+    panel.let_go(plus)
+    assert interrupted in panel.text("#jog-why")
+    panel.until("cobotPanel.stream.ready && document.querySelector('#connection').innerText === 'connected'")
+    panel.stays()
+    panel.page.click("#jog-how label:nth-child(1)")  # already chosen: no change
+    assert interrupted in panel.text("#jog-why"), "a new connection is no reason to forget it"
+
+
+def test_the_reason_of_a_refused_press_stays_after_the_release(panel: Panel) -> None:
+    """The service repeats its refusal while the button is held, without the error."""
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as other:
+        taken = other.post("/robot/control", json={})
+        taken.raise_for_status()
+        try:
+            place = panel.page.place(button("joint", 0, 1))
+            panel.page.run(COUNT_ANSWERS)
+            panel.page.mouse("mousePressed", place)
+            panel.until("cobotPanel.jog.answers > 1")
+            why = panel.text("#jog-why")
+            assert "127.0.0.1" in why, why
+            panel.page.mouse("mouseReleased", place)
+            assert panel.text("#jog-why") == why
+        finally:
+            panel.page.run("delete cobotPanel.jog.hear")
+            headers = {"X-Control-Token": taken.json()["token"]}
+            other.request("DELETE", "/robot/control", headers=headers).raise_for_status()
+
+
+COUNT_ANSWERS = """(jog => {
+    jog.answers = 0;
+    jog.hear = (frame) => {
+        jog.answers += frame.type === "jog";
+        Object.getPrototypeOf(jog).hear.call(jog, frame);
+    };
+})(cobotPanel.jog)"""
+"""Count the answers to the frames of a press."""
 
 
 def test_a_page_that_falls_silent_is_stopped_by_the_service(panel: Panel) -> None:

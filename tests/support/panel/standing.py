@@ -7,14 +7,17 @@ from typing import Any
 
 import httpx
 import numpy as np
+import pytest
 from cobot_run import WAIT_S, until
 from panel_arm import fault_file
 
 from panel.page import (
+    SIZE,
     Panel,
     forget,
     opened_card,
     set_to,
+    size,
     slowly,
 )
 
@@ -82,6 +85,43 @@ def test_a_new_user_is_guided_once_and_whenever_they_ask(panel: Panel) -> None:
         panel.until("document.querySelector('#guide').hidden")
     finally:
         panel.page.run("sessionStorage.removeItem('askName')")
+        panel.load()
+
+
+UNDER_NOTICES = """(() => {
+    const notices = document.querySelector("#notices");
+    const content = document.querySelector("#content")?.getBoundingClientRect();
+    const covered = (control) => {
+        const { left, width, top, bottom } = control.getBoundingClientRect();
+        const clip = content?.height && control.closest("#content") ? content : { top: 0, bottom: 1e4 };
+        const [first, last] = [Math.max(top, clip.top) + 1, Math.min(bottom, clip.bottom) - 1];
+        const places = first < last ? [first, 0.5 * (first + last), last] : [];
+        return places.some((y) => notices.contains(document.elementFromPoint(left + 0.5 * width, y)));
+    };
+    return [...document.querySelectorAll("button, input, select, summary, a[href]")]
+        .filter((each) => each.checkVisibility() && !notices.contains(each) && covered(each))
+        .map((each) => each.id || each.outerHTML);
+})()"""
+"""The controls that a notice covers, in the part of the page that is scrolled to."""
+
+
+@pytest.mark.parametrize(("width", "height"), [SIZE, (1024, 768), (800, 600), (390, 844)])
+def test_notices_cover_no_control_and_each_other_neither(panel: Panel, width: int, height: int) -> None:
+    size(panel, width, height)
+    try:
+        panel.page.click("#guide-again")
+        httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
+        panel.until("!document.querySelector('#halt').hidden")
+        for number in range(1, 6):
+            assert panel.text("#guide-title").startswith(f"{number} / 5")
+            assert panel.page.run(UNDER_NOTICES) == []
+            panel.page.click("#guide-next")
+        assert panel.page.run("document.querySelector('#guide').hidden")
+        panel.page.click("#halt-close")
+        assert panel.page.run("document.querySelector('#halt').hidden")
+        assert panel.page.run("document.documentElement.scrollHeight <= innerHeight")
+    finally:
+        size(panel, *SIZE)
         panel.load()
 
 
