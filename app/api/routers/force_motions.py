@@ -12,7 +12,7 @@ from app.api.errors import ErrorCode, responses
 from app.api.motions.goals import goal_of
 from app.api.motions.signals import input_condition
 from app.api.route import EndpointRouter
-from app.api.schemas.explain import Details, Explain, details_of, explain_of
+from app.api.schemas.explain import Details, Explain, explain_of
 from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.services.rights.job import JobKind
 from app.services.streaming.force_run import ForceOutcome
@@ -162,5 +162,5 @@ def _answer(outcome: ForceOutcome) -> ForceAnswer:
         distance_m=outcome.distance_m,
         duration_s=outcome.duration_s,
         explain=None if error is None else explain_of(error),
-        details=details_of(error),
+        details=None if error is None else dict(error.details),
     )

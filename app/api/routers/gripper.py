@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
 from app.api.route import EndpointRouter
-from app.api.schemas.explain import Details, details_of
+from app.api.schemas.explain import Details
 from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.services.gripping.commands import GripperOutcome, GripperReport
 from app.services.rights.job import JobKind
@@ -194,6 +194,6 @@ def _answer(outcome: GripperOutcome) -> GripperAnswer:
         message=DONE if error is None else str(error),
         code=None if error is None else error.code,
         held=outcome.held,
-        details=details_of(error),
+        details=None if error is None else dict(error.details),
         **GripperValues.of(outcome.state).model_dump(),
     )

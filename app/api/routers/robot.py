@@ -15,7 +15,7 @@ from app.api.errors import responses
 from app.api.motions.goals import goal_of
 from app.api.route import EndpointRouter
 from app.api.schemas.device import Acknowledge, AcknowledgeAnswer
-from app.api.schemas.explain import details_of, explain_of
+from app.api.schemas.explain import explain_of
 from app.api.schemas.jobs import ACCEPTED, MoveQuery, answer_accepted, answer_end
 from app.api.schemas.plan_answers import PlanningAnswer
 from app.api.schemas.robot import (
@@ -194,5 +194,5 @@ def answer(outcome: Outcome) -> MoveAnswer:
         actions=[ActionAnswer.model_validate(asdict(each)) for each in outcome.signals.actions],
         stopped_by=stopped_by or None,
         contact=None if contact is None else ContactAnswer.model_validate(asdict(contact)),
-        details=details_of(error),
+        details=None if error is None else dict(error.details),
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from operator import not_
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
@@ -71,15 +72,10 @@ class Explain(BaseModel):
 Details = Annotated[
     dict[str, Any] | None,
     Field(
-        exclude_if=lambda found: found is None,
+        exclude_if=not_,
         description="Of some codes: facts for programs, see docs/conventions.md. Missing in other answers.",
     ),
 ]
-
-
-def details_of(error: CobotError | None) -> dict[str, Any] | None:
-    """The details of an error; None if there are none."""
-    return dict(error.details) or None if error is not None else None
 
 
 def explain_of(error: CobotError) -> Explain | None:

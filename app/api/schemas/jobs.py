@@ -209,7 +209,7 @@ def job_answer(record: JobRecord) -> JobAnswer:
             detail=record.error.detail,
             code=record.error.code,
             explain=explain_of(found),
-            details=dict(record.error.details) or None,
+            details=dict(record.error.details),
         )
     words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
     requested = {"path": record.path, "body": record.body} if record.path else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, TypeVar
 
@@ -36,8 +36,8 @@ from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
 from cobot.motions.improving import Improving, Planned
 from cobot.motions.requests import MotionRequest
-from cobot.motions.signal_places import TcpWay, place_signals, resting
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed
+from cobot.motions.signal_places import TcpWay, resting
+from cobot.motions.signals import NO_PLACED, Placed
 from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -122,15 +122,6 @@ class MotionService:
         )
         motion = found.best if isinstance(found, Improving) else found
         return motion, Planned.of(request, found)
-
-    async def place(
-        self, segments: Sequence[PathSignals], ends_s: Sequence[float], trajectory: Trajectory
-    ) -> Placed:
-        """Find the path times of actions; see `place_signals`."""
-        if not any(segments):
-            return NO_PLACED
-        way = await self.way(trajectory)
-        return place_signals(segments, ends_s, way)
 
     async def way(self, trajectory: Trajectory) -> TcpWay:
         """Return the path of the TCP along a trajectory, with the current tool."""

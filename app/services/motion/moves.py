@@ -20,7 +20,7 @@ from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence
 from cobot.motions.improving import Planned
 from cobot.motions.requests import Blended, MotionRequest
-from cobot.motions.signal_places import resting
+from cobot.motions.signal_places import place_signals, resting
 from cobot.motions.signals import NO_PLACED, PathSignals, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -61,14 +61,6 @@ class JoinedMoves:
     signals: tuple[PathSignals, ...]
     ends_s: tuple[float, ...]
     planned: Planned | None = None
-
-    def to_run(self, start: Array) -> Trajectory | None:
-        """Return the trajectory to run from `start`, shape (dof,), rad. If the arm is already at the goal,
-        this is a trajectory at rest if there are actions or conditions, otherwise None.
-        """
-        if self.trajectory is None and any(self.signals):
-            return resting(start)
-        return self.trajectory
 
 
 class MoveService:
@@ -172,6 +164,16 @@ class MoveService:
         ends_s = (0.0, *blended.ends_s[:-1], blended.trajectory.duration_s)
         return JoinedMoves(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
 
+    async def place(self, course: JoinedMoves, start: Array) -> tuple[Trajectory | None, Placed]:
+        """Return the trajectory to run from `start`, shape (dof,), rad, and its actions and conditions; see
+        `place_signals`. If the arm is already at the goal, the trajectory is at rest if there are actions or
+        conditions, otherwise None.
+        """
+        if not any(course.signals):
+            return course.trajectory, NO_PLACED
+        trajectory = course.trajectory or resting(start)
+        return trajectory, place_signals(course.signals, course.ends_s, await self._motion.way(trajectory))
+
     async def _move(
         self, plan_motion: Callable[[Claim, Array], Awaitable[JoinedMoves]], caller: Caller
     ) -> Outcome:
@@ -184,11 +186,10 @@ class MoveService:
                 state = await self._motion.require_ready()
                 claim.accept()
                 course = await plan_motion(claim, state.commanded_position)
-                trajectory, quality = course.to_run(state.commanded_position), course.planned
-                planned_s = self._clock.now_s()
+                planned_s, quality = self._clock.now_s(), course.planned
+                trajectory, begun.signals = await self.place(course, state.commanded_position)
                 if trajectory is not None:
                     note = trajectory.note
-                    begun.signals = await self._motion.place(course.signals, course.ends_s, trajectory)
                     await self._go(claim, trajectory, caller, watch, begun)
             except (PlanningError, ExecutionError) as exc:
                 error = exc

@@ -49,7 +49,6 @@ from cobot.motions.gripper_bodies import GripperRequest
 from cobot.motions.improving import Improving
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
-from cobot.motions.signals import NO_PLACED
 from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.strict import shown
@@ -235,9 +234,7 @@ class PlanService:
         **fields: Any,
     ) -> Plan:
         """Keep a plan of motions, with their actions and conditions."""
-        to_run, signals = course.to_run(begin), NO_PLACED
-        if to_run is not None:
-            signals = await self._motion.place(course.signals, course.ends_s, to_run)
+        to_run, signals = await self._moves.place(course, begin)
         return self._keep(begin, described, limits, versions, to_run=to_run, signals=signals, **fields)
 
     @property
