@@ -16,10 +16,12 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
+from cobot.planners.path.continued import obstacle_along, share_along
+from cobot.planners.path.ends import reachable
 from cobot.planners.path.lin import straight_line
+from cobot.planners.path.tcp_path import TcpPath, least_turn
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap
-from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose, Scaling
 
 MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
@@ -45,12 +47,13 @@ class Idea:
 
     Attributes:
         first: whether the arm must first go to a different start; the idea counts only if it can go there.
+        problem: why the idea will not work, if that is already known.
     """
 
-    kind: Kind
     change: dict[str, Any]
     says: str
     first: bool = False
+    problem: CobotError | None = None
 
 
 def explain(
@@ -62,64 +65,73 @@ def explain(
         budget_s: no idea is begun after this time; the current one is completed.
     """
     begun_s = time.monotonic()
-    works: list[Remedy] = []
+    works: dict[Kind, Remedy] = {}
     tried: dict[Kind, Failure] = {}
-    ideas = _ideas(robot, request, error)
-    while (left_s := begun_s + budget_s - time.monotonic()) > 0.0:
-        idea = next(ideas, None)
-        if idea is None:
-            break
-        if any(remedy.kind == idea.kind for remedy in works):
+    for kind, ideas in _ideas(robot, request, error):
+        if kind in works or time.monotonic() - begun_s >= budget_s:
             continue
-        limited = replace(request, timeout_s=min(request.timeout_s, left_s))
-        try:
-            motion = _plan_idea(robot, limited, idea)
-            duration_s = 0.0 if motion is None else motion.duration_s
-            if duration_s > MAX_DURATION_S:
-                raise PlanningError(
-                    f"the motion would take {duration_s:.4g} s, allowed: up to {MAX_DURATION_S:g} s"
+        for idea in ideas:
+            left_s = begun_s + budget_s - time.monotonic()
+            if left_s <= 0.0:
+                break
+            try:
+                duration_s = _plan_idea(
+                    robot, replace(request, timeout_s=min(request.timeout_s, left_s)), idea
                 )
-        except CobotError as exc:
-            first = tried.get(idea.kind) or Failure(idea.kind, 0, idea.says, str(exc))
-            tried[idea.kind] = replace(first, count=first.count + 1)
-        else:
-            works.append(Remedy(idea.kind, idea.change, idea.says, duration_s))
+            except CobotError as exc:
+                first = tried.get(kind) or Failure(kind, 0, idea.says, str(exc))
+                tried[kind] = replace(first, count=first.count + 1)
+            else:
+                works[kind] = Remedy(kind, idea.change, idea.says, duration_s)
+                break
     spent_s = time.monotonic() - begun_s
-    return Explanation(tuple(works), tuple(tried.values()), spent_s, budget_s, tuple(request.start.tolist()))
+    start = tuple(request.start.tolist())
+    return Explanation(tuple(works.values()), tuple(tried.values()), spent_s, budget_s, start)
 
 
-def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
+def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> float:
+    """The duration of the changed motion, s."""
+    if idea.problem is not None:
+        raise idea.problem
+    motion = plan(robot, replace(request, **idea.change))
+    duration_s = 0.0 if motion is None else motion.duration_s
+    if duration_s > MAX_DURATION_S:
+        raise PlanningError(f"the motion would take {duration_s:.4g} s, allowed: up to {MAX_DURATION_S:g} s")
     if idea.first:
         anyhow = {"constraints": None, **_searching(request)}
         plan(robot, replace(request, goal=idea.change["start"], **anyhow))
-    return plan(robot, replace(request, **idea.change))
+    return duration_s
 
 
-def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
-    """All ideas, the most promising ones first."""
+def _ideas(
+    robot: RobotDescription, request: MotionRequest, error: CobotError
+) -> Iterator[tuple[Kind, Iterator[Idea]]]:
+    """The ideas of each kind, the most promising kinds first. Finding the ideas of a kind may take long, so
+    it begins with the first one of them.
+    """
     checks = {found.check for found in error.findings}
     if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is not there
-        yield from (replace(idea, first=False) for idea in _other_starts(robot, request))
+        yield "start", (replace(idea, first=False) for idea in _other_starts(robot, request))
         return
     at_goal = bool(error.findings) and error.findings[0].share == 1.0
     if "effort" in checks or any(f.check == "limit" and f.quantity != "position" for f in error.findings):
-        yield from _slower(request)
+        yield "slower", _slower(request)
     if "time" in checks:
-        yield from _faster(request)
+        yield "faster", _faster(request)
     if "reach" in checks and robot.model.inverse_kinematics.lacking:
-        yield from _more_free_axes(request)
+        yield "free_axes", _more_free_axes(request)
     if request.cyclic or request.end_joints is not None:
-        yield Idea("end", ANY_END, "ending in other joints")
+        yield "end", iter([Idea(ANY_END, "ending in other joints")])
     if at_goal:
-        yield from _other_goals(robot, request)
+        yield "goal", _other_goals(robot, request)
     if checks & {"limit", "reach", "redundancy", "singularity", "collision"}:
-        yield from _other_branches(robot, request)
-    yield from _other_planners(request)
-    yield from _shorter(robot, request, error)
+        yield "branch", _other_branches(robot, request)
+    yield "planner", _other_planners(request)
+    yield "goal", _shorter(robot, request, error)
     if "reach" in checks and not at_goal:
-        yield from _other_goals(robot, request)
+        yield "goal", _other_goals(robot, request)
     if request.traits.way is Way.PATH or _at_start(error):
-        yield from _other_starts(robot, request)
+        yield "start", _other_starts(robot, request)
 
 
 def _at_start(error: CobotError) -> bool:
@@ -130,14 +142,14 @@ def _slower(request: MotionRequest) -> Iterator[Idea]:
     for share in SLOWER:
         speed = share * request.scaling.speed
         if speed >= MIN_SPEED:
-            yield Idea("slower", {"scaling": Scaling(speed)}, f"at a speed of {speed:.3g}")
+            yield Idea({"scaling": Scaling(speed)}, f"at a speed of {speed:.3g}")
 
 
 def _faster(request: MotionRequest) -> Iterator[Idea]:
     """The same request with a larger acceleration scale, because no time profile exists if it is near 0."""
     scaling = request.scaling
     if scaling.acceleration < scaling.speed:
-        yield Idea("faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
+        yield Idea({"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
 
 
 def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
@@ -145,7 +157,7 @@ def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
     reaches more poses.
     """
     for axes in freer(request.free_axes):
-        yield Idea("free_axes", {"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
+        yield Idea({"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
 
 
 def _is_the_path(request: MotionRequest) -> bool:
@@ -159,7 +171,7 @@ def _other_planners(request: MotionRequest) -> Iterator[Idea]:
         return
     planner = request.traits.alternative
     along = ", not along the path" if request.traits.way is Way.PATH else ""
-    yield Idea("planner", _searching(request, planner), f"with planner {planner}{along}")
+    yield Idea(_searching(request, planner), f"with planner {planner}{along}")
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
@@ -178,14 +190,16 @@ def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator
     except CobotError:
         return
     for goal in goals[:MAX_BRANCHES]:
-        yield Idea("branch", {"goal": goal}, f"at the goal the joints {_shown(goal)} {robot.limits.units}")
+        yield Idea({"goal": goal}, f"at the goal the joints {_shown(goal)} {robot.limits.units}")
 
 
 def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
     """For an invalid start, the nearest valid starts. For a path, different joint angles at the same TCP
     pose, to which the arm can go first.
     """
-    limits = robot.limits
+    limits, goal = robot.limits, request.goal
+    if isinstance(goal, Pose) and not request.is_by_angle and reach_gap(robot.model, goal) > MIN_GAP_M:
+        return
     inside = np.clip(request.start, limits.min_position, limits.max_position)
     if not robot.collision.is_free(inside):
         starts = exits(robot, inside)[:MAX_GOALS]
@@ -197,16 +211,42 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         starts = list(found[robot.collision.clearance.are_free(found)][:MAX_STARTS])
     else:
         return
-    goal = request.goal
-    if isinstance(goal, Pose) and not request.is_by_angle and reach_gap(robot.model, goal) > MIN_GAP_M:
-        return
+    starts = [start for start in starts if np.abs(start - request.start).max() > 1e-3]
+    for start, problem in _fitting(robot, request, starts):
+        says = f"from the joints {_shown(start)} {limits.units}"
+        yield Idea({"start": start}, says, True, problem)
+        if request.traits.way is Way.DIRECT:
+            yield Idea({"start": start, **_searching(request)}, f"{says}, with planner auto", True)
+
+
+def _fitting(
+    robot: RobotDescription, request: MotionRequest, starts: list[Array]
+) -> Iterator[tuple[Array, CobotError | None]]:
+    """For a line: the starts from which the joints probably lead along it. If there are none: all starts,
+    with the reason why the nearest one fails. For other motions: all starts.
+    """
+    unfit = []
     for start in starts:
-        if np.abs(start - request.start).max() > 1e-3:
-            says = f"from the joints {_shown(start)} {limits.units}"
-            yield Idea("start", {"start": start}, says, first=True)
-            if request.traits.way is Way.DIRECT:
-                change = {"start": start, **_searching(request)}
-                yield Idea("start", change, f"{says}, with planner auto", first=True)
+        line = _line(robot, replace(request, start=start))
+        if line is None or share_along(robot, start, line) == 1.0:
+            yield start, None
+        else:
+            unfit.append((start, line))
+    if unfit and len(unfit) == len(starts):
+        problem = obstacle_along(robot, *unfit[0])
+        yield from ((start, problem) for start in starts)
+
+
+def _line(robot: RobotDescription, request: MotionRequest) -> TcpPath | None:
+    """The path of a lin motion that may end in any joints; None for other motions."""
+    goal = request.goal
+    if request.planner is not PlannerName.LIN or not isinstance(goal, Pose):
+        return None
+    if request.cyclic or request.end_joints is not None:
+        return None
+    here = robot.model.forward(request.start)
+    line = straight_line(here, reachable(robot, request, here, goal), least_turn(robot))
+    return replace(line, free=request.free_axes)
 
 
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
@@ -215,10 +255,10 @@ def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Id
     """
     for goal, says in _near_goals(robot, request):
         if request.traits.way is not Way.PATH:
-            yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
+            yield Idea({"goal": goal}, f"to the nearest goal that is possible, {says}")
         if request.traits.way is not Way.SEARCH:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
-            yield Idea("goal", change, f"to the nearest goal that is possible, {says}, with planner auto")
+            yield Idea(change, f"to the nearest goal that is possible, {says}, with planner auto")
 
 
 def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tuple[Array | Pose, str]]:
@@ -262,12 +302,16 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     shares = [found.share for found in error.findings if found.share]
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return
-    line = straight_line(robot.model.forward(request.start), request.goal)
+    most, line = max(shares), straight_line(robot.model.forward(request.start), request.goal)
+    if robot.model.kinematics(request.free_axes).arm_angle is None:
+        # Few lines lead as far as a search with many joint angles, and each trial takes long.
+        simple = share_along(robot, request.start, replace(line, free=request.free_axes))
+        most = simple if SHORT_OF[0] * simple >= MIN_SHARE else most
     for part in SHORT_OF:
-        share = part * max(shares)
+        share = part * most
         if share >= MIN_SHARE:
             goal = _as_written(line.pose_at(share))
-            yield Idea("goal", {"goal": goal, **ANY_END}, f"along the line up to {100.0 * share:.0f} % of it")
+            yield Idea({"goal": goal, **ANY_END}, f"along the line up to {100.0 * share:.0f} % of it")
 
 
 def _shown(joints: Array) -> str:

@@ -17,9 +17,7 @@ from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import is_there
 from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving
-from cobot.planners.path.joint_path import (
-    through,
-)
+from cobot.planners.path.joint_path import through
 from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
 from cobot.planners.path.redundancy import ENCLOSING, MESHES, Profile, RedundancyGraph
 from cobot.planners.path.tcp_path import PLACES, TcpPath
@@ -73,8 +71,7 @@ def follow(
             reason = exc
     if motion is not None and motion.duration_s <= SLOW * _shortest_s(path, tcp):
         return motion
-    meshes = len(MESHES) if motion is None else 1
-    other, reached = _plan_redundancy(robot, request.start, path, meshes, end)
+    other, reached = _plan_redundancy(robot, request.start, path, end, motion is not None)
     if other is not None:
         motions = [time_optimal(robot, other, joint_limits, tcp).trajectory]
         return min([*motions, *([] if motion is None else [motion])], key=lambda one: one.duration_s)
@@ -143,23 +140,27 @@ def _is_free(robot: RobotDescription, joint_path: JointCurve) -> bool:
 
 
 def _plan_redundancy(
-    robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
+    robot: RobotDescription, start: Array, path: TcpPath, end: Array | None, possible: bool
 ) -> tuple[JointCurve | None, float]:
     """A collision-free joint path, found by planning the arm angle from coarse to fine; and the greatest
     share of the path that any attempt reached.
+
+    Args:
+        possible: whether a collision-free way is known. Then only the coarsest mesh is tried.
     """
     reached = 0.0
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
-    enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-    if not enclosing.has_way(free=False):  # ways of this mesh may get further than those of the others
-        finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
-        finest.has_way(free=False)
-        return None, finest.reached
-    if not enclosing.has_way(free=True):
-        return None, 1.0
-    for mesh in MESHES[:meshes]:
+    if not possible:
+        enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
+        if not enclosing.has_way(free=False):  # ways of this mesh may get further than those of the others
+            finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
+            finest.has_way(free=False)
+            return None, finest.reached
+        if not enclosing.has_way(free=True):
+            return None, 1.0
+    for mesh in MESHES[: 1 if possible else len(MESHES)]:
         graph = RedundancyGraph(robot, start, path, mesh, end)
         for free in (False, True):
             for profile in graph.profiles(free):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cobot.errors import CobotError, UnreachableError
+from cobot.errors import CobotError, CollisionError, UnreachableError
 from cobot.findings import Finding
 from cobot.planners.path.joint_path import (
     MAX_DEVIATION_M,
@@ -89,6 +89,34 @@ def _other_end_error(
         "arm has no redundancy by which it could end there",
         findings=[Finding("redundancy", "position at the end", value, end, unit, 1.0, (name,))],
     )
+
+
+def share_along(robot: RobotDescription, start: Array, path: TcpPath) -> float:
+    """The share of a path up to which the joints continue from `start` to each evenly spaced place without a
+    collision at this place. This is a quick estimate, not a proof.
+    """
+    free = robot.collision.clearance.are_free(_carried(robot, start, path))
+    return float(np.logical_and.accumulate(free).sum()) / path.places
+
+
+def obstacle_along(robot: RobotDescription, start: Array, path: TcpPath) -> CobotError | None:
+    """The reason why `share_along` is less than 1, or None if the reason is not clear."""
+    for place, joints in enumerate(_carried(robot, start, path), start=1):
+        share = place / path.places
+        try:
+            robot.collision.check_position(
+                joints, f"{path.name}: the arm at {100 * share:.0f} % of the path", share
+            )
+        except CollisionError as exc:
+            return exc
+    return continued(robot, start, path)[1]
+
+
+def _carried(robot: RobotDescription, start: Array, path: TcpPath) -> Array:
+    """The joints at the first evenly spaced places of the path, as far as they continue, shape (n, dof)."""
+    poses = path.poses(np.linspace(0.0, 1.0, path.places + 1)[1:])
+    rows = robot.model.kinematics(path.free).carry(poses, start, STEPS, STEP_RAD, POSE_SHARE)
+    return np.asarray(rows)
 
 
 def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:

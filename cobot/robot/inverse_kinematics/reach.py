@@ -20,6 +20,8 @@ MIN_GAP_M = 1e-6
 """A pose that is beyond the reach by less than this is not reported as out of reach."""
 NEAR_STARTS, NEAR_STEPS = 12, 300
 """Number of random starts, and number of steps, of the descents towards an unreachable pose."""
+FIRST_STEPS, KEPT = 40, 3
+"""Number of steps after which most of these descents end, and number of the best ones, which continue."""
 TURN_RAD = 2.0 * np.pi
 NEAR_M, NEAR_RAD = 5e-5, float(np.radians(0.01))
 """Tolerance for an arm that cannot move its TCP in all six directions: within it, the arm counts as being at
@@ -86,8 +88,14 @@ def nearest_to(
     random, limits = np.random.default_rng(random_seed), model.limits
     starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
     descend, row = model.kinematics(free).descend, row_of(pose)
-    ends = [Descent(*descend(row, start, NEAR_STEPS, True)) for start in (seed, *starts)]
-    return min(ends, key=lambda end: end.distance_m + end.angle_rad)
+    ends = [Descent(*descend(row, start, FIRST_STEPS, True)) for start in (seed, *starts)]
+    best = sorted(ends, key=_remaining)[:KEPT]
+    ends = [Descent(*descend(row, end.joints, NEAR_STEPS - FIRST_STEPS, True)) for end in best]
+    return min(ends, key=_remaining)
+
+
+def _remaining(end: Descent) -> float:
+    return end.distance_m + end.angle_rad
 
 
 def freed(

@@ -7,6 +7,8 @@ what works is planned again. tests/app/api/routers/test_explain.py asks for it o
 from __future__ import annotations
 
 import pickle
+import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -22,7 +24,8 @@ from cobot.planners.explain import explain
 from cobot.robot.collision import geom_pairs
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_efforts, check_limits
-from cobot.trajectory import from_hermite
+from cobot.robot.scene import Scene, SceneObject
+from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, PlannerName, Pose, Scaling
 
 FULL = Scaling(1.0)
@@ -192,3 +195,58 @@ def test_a_start_beyond_a_limit_that_cannot_be_left_says_why(robot: RobotDescrip
     (error,) = said
     assert str(error).startswith("the start: joint2 is 1.0000 rad beyond its limit")
     assert error.findings[0].check == "collision"
+
+
+def test_a_line_on_which_the_flange_touches_a_table_is_planned_from_no_other_start(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No start can help, because the flange is at the same place from every start."""
+    here = robot.model.forward(home(robot))
+    place = (here.position[0], here.position[1], 0.35, 1.0, 0.0, 0.0, 0.0)
+    scene = Scene(1, {"table": SceneObject("box", (0.4, 0.4, 0.02), place)})
+    robot = replace(robot, collision=robot.collision.among(scene))
+    down = Pose(here.position * (1.0, 1.0, 0.0) + (0.0, 0.0, 0.355), here.quaternion)
+    asked = request(home(robot), down, "lin")
+    error = refused(robot, asked)
+    starts = []
+
+    def counted(robot: RobotDescription, changed: MotionRequest) -> Trajectory | None:
+        starts.append(changed.start)
+        return plan(robot, changed)
+
+    monkeypatch.setattr("cobot.planners.explain.plan", counted)
+    tried = {each.kind: each for each in explain(robot, asked, error, WAIT_S).tried}
+    np.testing.assert_array_equal(starts, [asked.start] * len(starts))
+    assert tried["start"].count > 10
+    assert re.match(r"lin: the arm at \d+ % of the path is in collision: .*table", tried["start"].why)
+
+
+def test_the_first_other_start_of_a_line_works(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lines that a joint limit ends. The oracle is the plan from each start."""
+    random, limits, helped = np.random.default_rng(1), robot.limits, 0
+    starts: list[Array] = []
+
+    def counted(robot: RobotDescription, changed: MotionRequest) -> Trajectory | None:
+        starts.append(changed.start)
+        return plan(robot, changed)
+
+    monkeypatch.setattr("cobot.planners.explain.plan", counted)
+    while helped < 5:
+        start = random.uniform(limits.min_position, limits.max_position)
+        if not robot.collision.is_free(start):
+            continue
+        here = robot.model.forward(start)
+        asked = request(start, Pose(here.position + random.normal(size=3) * 0.15, here.quaternion), "lin")
+        try:
+            plan(robot, asked)
+            continue
+        except (PlanningError, LimitError) as exc:
+            error = exc
+        starts.clear()
+        works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
+        if "start" in works:
+            others = [each for each in starts if np.abs(each - start).max() > 0.0]
+            np.testing.assert_array_equal(others, [works["start"].change["start"]])
+            helped += 1

@@ -14,6 +14,7 @@ from sample_counts import samples
 from cobot.errors import UnreachableError
 from cobot.robot.inverse_kinematics import Arm, Criterion, SixAxisArm, SrsArm, inverse, inverse_all
 from cobot.robot.inverse_kinematics.geometry import Axes
+from cobot.robot.inverse_kinematics.reach import NEAR_STARTS, NEAR_STEPS, nearest_to, row_of
 from cobot.types import Array, JointLimits, Pose
 
 SEED = 20261122
@@ -254,3 +255,23 @@ def test_a_descent_slides_along_what_it_shall_stay_within(tmp_path: Path) -> Non
         beyond, _, _, _ = kinematics.descend(pose, limits.max_position + 1.0, 0)
         assert np.array_equal(beyond, limits.max_position)
     assert along > 3
+
+
+@pytest.mark.parametrize("name", ["s-r-s", "spherical wrist", "seven axes, offset wrist"])
+def test_the_nearest_joints_to_a_pose_out_of_reach_are_those_of_the_best_full_descent(
+    name: str, tmp_path: Path
+) -> None:
+    # Oracle: all descents with all steps. Most of those of `nearest_to` end early.
+    random, same = np.random.default_rng(SEED + 9), 0
+    arm = arm_of(name, tmp_path, random)
+    limits, descend = arm.model.limits, arm.model.kinematics(()).descend
+    for joints in arm.drawn(random, 10):
+        pose = arm.pose(joints)
+        far = Pose(pose.position * 1.5, pose.quaternion)
+        starts = np.random.default_rng(0).uniform(
+            limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof)
+        )
+        full = min(sum(descend(row_of(far), start, NEAR_STEPS, True)[2:]) for start in (joints, *starts))
+        found = nearest_to(arm.model, far, joints)
+        same += found.distance_m + found.angle_rad < full + 1e-6
+    assert same >= 9
