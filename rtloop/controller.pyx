@@ -199,8 +199,8 @@ cdef class Controller(ModeMachine):
         """Begin to load a motion. The result follows when the motion is verified."""
         if self.mode is not LoopMode.HOLD:
             return Rejected(f"the arm is in mode {self.mode.name}")
-        if self._guide == BRAKE or (self._guide == COAST and not self.settling.settled):
-            return Rejected("the arm is not at rest yet")
+        if self._guide == BRAKE or (self._guide == COAST and not self.settling.rests):
+            return Rejected(self._explain_unrest(measured))
         return self.handover.begin_start(command, self.safety.position)
 
     def _replace(self, command, Measured measured, bint fresh):
@@ -295,15 +295,25 @@ cdef class Controller(ModeMachine):
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
             return ACCEPTED
-        rests = self.settling.settled or not (self.follower.by_itself and fresh)
+        rests = self.settling.rests or not (self.follower.by_itself and fresh)
         if self._guide in (PATH, BRAKE) or self.streaming.session or not rests:
-            return Rejected("the arm is not at rest yet")
+            return Rejected(self._explain_unrest(measured))
         if self.stale:
             return Rejected("the robot still reports the same values as when it moved")
         result = self.drives.begin_reset(int(command["id"]), self.commands.stops, measured)
         if result == ACCEPTED:
             self._hold(measured)
         return result
+
+    def _explain_unrest(self, Measured measured):
+        why = self.settling.explain_unrest(measured.velocity)
+        if self.streaming.session:
+            why = "the streaming session has not ended"
+        elif self._guide == BRAKE:
+            why = "its joints are slowing down"
+        elif self._guide == PATH:
+            why = "the device has not stopped" if self.follower.by_itself else "it is slowing down on its path"
+        return f"the arm is not at rest yet: {why}"
 
     def _step_reset(self, Measured measured):
         """Do one step of a reset in steps. Meanwhile the command follows the measured position."""

@@ -51,4 +51,4 @@ cdef class ModeMachine:
     cdef void _end_at_once(self, reason) except *
     cdef void _coast(self, Measured measured, bint fresh) except *
     cdef void _heed_fence(self) except *
-    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil
+    cdef bint c_settle(self, Measured measured, bint fresh) noexcept nogil

@@ -233,7 +233,7 @@ cdef class ModeMachine:
         allowed = self._yield_rad if self.streaming.session else self._tracking_error_rad
         if not self.settling.c_tracks(measured.c_values, allowed) and self._mode != FAULT:
             self._lose_track(measured.position, allowed)
-        if self.c_settle(measured.c_values + VELOCITY_ROW * self._dof, fresh):
+        if self.c_settle(measured, fresh):
             self._rest(measured, fresh)
 
     def _latch(self, mode, reason):
@@ -386,7 +386,7 @@ cdef class ModeMachine:
         off = np.abs(self._desired_rows[0] - measured.position).max()
         self.follower.left = off > self._settle_position_rad
         self.start_at(measured.position)
-        if self.settling.settled or not fresh:
+        if self.settling.rests or not fresh:
             self.c_let(NOTHING)
 
     cdef void _heed_fence(self) except *:
@@ -402,13 +402,16 @@ cdef class ModeMachine:
             self.safety.count(Intervention.TRACKING)
             self.fault(result.reason)
 
-    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
+    cdef bint c_settle(self, Measured measured, bint fresh) noexcept nogil:
         """Count how long the arm has been at rest, and check whether a motion or a session may have ended."""
         # The arm may be at rest at any position in a session, where it is compliant; in contact, where it may
         # be pushed aside; and in FAULT, where it follows no command.
         cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT or self.signals.met
         self.settling.c_settle(
-            velocity, fresh and self._guide != PATH and not self.safety.pursuing, anywhere
+            measured.c_values,
+            measured.c_values + VELOCITY_ROW * self._dof,
+            fresh and self._guide != PATH and not self.safety.pursuing,
+            anywhere,
         )
         if self.streaming.session:
             if self.c_streams() or self._guide == BRAKE:

@@ -1,6 +1,7 @@
 """The distance of the arm from its commanded position, and the time for which it has been at rest."""
 
 from libc.math cimport fabs, sqrt
+from libc.string cimport memcpy
 
 import numpy as np
 
@@ -9,6 +10,9 @@ from rtloop.results import ACCEPTED, Rejected
 
 # Robot time after the end of a motion within which the arm has to settle.
 SETTLE_LIMIT_S = 2.0
+# Robot time after which the arm counts as at rest if its measured position has hardly changed. Some drivers report
+# velocities with much noise, or the last velocity of a motion for ever.
+REST_S = 1.0
 # A measured position was misread if it moves in a cycle this many times as far as all joints at full speed.
 JUMP_FACTOR = 3.0
 
@@ -21,6 +25,8 @@ cdef class SettlingMonitor:
     Attributes:
         settled: whether the arm has been at rest for long enough, at its commanded position or at any
             permitted one.
+        rests: whether the arm is settled, or has hardly moved for `REST_S` according to its
+            measured position.
         misread: whether a physically impossible position was measured since the arm was last held.
         largest: largest deviation of a joint from its command, rad.
     """
@@ -31,7 +37,10 @@ cdef class SettlingMonitor:
         self._largest_step = JUMP_FACTOR * rt.period_s * float(np.linalg.norm(limits.max_velocity))
         self._settle_position_rad = rt.settle_position_rad
         self._settle_velocity_rad_s = rt.settle_velocity_rad_s
+        self._settle_time_s = rt.settle_time_s
         self._settle_cycles = _cycles(rt.settle_time_s, rt.period_s)
+        self._rest_rad = rt.settle_velocity_rad_s * REST_S
+        self._rest_cycles = _cycles(REST_S, rt.period_s)
         self.settle_limit_cycles = _cycles(SETTLE_LIMIT_S, rt.period_s)
 
     def believe_jumps(self):
@@ -64,6 +73,21 @@ cdef class SettlingMonitor:
             return Rejected(Reason(words, ReasonCode.JUMP, value=self._jump, unit=self._limits.units))
         return ACCEPTED
 
+    def explain_unrest(self, velocity):
+        """Describe why the arm does not count as at rest.
+
+        Args:
+            velocity: measured joint velocities, shape (dof,), rad/s.
+        """
+        joint, limit = int(np.abs(velocity).argmax()), self._settle_velocity_rad_s
+        if abs(velocity[joint]) <= limit:
+            return f"{self._settle_time_s:g} s of rest are needed (rt.settle_time_s)"
+        unit = self._limits.unit(joint, 1)
+        return (
+            f"{self._limits.names[joint]} moves at {abs(velocity[joint]):.4f} {unit}, the maximum at rest is "
+            f"{limit:g} {unit} (rt.settle_velocity_rad_s)"
+        )
+
     def explain_unsettled(self, desired, velocity):
         """Describe why the arm has not settled.
 
@@ -81,12 +105,19 @@ cdef class SettlingMonitor:
             )
             return Reason(words, ReasonCode.SAFETY_LAYER, (name,), off[joint], unit=unit)
         error = self._errors()
-        joint = int(np.abs(error).argmax())
+        far = np.abs(error).max() > self._settle_position_rad
+        joint = int(np.abs(error if far else velocity).argmax())
         name, unit = self._limits.names[joint], self._limits.unit(joint)
+        speed_unit = self._limits.unit(joint, 1)
+        hint = "a load that is not declared can cause this (POST /robot/tool)"
+        if not far:
+            hint = (
+                f"the maximum at rest is {self._settle_velocity_rad_s:g} {speed_unit} "
+                "(rt.settle_velocity_rad_s)"
+            )
         words = (
             f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {name} is "
-            f"{abs(error[joint]):.4f} {unit} away and moves at {velocity[joint]:.4f} "
-            f"{self._limits.unit(joint, 1)}; a load that is not declared can cause this (POST /robot/tool)"
+            f"{abs(error[joint]):.4f} {unit} away and moves at {velocity[joint]:.4f} {speed_unit}; {hint}"
         )
         return Reason(words, ReasonCode.NOT_SETTLED, (name,), abs(error[joint]), unit=unit)
 
@@ -95,8 +126,8 @@ cdef class SettlingMonitor:
 
     cdef void c_begin(self) noexcept nogil:
         """Note that the arm begins to move or to stop."""
-        self._still_cycles = self._unsettled_cycles = 0
-        self.settled = False
+        self._still_cycles = self._unsettled_cycles = self._placed_cycles = 0
+        self.settled = self.rests = False
 
     cdef void c_hold(self) noexcept nogil:
         """Note that the arm is commanded to hold its current position."""
@@ -120,20 +151,29 @@ cdef class SettlingMonitor:
             self.misread = True
         return not (misread or self._norm > allowed)
 
-    cdef void c_settle(self, const double* velocity, bint may_be_still, bint anywhere) noexcept nogil:
+    cdef void c_settle(
+        self, const double* position, const double* velocity, bint may_be_still, bint anywhere
+    ) noexcept nogil:
         """Count how long the arm has been at rest.
 
         Args:
+            position: measured joint positions, (dof,), rad.
             velocity: measured joint velocities, (dof,), rad/s.
             may_be_still: False while the arm is known to be moving.
             anywhere: whether the arm may be at any position.
         """
         cdef bint still = may_be_still and (anywhere or self.largest <= self._settle_position_rad)
+        cdef bint moved = not may_be_still
         cdef int joint
         for joint in range(self._dof):
             still = still and fabs(velocity[joint]) <= self._settle_velocity_rad_s
+            moved = moved or fabs(position[joint] - self._place[joint]) > self._rest_rad
+        self._placed_cycles = 0 if moved else self._placed_cycles + 1
+        if moved:
+            memcpy(self._place, position, self._dof * sizeof(double))
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles >= self._settle_cycles
+        self.rests = self.settled or self._placed_cycles >= self._rest_cycles
 
     cdef bint c_check_end(self) noexcept nogil:
         """Whether the motion is over: the arm has settled, or its time for settling has passed."""

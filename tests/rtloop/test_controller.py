@@ -100,7 +100,7 @@ def test_a_reset_has_to_wait_until_the_arm_is_at_rest(rig: Rig) -> None:
     under_way(rig)
     rig.request("estops")
     rig.step(2)
-    assert "not at rest" in rig.answer(rig.send(Command.RESET))
+    assert "not at rest yet: it is slowing down on its path" in rig.answer(rig.send(Command.RESET))
     rig.run()
     assert rig.answer(rig.send(Command.RESET)) == ""
 
@@ -151,7 +151,7 @@ def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
         rig.step()
     assert rig.reason.startswith("the safety layer keeps joint1 at ")
     assert rig.loop.controller.moving
-    assert rig.start(motion(rig, 0.01 * MOVE)) == "the arm is not at rest yet"
+    assert rig.start(motion(rig, 0.01 * MOVE)) == "the arm is not at rest yet: its joints are slowing down"
     rig.run()
     assert rig.start(motion(rig, 0.01 * MOVE)) == ""
 

@@ -195,6 +195,76 @@ def test_a_fast_stop_switches_it_off_when_it_rests(rig: Rig, arm: Arm) -> None:
     assert rig.result is MotionResult.ARRIVED
 
 
+class Noisy(Arm):
+    """The velocity of joint4 is never measured as 0, as with a driver with a noisy sensor.
+
+    Attributes:
+        creeps_rad_s: speed of joint2, which moves although the device does nothing.
+        noise_rad_s: alternating error of the velocity of joint4.
+    """
+
+    creeps_rad_s = noise_rad_s = 0.0
+    crept_rad = 0.0
+
+    def state(self, measured: Measured) -> None:
+        super().state(measured)
+        self.noise_rad_s *= -1.0
+        self.crept_rad += self.creeps_rad_s * STATE_PERIOD_S
+        measured.position[1] += self.crept_rad
+        measured.velocity[1] += self.creeps_rad_s
+        measured.velocity[3] += self.noise_rad_s
+
+
+@pytest.fixture
+def noisy(settings: Settings, robot: RobotDescription) -> Iterator[tuple[Noisy, Rig]]:
+    arm = Noisy(settings, robot.limits, ToyDevice(robot.limits.dof, realtime=False))
+    made = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001, threaded=False))
+    assert made.start(motion(made)) == ""
+    made.step(300)
+    yield arm, made
+    made.close()
+
+
+def test_a_reset_does_not_wait_for_ever_for_a_velocity_that_is_only_noise(noisy: tuple[Noisy, Rig]) -> None:
+    """The measured position is what tells that the arm rests. Before that, the message names the joint."""
+    arm, rig = noisy
+    arm.noise_rad_s = 0.02
+    rig.loop.controller.fault("a fault")
+    rig.step(600)
+    said = rig.answer(rig.send(Command.RESET))
+    assert said == (
+        "the arm is not at rest yet: joint4 moves at 0.0200 rad/s, the maximum at rest is 0.005 rad/s "
+        "(rt.settle_velocity_rad_s)"
+    )
+    rig.step(1100)
+    assert rig.answer(rig.send(Command.RESET)) == ""
+    assert rig.mode is LoopMode.HOLD
+
+
+def test_a_motion_after_a_stop_does_not_wait_for_a_velocity_that_is_only_noise(
+    noisy: tuple[Noisy, Rig],
+) -> None:
+    arm, rig = noisy
+    arm.noise_rad_s = 0.02
+    rig.request()
+    rig.run()
+    assert rig.mode is LoopMode.HOLD
+    assert "not settled 2.0 s after the end of the motion: joint4 is 0.0000 rad away" in rig.reason
+    assert rig.reason.endswith("; the maximum at rest is 0.005 rad/s (rt.settle_velocity_rad_s)")
+    assert rig.start(motion(rig)) == ""
+
+
+def test_a_reset_waits_for_an_arm_that_creeps(noisy: tuple[Noisy, Rig]) -> None:
+    arm, rig = noisy
+    arm.creeps_rad_s = 0.01
+    rig.loop.controller.fault("a fault")
+    rig.step(5000)
+    assert "not at rest yet: joint2 moves at 0.0100 rad/s" in rig.answer(rig.send(Command.RESET))
+    arm.creeps_rad_s = 0.0
+    rig.step(200)
+    assert rig.answer(rig.send(Command.RESET)) == ""
+
+
 def test_what_it_cannot_do_is_refused_by_name(rig: Rig) -> None:
     assert "takes whole motions only" in rig.stream()
     assert rig.start(motion(rig)) == ""

@@ -100,6 +100,7 @@ class Controllers(Node):
     def __init__(self, joints: list[str], namespace: str) -> None:
         super().__init__("controller_manager", namespace=namespace)
         self.joints, self.mode, self.speed = joints, "good", 1.0
+        self.lock = threading.Lock()  # of `goal`, `position` and `velocity`
         self.position = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0][: len(joints)]
         self.velocity = [0.0] * len(joints)
         self.active, self.goal, self.newest = JTC, None, None
@@ -231,12 +232,15 @@ class Controllers(Node):
                 handle.publish_feedback(feedback)
 
     def hold(self) -> None:
-        self.goal, self.velocity = None, [0.0] * len(self.joints)
+        """End the goal. A step that another thread computes meanwhile has no effect."""
+        with self.lock:
+            self.goal, self.velocity = None, [0.0] * len(self.joints)
 
     def step(self) -> None:
         now = time.monotonic()
         passed, self.clock_s = now - self.clock_s, now
-        if self.goal is not None and not self.goal.is_cancel_requested:
+        goal = self.goal
+        if goal is not None and not goal.is_cancel_requested:
             run, times, points = self.begun
             run = self.begun[0] = min(run + self.speed * passed, times[-1])
             place = max(1, next((n for n, each in enumerate(times) if each >= run), len(times) - 1))
@@ -246,8 +250,10 @@ class Controllers(Node):
                     quintic((run - start) / span, span, points[place - 1], points[place], j)
                     for j in range(len(self.joints))
                 ]
-                self.position = [each[0] for each in moved]
-                self.velocity = [self.speed * each[1] for each in moved]
+                with self.lock:
+                    if self.goal is goal:
+                        self.position = [each[0] for each in moved]
+                        self.velocity = [self.speed * each[1] for each in moved]
             else:
                 self.position = list(points[0][0])
         self.tell(now)
@@ -405,9 +411,9 @@ class Controllers(Node):
                 answer = json.dumps(self.seen())
             elif word in ("inactive", "forward"):
                 self.active = "" if word == "inactive" else FORWARD
-                self.goal = None
+                self.hold()
             elif word == "replace":
-                self.goal = None
+                self.hold()
             else:
                 self.mode = word
                 if word == "good":
