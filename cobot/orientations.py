@@ -78,7 +78,10 @@ def kuka_angles(q: Sequence[float]) -> Vector:
 
 def kuka_quaternion(a: float, b: float, c: float) -> Quaternion:
     """Return the unit quaternion for KUKA angles, rad. R = Rz(A) Ry(B) Rx(C)."""
-    about_z = (math.cos(a / 2.0), 0.0, 0.0, math.sin(a / 2.0))
-    about_y = (math.cos(b / 2.0), 0.0, math.sin(b / 2.0), 0.0)
-    about_x = (math.cos(c / 2.0), math.sin(c / 2.0), 0.0, 0.0)
-    return product(product(about_z, about_y), about_x)
+    (cz, sz), (cy, sy), (cx, sx) = ((math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (a, b, c))
+    return (
+        cz * cy * cx + sz * sy * sx,
+        cz * cy * sx - sz * sy * cx,
+        cz * sy * cx + sz * cy * sx,
+        sz * cy * cx - cz * sy * sx,
+    )

@@ -240,12 +240,10 @@ class Scaling:
             raise InputError(f"accel_scale must be from 0 to 1.0, got {self.accel_scale}")
 
     @property
-    def acceleration(self) -> float:
-        return self.accel_scale or self.speed
-
-    @property
-    def jerk(self) -> float:
-        return min(self.acceleration, PLANNED_JERK)
+    def shares(self) -> tuple[float, float, float]:
+        """The shares of the velocity, acceleration and jerk limits."""
+        acceleration = self.accel_scale or self.speed
+        return self.speed, acceleration, min(acceleration, PLANNED_JERK)
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,7 @@ def test_the_judge_has_nothing_against_a_good_motion(robot: RobotDescription) ->
 
 def test_the_judge_sees_a_motion_that_is_a_little_too_fast(robot: RobotDescription) -> None:
     motion = ptp(robot).stretched(0.999)
-    found = list(broken_limits(motion, robot.limits.scaled(1.0, 1.0, Scaling(1.0).jerk)))
+    found = list(broken_limits(motion, robot.limits.scaled(1.0, 1.0, Scaling(1.0).shares[2])))
     assert [flaw.split(" of ")[0] for flaw in found][-1:] == ["limit: derivative 3"]
 
 

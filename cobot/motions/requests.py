@@ -142,8 +142,7 @@ class MotionRequest:
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The joint limits, scaled as the request demands."""
-        scaling = self.scaling
-        return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+        return robot.limits.scaled(*self.scaling.shares)
 
 
 @dataclass(frozen=True, slots=True)

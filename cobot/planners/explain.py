@@ -148,7 +148,7 @@ def _slower(request: MotionRequest) -> Iterator[Idea]:
 def _faster(request: MotionRequest) -> Iterator[Idea]:
     """The same request with a larger acceleration scale, because no time profile exists if it is near 0."""
     scaling = request.scaling
-    if scaling.acceleration < scaling.speed:
+    if 0.0 < scaling.accel_scale < scaling.speed:
         yield Idea({"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
 
 

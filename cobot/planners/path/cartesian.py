@@ -104,8 +104,8 @@ def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None
 
 
 def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
-    scaling, speed = request.scaling, request.tcp_speed
-    limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+    speed = request.tcp_speed
+    limits = robot.cartesian_limits.scaled(*request.scaling.shares)
     return replace(
         limits,
         max_linear_velocity=min(limits.max_linear_velocity, speed.linear_m_s or np.inf),

@@ -35,7 +35,7 @@ def curve(
 ) -> Trajectory:
     """A smooth detour through four random points, timed at the limits: many true quintics."""
     scaling = Scaling(speed)
-    limits = robot.limits.scaled(speed, speed, scaling.jerk)
+    limits = robot.limits.scaled(speed, speed, scaling.shares[2])
     while True:
         points = np.vstack([start, start + random.uniform(-0.4, 0.4, (4, len(start)))])
         path = JointPath.through(np.linspace(0.0, 1.0, 5), points)

@@ -44,7 +44,7 @@ def asked(robot: RobotDescription, planner: PlannerName = PlannerName.OMPL) -> M
 
 
 def slowest_alone_s(robot: RobotDescription, start: Array, goal: Array) -> float:
-    limits, times = robot.limits.scaled(SCALING.speed, SCALING.acceleration, SCALING.jerk), []
+    limits, times = robot.limits.scaled(*SCALING.shares), []
     for joint in range(limits.dof):
         problem, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
         problem.current_position, problem.target_position = [start[joint]], [goal[joint]]

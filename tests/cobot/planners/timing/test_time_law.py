@@ -48,7 +48,7 @@ TOOL_KG, TOOL_M = 14.0, 0.125
 
 
 def planned_limits(robot: RobotDescription) -> JointLimits:
-    return robot.limits.scaled(1.0, PLANNED_ACCELERATION, Scaling(1.0).jerk)
+    return robot.limits.scaled(1.0, PLANNED_ACCELERATION, Scaling(1.0).shares[2])
 
 
 def random_path(
@@ -190,7 +190,7 @@ def test_a_slow_motion_needs_few_segments_and_takes_no_longer_than_ruckigs(
     robot: RobotDescription, speed: float
 ) -> None:
     start, way = 0.3 * robot.limits.min_position, np.array([1.0, -0.7, 0.5, 0.3, -0.9, 0.2, 0.1])
-    limits = robot.limits.scaled(speed, PLANNED_ACCELERATION, Scaling(1.0).jerk)
+    limits = robot.limits.scaled(speed, PLANNED_ACCELERATION, Scaling(1.0).shares[2])
     timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
     require_limits(timed.trajectory, limits)
     assert 0.9999 < timed.trajectory.duration_s / fastest_s(limits, way) < 1.002
@@ -206,7 +206,7 @@ def test_a_line_of_an_arm_with_high_jerk_limits_takes_no_longer_than_ruckigs(
     limit, which is small for the speed, makes the arm brake in the middle of its way.
     """
     start, way = 0.3 * robot.limits.min_position, np.array([1.0, -0.7, 0.5, 0.3, -0.9, 0.2, 0.1])
-    scaled = robot.limits.scaled(speed, min(speed, PLANNED_ACCELERATION), Scaling(speed).jerk)
+    scaled = robot.limits.scaled(speed, min(speed, PLANNED_ACCELERATION), Scaling(speed).shares[2])
     limits = scaled.with_rates(scaled.max_velocity, scaled.max_acceleration, more * scaled.max_jerk)
     timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
     require_limits(timed.trajectory, limits)
