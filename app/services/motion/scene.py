@@ -208,7 +208,8 @@ class SceneService:
     async def change(
         self, edits: Sequence[Edit], *, moves_hand: bool, name: str = "a change of the scene"
     ) -> Changed:
-        """Make all of these changes in this order, or none of them.
+        """Make all of these changes in this order, or none of them. They are completed even if the caller is
+        cancelled.
 
         Args:
             moves_hand: whether an object is attached or detached, which requires the arm at rest.
@@ -223,6 +224,9 @@ class SceneService:
                 moves, or a streaming session is active.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
+        return await asyncio.shield(asyncio.create_task(self._change(edits, moves_hand, name)))
+
+    async def _change(self, edits: Sequence[Edit], moves_hand: bool, name: str) -> Changed:
         async with self.turn:
             self._ownership.require_control()
             state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
@@ -320,8 +324,11 @@ class SceneService:
         )
         try:
             await self._tell(scene)
-        except CobotError as exc:
-            await asyncio.to_thread(self._file.write, before)
+        except Exception as exc:
+            try:
+                await asyncio.to_thread(self._file.write, before)
+            except CobotError as also:
+                log.error("the next start of the service uses a rejected scene: %s", also)
             if isinstance(exc, ExecutionError):
                 raise ConflictError(str(exc)) from exc
             raise

@@ -1,11 +1,14 @@
 """The scene as a client sees it: kept, in force at once, and stopping what it has made wrong."""
 
+import asyncio
 import base64
+import contextlib
 
 import numpy as np
 import pytest
 from virtual_service import VirtualService
 
+from cobot.errors import ExecutionError, UnavailableError
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.types import LoopMode
 
@@ -207,6 +210,41 @@ def test_a_scene_that_cannot_be_written_changes_nothing(robot, monkeypatch):
     monkeypatch.undo()
     version = put(robot, "ball", AHEAD).json()["version"]
     assert version > before["version"] + 1, "planning processes may know another scene by that version"
+
+
+def test_a_change_is_completed_if_its_client_leaves(robot, monkeypatch):
+    """Between the file and the command, which is when the file, the service and rtloop differ."""
+    service = robot.app.state.services.scene
+    tell, told = service._tell, []
+
+    async def tell_late(scene):
+        told.append(scene)
+        await asyncio.sleep(0.1)
+        await tell(scene)
+
+    monkeypatch.setattr(service, "_tell", tell_late)
+    asked = robot.begin(robot.asking("POST", "/scene", json={"objects": {"ball": AHEAD | {"x": -0.8}}}))
+    robot.until(lambda: told)
+    asked.cancel()
+    robot.until(lambda: asked.cancelled() and not service.turn.locked())
+    assert service.scene == file_of(robot).read() == told[0]
+    assert int(info(robot)["scene_version"]) == service.scene.version
+
+
+@pytest.mark.parametrize(
+    "error", [ExecutionError("no"), UnavailableError("no answer"), RuntimeError("a defect")]
+)
+def test_a_scene_that_rtloop_does_not_take_over_is_not_left_on_disk(robot, monkeypatch, error):
+    before = file_of(robot).read()
+
+    async def reject(version):
+        assert file_of(robot).read().version == version
+        raise error
+
+    with monkeypatch.context() as patched, contextlib.suppress(RuntimeError):
+        patched.setattr(robot.app.state.services.link.commands, "read_scene", reject)
+        assert put(robot, "ball", AHEAD | {"x": -0.8}).status_code in (409, 503)
+    assert file_of(robot).read() == robot.app.state.services.scene.scene == before
 
 
 def test_who_puts_something_where_the_arm_is_hears_of_it(robot):
