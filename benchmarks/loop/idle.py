@@ -14,7 +14,8 @@ from benchmarks.loop.cycle import stopped
 from benchmarks.service import reader, service
 from benchmarks.table import Row, row
 
-COLUMNS = ("share of a core", "resident, MB")
+COLUMNS = ("share of a core", "memory, MB")
+"""The memory is the proportional set size: forked processes share pages, which count once in their total."""
 BUSY = "while True: pass"
 
 
@@ -32,11 +33,11 @@ def idle(slice_s: float) -> Iterator[Row]:
                 missed = int(memory.state.read()["overruns"]) - overruns
                 with stopped(run):
                     bare, bare_mb = _bare(slice_s)
-            resident = process.memory_info().rss / 1e6
+            memory_mb = process.memory_full_info().pss / 1e6
             yield row(
                 f"an idle rtloop, {name}; {missed} of {round(1000 * slice_s)} periods missed",
                 "",
-                (ours, resident),
+                (ours, memory_mb),
                 "bare loop: Ruckig, mj_step, copy",
                 (bare, bare_mb),
                 columns=COLUMNS,
@@ -58,7 +59,7 @@ def _bare(duration_s: float) -> tuple[float, float]:
         process = psutil.Process(child.pid)
         time.sleep(1.5)
         share = _share(process, duration_s)
-        return share, process.memory_info().rss / 1e6
+        return share, process.memory_full_info().pss / 1e6
 
 
 @contextlib.contextmanager
