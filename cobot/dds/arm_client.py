@@ -45,6 +45,7 @@ from cobot.dds.controller_state import ControllerState
 from cobot.dds.controllers import ControllerLister, takes_positions, takes_trajectories
 from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message, NodePublisher
+from cobot.dds.recent_positions import RecentPositions
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
 from cobot.launch.process import leave_real_time
@@ -113,6 +114,7 @@ class ArmClient:
         self._action: ActionCaller | None = None
         self._commands: NodePublisher | None = None
         self._state: ControllerState | None = None
+        self._held, self._stated = RecentPositions(), RecentPositions()
         stream = settings.get("stream")
         self._socket = None if stream is None else socket.socket(fileno=stream)
         self._name, self._controller = settings["action"] or "", settings["controller"] or ""
@@ -228,18 +230,14 @@ class ArmClient:
             "goal": None if goal is None else goal.facts_at(now_s),
             "others": self._others() if ready else 0,
             "scaling": self._scaling,
-            **self._held(now_s),
+            "position_range": self._stated.range(),
+            "held": self._held.newest,
+            "held_range": self._held.range(),
+            "held_age_s": min(now_s - self._held.heard_s, 1e9),
             "gpio": self._io.values if self._io is not None else {},
             "gpio_age_s": now_s - self._io.heard_s if self._io is not None and self._io.values else None,
             "gpio_problem": self._io.problem if self._io is not None else "",
         }
-
-    def _held(self, now_s: float) -> dict[str, Any]:
-        """The positions at which the controller holds the arm's joints, if it publishes its state."""
-        state = self._state
-        if state is None or not set(self._joints) <= set(state.positions):
-            return {"held": None, "held_age_s": 1e9}
-        return {"held": [state.positions[name] for name in self._joints], "held_age_s": now_s - state.heard_s}
 
     # Controllers
 
@@ -326,7 +324,8 @@ class ArmClient:
         )
         if self._state is not None:
             self._state.close()
-        self._state = ControllerState(self._node, name.rpartition("/")[0])
+        self._held = RecentPositions()
+        self._state = ControllerState(self._node, name.rpartition("/")[0], self._take_state)
 
     # Goals
 
@@ -423,9 +422,14 @@ class ArmClient:
         with contextlib.suppress(ValueError, IndexError):
             order = [names.index(name) for name in self._joints]
             desired = [feedback["desired"]["positions"][place] for place in order]
-            actual = [feedback["actual"]["positions"][place] for place in order]
-            goal.facts |= {"desired": desired, "actual": actual}
+            goal.facts["desired"] = desired
             goal.feedback_s = time.monotonic()
+            self._held.add([feedback["actual"]["positions"][place] for place in order], goal.feedback_s)
+
+    def _take_state(self, positions: dict[str, float]) -> None:
+        """Read the positions at which the controller holds the arm's joints."""
+        with contextlib.suppress(KeyError):
+            self._held.add([positions[name] for name in self._joints], time.monotonic())
 
     def _take_statuses(self, statuses: list[Message]) -> None:
         self._statuses = statuses
@@ -451,6 +455,7 @@ class ArmClient:
             values = message[row]
             complete = len(values) > max(order)
             self._rows[row] = [values[place] for place in order] if complete else None
+        self._stated.add([message["position"][place] for place in order], self._joint_s[-1])
 
         if self._socket is not None:
             nothing = [math.nan] * len(self._joints)

@@ -8,7 +8,6 @@ read: the header, the names of the joints, the reference, and the measured state
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -25,17 +24,14 @@ ROWS = 4
 
 
 class ControllerState:
-    """Reads the state of one controller.
+    """Reads the state of one controller."""
 
-    Attributes:
-        positions: measured positions by the names of the joints.
-        heard_s: time at which they arrived, on the monotonic clock.
-    """
-
-    def __init__(self, node: DdsNode, controller: str, clock: Callable[[], float] = time.monotonic) -> None:
-        self.positions: dict[str, float] = {}
-        self.heard_s = float("-inf")
-        self._clock, self._node = clock, node
+    def __init__(self, node: DdsNode, controller: str, take: Callable[[dict[str, float]], None]) -> None:
+        """
+        Args:
+            take: called with the measured positions by the names of the joints.
+        """
+        self._take_positions, self._node = take, node
         topic = f"{controller}/controller_state"
         self._inbox = SampleInbox(topic, node.loop, self._take)
         qos = Qos(reliable=False, depth=None)
@@ -51,10 +47,10 @@ class ControllerState:
 
     def _take(self, sample: Sample) -> None:
         try:
-            self.positions = measured_positions(sample.payload)
+            positions = measured_positions(sample.payload)
         except InputError:
             return
-        self.heard_s = self._clock()
+        self._take_positions(positions)
 
 
 def measured_positions(content: bytes) -> dict[str, float]:

@@ -42,7 +42,6 @@ class GoalFacts:
         running_s: time since the goal was sent, or from its sending to its result, s.
         desired: desired positions in the last feedback, in the arm's order, shape (dof,), rad; None before
             the first feedback.
-        actual: positions in the same feedback as the controller measured them.
         feedback_age_s: age of this feedback, s.
     """
 
@@ -54,7 +53,6 @@ class GoalFacts:
     stopping: bool = False
     running_s: float = 0.0
     desired: list[float] | None = None
-    actual: list[float] | None = None
     feedback_age_s: float = 1e9
 
 
@@ -77,8 +75,11 @@ class Facts:
         goal: the newest goal; None before the first one and after `forget`.
         others: number of goals of other clients that are being executed.
         scaling: value of the speed slider; None if there is none.
-        held: positions in the state that the controller publishes; None if it publishes none.
-        held_age_s: age of this state, s.
+        position_range: smallest and largest position of each joint in the recent joint states.
+        held: positions that the controller itself has reported, in its state or in its feedback; empty if it
+            reports none.
+        held_range: smallest and largest position of each joint that the controller has recently reported.
+        held_age_s: age of these positions, s.
         gpio: values of the inputs and outputs, by names of the form GPIO/INTERFACE.
         gpio_age_s: age of these values, s; None before the first ones.
         gpio_problem: reason why the driver has not set an output, or a note that it was set late; "" if no
@@ -101,7 +102,9 @@ class Facts:
     goal: GoalFacts | None = None
     others: int = 0
     scaling: float | None = None
-    held: list[float] | None = None
+    position_range: tuple[list[float], list[float]] = ([], [])
+    held: list[float] = field(default_factory=list)
+    held_range: tuple[list[float], list[float]] = ([], [])
     held_age_s: float = 1e9
     gpio: dict[str, float] = field(default_factory=dict)
     gpio_age_s: float | None = None

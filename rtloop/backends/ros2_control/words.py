@@ -28,8 +28,9 @@ BEYOND_RAD = 0.2
 wrong.
 """
 DISAGREE_RAD = 0.1
-"""Maximum difference between the positions in the joint states and in the controller's feedback, rad."""
+"""Maximum difference between the recent positions in the joint states and those of the controller, rad."""
 FRESH_S = 0.1
+"""Maximum age of positions that are compared, s."""
 AS_IF = "are they in degrees, or in another order? robot.backend.joints has the order"
 
 
@@ -184,24 +185,20 @@ def of_goal(goal: GoalFacts, action: str) -> str:
 
 
 def disagreement(facts: Facts, names: list[str], topic: str) -> str:
-    """Describe a difference between the joint states and the positions that the controller reports in the
-    feedback of its goal or in its state. Return "" if they agree, or if the controller has recently sent
-    neither.
+    """Describe a difference between the joint states and the positions that the controller itself reports.
+    Return "" if they agree, or if one of them is too old for a comparison.
     """
-    goal, actual = facts.goal, facts.held if facts.held_age_s <= FRESH_S else None
-    if goal is not None and goal.actual is not None and goal.feedback_age_s <= FRESH_S:
-        actual = goal.actual
-    if actual is None or facts.position is None:
+    are_fresh = facts.held_age_s <= FRESH_S and facts.age_s is not None and facts.age_s <= FRESH_S
+    if not are_fresh or facts.position is None:
         return ""
-    velocity = np.abs(facts.velocity) if facts.velocity is not None else np.zeros(len(names))
-    allowed = DISAGREE_RAD + np.nan_to_num(velocity) * 2.0 * FRESH_S
-    off = np.abs(np.array(actual) - np.array(facts.position))
-    joint = int(np.argmax(off - allowed))
-    if not off[joint] > allowed[joint]:
+    (low, high), (held_low, held_high) = np.array(facts.position_range), np.array(facts.held_range)
+    apart = np.maximum(low - held_high, held_low - high)
+    joint = int(np.argmax(apart))
+    if not apart[joint] > DISAGREE_RAD:
         return ""
     return (
         f"{topic} has {names[joint]} at {facts.position[joint]:.3f} rad, its controller at "
-        f"{actual[joint]:.3f} rad: {AS_IF}"
+        f"{facts.held[joint]:.3f} rad: {AS_IF}"
     )
 
 

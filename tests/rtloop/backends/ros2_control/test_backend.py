@@ -13,6 +13,7 @@ import pytest
 from ros2_control_settings import settings_with
 
 from cobot.config import load_settings
+from cobot.dds.recent_positions import RecentPositions
 from cobot.errors import ConfigError
 from cobot.robot.description import load_robot
 from cobot.trajectory import Trajectory, from_hermite
@@ -263,20 +264,41 @@ def test_fewer_points_stay_near_the_path() -> None:
 
 
 @pytest.mark.parametrize(
-    ("held", "age_s", "velocity", "found"),
+    ("stated", "held", "held_age_s", "age_s", "found"),
     [
-        ([0.0, 0.5, -1.0], 0.0, [0.0] * 3, ""),
-        ([0.0, -1.0, 0.5], 0.0, [0.0] * 3, "states has two at 0.500 rad, its controller at -1.000 rad"),
-        ([0.0, -1.0, 0.5], 0.2, [0.0] * 3, ""),
-        ([0.0, 0.7, -1.0], 0.0, [0.0, 1.0, 0.0], ""),
-        (None, 0.0, [0.0] * 3, ""),
+        ([[0.0, 0.5, -1.0]], [[0.0, 0.5, -1.0]], 0.0, 0.0, ""),
+        (
+            [[0.0, 0.5, -1.0]],
+            [[0.0, -1.0, 0.5]],
+            0.0,
+            0.0,
+            "states has two at 0.500 rad, its controller at -1",
+        ),
+        ([[0.0, 0.5, -1.0]], [[0.0, -1.0, 0.5]], 0.2, 0.0, ""),
+        ([[0.0, 0.5, -1.0]], [[0.0, -1.0, 0.5]], 0.0, 0.2, ""),
+        ([[0.0, 0.2, 0.0], [0.0, 0.5, 0.0]], [[0.0, 0.5, 0.0], [0.0, 0.9, 0.0]], 0.0, 0.0, ""),
+        ([[0.0, 0.5, 0.0]], [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.9, 0.0]], 0.0, 0.0, ""),
+        ([[0.0, 0.5, 0.0], [0.0, 0.9, 0.0]], [[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]], 0.0, 0.0, "states has two"),
+        ([[0.0, 0.5, -1.0]], [], 1e9, 0.0, ""),
     ],
-    ids=["equal", "exchanged", "old", "moving", "no state"],
+    ids=["equal", "exchanged", "old", "late", "moving", "late and moving", "elsewhere", "no state"],
 )
-def test_the_joint_states_are_compared_with_the_state_of_the_controller(
-    held: list[float] | None, age_s: float, velocity: list[float], found: str
+def test_the_recent_joint_states_are_compared_with_what_the_controller_reports(
+    stated: list[list[float]], held: list[list[float]], held_age_s: float, age_s: float, found: str
 ) -> None:
-    facts = Facts(position=[0.0, 0.5, -1.0], velocity=velocity, held=held, held_age_s=age_s)
+    """A busy computer delays one of them, so that their newest positions are from different times."""
+    ours, theirs = RecentPositions(), RecentPositions()
+    for recent, all_of_them in ((ours, stated), (theirs, held)):
+        for place, positions in enumerate(all_of_them):
+            recent.add(positions, 0.1 * place)
+    facts = Facts(
+        position=ours.newest,
+        position_range=ours.range(),
+        age_s=age_s,
+        held=theirs.newest,
+        held_range=theirs.range(),
+        held_age_s=held_age_s,
+    )
     said = words.disagreement(facts, ["one", "two", "three"], "states")
     assert said.startswith(found)
     assert bool(said) == bool(found)
