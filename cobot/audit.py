@@ -57,7 +57,7 @@ class Audit:
     """The audit file of one service.
 
     Attributes:
-        problem: reason why the file cannot be written now; "" if it can.
+        problem: reason why the file cannot be written now; "" if it can be written.
     """
 
     def __init__(self, path: Path, clock: Clock = SYSTEM) -> None:

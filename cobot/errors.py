@@ -233,7 +233,7 @@ _IN_WORDS = {
 
 
 def exhausted(error: BaseException | None) -> UnavailableError | None:
-    """The error for people if a resource of the computer is exhausted. None for any other error."""
+    """The error that people see if a resource of the computer is exhausted; None for any other error."""
     number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
     if isinstance(error, ImportError | RuntimeError | ValueError):
         number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)

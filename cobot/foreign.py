@@ -77,7 +77,7 @@ def _text(value: object) -> str:
         # A subclass of str may override methods.
         return str.__getitem__(text, slice(None))
     except BaseException as exc:  # noqa: BLE001 - whatever a foreign __str__ raises
-        return f"(a {_type_name(value)} without text: its str() raises {_type_name(exc)})"
+        return f"(a {_type_name(value)} without a text, because its str() raises {_type_name(exc)})"
 
 
 def _type_name(value: object) -> str:

@@ -146,9 +146,9 @@ def unit_advice(place: str, value: object, limit: float) -> str:
         return ""
     right = found / 1000
     if name.endswith("_s") and not name.endswith(("_m_s", "_rad_s")) and found >= 1000 and right <= limit:
-        return f"; this looks like milliseconds, {found:g} ms are {right:g} s"
+        return f"; this looks like milliseconds: {found:g} ms are {right:g} s"
     if (name.endswith("_m") or name in IN_METRES) and found >= 5 * limit and right <= limit:
-        return f"; this looks like millimetres, {found:g} mm are {right:g} m"
+        return f"; this looks like millimetres: {found:g} mm are {right:g} m"
     return ""
 
 

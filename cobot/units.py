@@ -16,7 +16,7 @@ MAX_TIP_M = 10.0
 MILLIMETRES_TO_M = 1e4
 FAR_M = 10.0
 """Largest plausible reach of a TCP, m. An unreachable coordinate beyond this is probably in millimetres."""
-DEGREES = "these look like degrees, angles are in rad"
+DEGREES = "these look like degrees; angles are in rad"
 
 
 def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
@@ -30,7 +30,7 @@ def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
         return value
     advice = ""
     if abs(value) <= DEGREES_TO_RAD:
-        advice = f"; this looks like degrees, {value:g} degrees are {math.radians(value):.6g} rad"
+        advice = f"; this looks like degrees: {value:g} degrees are {math.radians(value):.6g} rad"
     raise ValueError(f"is {value:g} rad, allowed: -{most_rad:g} to {most_rad:g} rad{advice}")
 
 
@@ -45,5 +45,5 @@ def require_way(value: float, most_m: float) -> float:
         return value
     advice = ""
     if abs(value) <= MILLIMETRES_TO_M:
-        advice = f"; this looks like millimetres, {value:g} mm are {1e-3 * value:g} m"
+        advice = f"; this looks like millimetres: {value:g} mm are {1e-3 * value:g} m"
     raise ValueError(f"is {value:g} m, allowed: -{most_m:g} to {most_m:g} m{advice}")

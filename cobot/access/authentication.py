@@ -40,7 +40,9 @@ def is_loopback(address: str) -> bool:
 
 
 def parsed(address: str) -> IPv4Address | IPv6Address | None:
-    """The parsed address; None for a host name. A mapped address (::ffff:127.0.0.1) becomes 127.0.0.1."""
+    """The parsed address; None if the text is a host name. A mapped address (::ffff:127.0.0.1) becomes
+    127.0.0.1.
+    """
     try:
         found = ip_address(address.partition("%")[0])
     except ValueError:
@@ -149,7 +151,7 @@ class Authenticator:
         return self._used_ns.get(bytes.fromhex(sha256_hex))
 
     def has_token(self, name: str) -> bool:
-        """Whether the file has a token of this name that has not expired."""
+        """Whether the file contains an unexpired token with this name."""
         self._refresh()
         now_ns = self._clock.wall_ns()
         return any(holder.name == name and not 0 < ends_ns <= now_ns for _, holder, ends_ns in self._kept)

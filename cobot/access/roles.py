@@ -13,7 +13,7 @@ from cobot.errors import AuthenticationError, PermissionDenied
 class Role(IntEnum):
     """The permissions of a client. Each role includes those of all lower roles."""
 
-    PUBLIC = 0  # needs no token: for clients without a valid token, and for what is open to all
+    PUBLIC = 0  # role of clients without a valid token, and of requests that need no token
     OBSERVER = 1  # reads states, logs and health
     AGENT = 2  # plans, and runs motions that an operator or the configured fence approved: docs/mcp.md
     OPERATOR = 3  # moves the arm, resets it, streams to it, runs stored programs
@@ -53,9 +53,8 @@ FLEET = "fleet"
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
-"""Identity for which the current task works. It is for code that is too deep to receive the identity as an
-argument.
-"""
+"""Identity for which the current task works. Functions that do not receive the identity as an argument
+read it here."""
 
 
 def require(identity: Identity, role: Role) -> None:
@@ -75,6 +74,5 @@ def require(identity: Identity, role: Role) -> None:
             "`cobot token create` makes one"
         )
     raise PermissionDenied(
-        f"{identity.name} has the role {identity.role.name.lower()}, which this does not permit: "
-        f"it needs {needed}"
+        f"{identity.name} has the role {identity.role.name.lower()}, but this request needs the role {needed}"
     )

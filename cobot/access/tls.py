@@ -39,7 +39,7 @@ def _require_pem(name: str, path: Path) -> None:
     except OSError as exc:
         raise ConfigError(f"{setting}: {path}: cannot be read: {exc.strerror}") from exc
     if f"{'PRIVATE KEY' if name == 'key' else 'CERTIFICATE'}-----" not in text:
-        raise ConfigError(f"{setting}: {path}: holds no {name} in PEM form (-----BEGIN ...)")
+        raise ConfigError(f"{setting}: {path}: contains no {name} in PEM form (-----BEGIN ...)")
 
 
 def _no_password() -> str:

@@ -165,7 +165,11 @@ class TokenFile:
                 expires=None if lifetime is None else now + lifetime,
             )
         except (ValidationError, OverflowError) as exc:
-            text = sentences(exc.errors()) if isinstance(exc, ValidationError) else "expires: too late"
+            text = (
+                sentences(exc.errors())
+                if isinstance(exc, ValidationError)
+                else "expires: the time is after the year 9999; give a shorter lifetime, or none"
+            )
             raise InputError(text) from exc
 
         def added(tokens: Tokens) -> Tokens:
@@ -224,10 +228,10 @@ class TokenFile:
         content.
         """
         try:
-            path = Path(os.path.realpath(self.path))  # the file to which a link leads, instead of the link
+            path = Path(os.path.realpath(self.path))  # replace the link's target, not the link
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             with _hold_lock(path) as folder:
-                for left in path.parent.glob(f"{_LEFT}*"):  # files that a killed program has left
+                for left in path.parent.glob(f"{_LEFT}*"):  # Remove the temporary files of killed programs.
                     left.unlink()
                 content = _TOKENS.dump_json(list(change(self.read())), indent=1)
                 descriptor, made = tempfile.mkstemp(dir=path.parent, prefix=_LEFT)  # with mode 0600

@@ -88,7 +88,7 @@ class Hand(CellEntry):
     def _has_its_tcp_between_the_fingers(self) -> Hand:
         if self.tcp_from_tip_m > self.finger_m[2]:
             raise ValueError(
-                f"tcp_from_tip_m is {self.tcp_from_tip_m:g}, it must be at most the length of a finger, "
+                f"tcp_from_tip_m is {self.tcp_from_tip_m:g}; it must be at most the length of a finger, "
                 f"{self.finger_m[2]:g} m"
             )
         return self
@@ -155,7 +155,7 @@ class CellSolid(CellEntry):
 
     @property
     def mesh(self) -> MeshShape:
-        """Its mesh, once the file has been read."""
+        """The mesh that the file contains. Call `read_mesh` first."""
         assert self._mesh is not None
         return self._mesh
 
@@ -182,7 +182,7 @@ class CellSolid(CellEntry):
         if self.shape == "mesh" and self.size_m:
             raise ValueError("size_m: a mesh has the size of its file: use scale")
         if self.shape != "mesh" and self.file is not None:
-            raise ValueError(f"file: a {self.shape} has none; did you mean shape: mesh?")
+            raise ValueError(f"file: a {self.shape} must not have a file; did you mean shape: mesh?")
         return self
 
     @model_validator(mode="after")
@@ -192,8 +192,8 @@ class CellSolid(CellEntry):
         wanted = SHAPES[self.shape]
         if len(self.size_m) != wanted:
             raise ValueError(
-                f"size_m has {len(self.size_m)} {'length' if len(self.size_m) == 1 else 'lengths'}, "
-                f"a {self.shape} has {wanted}"
+                f"size_m has {len(self.size_m)} {'length' if len(self.size_m) == 1 else 'lengths'}; a "
+                f"{self.shape} needs {wanted}"
             )
         for length in self.size_m:
             if not (math.isfinite(length) and 0.002 <= length <= self.MAX_LENGTH_M):
@@ -204,7 +204,7 @@ class CellSolid(CellEntry):
 
 
 class CellPart(CellSolid):
-    """A loose body: it falls, slides, can be grasped and dropped."""
+    """A loose body. It falls, slides, and can be grasped and dropped."""
 
     MAX_LENGTH_M: ClassVar[float] = 2.0
 
@@ -241,7 +241,7 @@ class LightBarrier(CellEntry):
     @model_validator(mode="after")
     def _has_a_length(self) -> LightBarrier:
         if math.dist(self.from_m, self.to_m) < 1e-3:
-            raise ValueError("from_m and to_m are the same point, they must be at least 0.001 m apart")
+            raise ValueError("from_m and to_m are the same point; they must be at least 0.001 m apart")
         return self
 
 
@@ -249,7 +249,7 @@ class ContactSwitch(CellEntry):
     """A boolean input that is true while something presses on a fixture, a belt or a part.
 
     Attributes:
-        body: name of that body.
+        body: name of the fixture, belt or part.
         force_n: sum of the normal forces at which it switches.
     """
 
@@ -271,7 +271,7 @@ class Distance(CellEntry):
     @classmethod
     def _is_a_direction(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
         if math.hypot(*direction) < 1e-6:
-            raise ValueError("direction is [0, 0, 0], it must not be zero")
+            raise ValueError("direction is [0, 0, 0]; it must not be zero")
         return direction
 
 
@@ -311,7 +311,7 @@ class Cell(CellEntry):
     """A cell.
 
     Attributes:
-        floor_m: height of the floor in the base frame; None: no floor.
+        floor_m: height of the floor in the base frame; None for no floor.
         examples: files of example programs, by their labels.
     """
 

@@ -92,9 +92,11 @@ def _read(
     try:
         vertices, triangles = mesh.read(file.read_bytes())
         if not len(triangles) or not 0 <= triangles.min() <= triangles.max() < len(vertices):
-            raise InputError("triangles: there are none, or one names a vertex that does not exist")
+            raise InputError(
+                "triangles: the mesh has no triangles, or one of them refers to a vertex that does not exist"
+            )
         if not np.isfinite(vertices).all():
-            raise InputError("vertices: one is not finite")
+            raise InputError("vertices: a coordinate is not a finite number")
         # Each vertex once, and only vertices that are part of the shape.
         vertices, numbers = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
@@ -103,7 +105,7 @@ def _read(
         if not (size.min() >= MIN_EDGE_M and size.max() <= max_m):
             edges = " x ".join(f"{edge:.4g}" for edge in size)
             raise InputError(
-                f"its bounding box is {edges} m, allowed: edges of {MIN_EDGE_M:g} to {max_m:g} m: set "
+                f"the bounding box is {edges} m, allowed: edges of {MIN_EDGE_M:g} to {max_m:g} m: set "
                 "scale, 0.001 for a file in mm"
             )
         vertices = scale * (vertices - 0.5 * (low + high))
@@ -130,7 +132,7 @@ def _solids(
     corners = np.unique(vertices, axis=0)
     if len(corners) > mesh.MAX_CORNERS:
         raise InputError(
-            f"it has {len(corners)} corners, at most {mesh.MAX_CORNERS} are allowed: simplify it"
+            f"the mesh has {len(corners)} corners, allowed: {mesh.MAX_CORNERS}; simplify the mesh"
         )
     return np.zeros((0, 6)), [corners]
 

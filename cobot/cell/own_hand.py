@@ -45,7 +45,7 @@ class SlidingFinger(CellEntry):
 
 def _direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
     if abs((length := math.hypot(*axis)) - 1.0) > 1e-3:
-        raise ValueError(f"its length is {length:g}, it must be 1")
+        raise ValueError(f"the length of the vector is {length:g}; it must be 1")
     return axis
 
 
@@ -160,7 +160,7 @@ NO_CELL = Cell.model_validate({"floor_m": None})
 
 
 def own_hand(settings: Settings) -> AnyOwnHand | None:
-    """The hand that is part of the robot's model; None if there is none.
+    """The hand that is part of the robot's model; None if the model contains no hand.
 
     Raises:
         ConfigError: its description is invalid.
@@ -176,8 +176,8 @@ def own_hand(settings: Settings) -> AnyOwnHand | None:
 
 
 def hand_of(settings: Settings) -> AnyHand | None:
-    """The hand of the simulation. It is the hand in the arm's model, or if there is none, the hand in the
-    cell file.
+    """The hand of the simulation: the hand in the arm's model if it has one, otherwise the hand in the cell
+    file.
 
     Raises:
         ConfigError: the cell file, or the description of the hand, is invalid.

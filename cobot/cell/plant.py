@@ -61,8 +61,8 @@ class Plant:
     """A compiled plant.
 
     Attributes:
-        hand: the hand; None if there is none.
-        start: joint positions of the plant at the start. The positions of the arm's joints in it are zeros.
+        hand: the hand; None for an arm without a hand.
+        start: joint positions of the plant at the start. For the joints of the arm it contains zeros.
         flange: the site that carries the tool.
         tcp_body: the body that carries the TCP.
         gripping: the bodies between which parts are held.
@@ -82,8 +82,8 @@ class Plant:
 
     @property
     def tool(self) -> Tool:
-        """The tool that is a body of the plant: the hand or the cup of the cell file; BARE if there is
-        none.
+        """The tool that is a body of the plant: the hand or the cup of the cell file. BARE if the cell file
+        contains neither.
         """
         return first_tool(self.hand, self.cell)
 
@@ -105,11 +105,12 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
         own: the hand that is part of the arm's model.
 
     Raises:
-        ConfigError: a name is already used in the arm's model, or MuJoCo rejects the model; gives the reason.
+        ConfigError: a name is already used in the arm's model, or MuJoCo rejects the model. The message gives
+            the reason.
     """
     hand = cell.hand if own is None else own
     if robot.spec is None:
-        raise ConfigError("this model was not read from a file, so no cell can be added to it")
+        raise ConfigError("a cell can only be added to a model that was read from a file; this model was not")
     spec = robot.spec.copy()
     for key in list(spec.keys):
         spec.delete(key)
@@ -118,7 +119,9 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
     frames = robot.frame_names
     for name in (*_added_by(hand, cell), *cell.parts, *cell.fixtures, *cell.belts):
         if name in frames:
-            raise ConfigError(f"the arm has a body or site named {name!r}: rename that of the cell")
+            raise ConfigError(
+                f"the arm has a body or site named {name!r}: give the entry in the cell file a different name"
+            )
     if cell.floor_m is not None:
         _replace_floor(spec, base_pose, cell.floor_m)
     fingers: list[mujoco.MjsGeom] = []
@@ -141,7 +144,8 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
         raise ConfigError(
-            "the arm's joints must come before those of the hand: its flange is not its last body"
+            "the arm's flange is not the last body of its model; it must be the last one, so that the "
+            "arm's joints come before those of the hand"
         )
     start = np.array(mj.qpos0)
     start[: len(arm)] = 0.0
@@ -162,7 +166,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
 
 
 def _added_by(hand: AnyHand | None, cell: Cell) -> tuple[str, ...]:
-    """The names that a hand or a cup adds to the model. A hand in the arm's model adds none."""
+    """The names that a hand or a cup adds to the model; none if the arm's model already contains the hand."""
     if cell.cup is not None:
         return (CUP, *LIPS)
     return (HAND, *FINGERS) if isinstance(hand, Hand) else ()

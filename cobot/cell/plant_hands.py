@@ -15,12 +15,12 @@ from cobot.errors import ConfigError
 from cobot.robot.model import RobotModel
 
 FINGERS = ("hand finger 1", "hand finger 2")
-"""Names of the joints that the hand's drives move, and of the bodies and shapes of a hand in a cell file. A
-turning hand has one drive."""
+"""Names of the joints that the hand's drives move. In a cell file, the bodies and shapes of the hand have
+the same names. A turning hand has one drive."""
 FOLLOWER = "hand follower"
 """Prefix of the names of joints that follow the drive of a turning hand."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
-"""Names of the balls that form the lip of a cup. The cup is closed if all these balls touch the same body."""
+"""Names of the balls that form the lip of a cup. The lip is closed if all these balls touch the same body."""
 SOFT_M = 0.0005
 """Distance by which the soft lip reaches beyond its balls, m."""
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}

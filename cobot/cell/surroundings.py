@@ -15,10 +15,9 @@ from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Numbers7, Pose
 
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
-"""For the planners, the fingers end at the first distance before the TCP, m. Reason: streams keep 20 mm away
-from everything, and the TCP must reach parts on a table. Shapes shorter than the second length, m, are left
-out.
-"""
+"""Distance before the TCP at which the fingers end for the planners, and smallest length of a shape that
+the planners see, m. The distance exists because streams keep 20 mm away from everything, but the TCP must
+reach parts on a table."""
 LIP_M = 0.004
 """Height of the lip of a cup, m. The lip has no mass."""
 FINGER_SHARE = 0.1
@@ -46,8 +45,8 @@ def tool_file(settings: Settings) -> ToolFile:
 
 
 def first_tool(hand: AnyHand | None, cell: Cell | None) -> Tool:
-    """The hand or the cup of the cell file as a tool. BARE if there is none, or if the hand is part of the
-    arm's model.
+    """The hand or the cup of the cell file as a tool. BARE if the cell file contains neither, or if the arm's
+    model contains the hand.
     """
     if cell is not None and cell.cup is not None:
         return cup_as_tool(cell.cup)

@@ -29,7 +29,7 @@ def require_condition(condition: Mapping[str, Any]) -> None:
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if not (isinstance(value, bool) if given[0] == "is" else is_number):
         wanted = "true or false" if given[0] == "is" else "a number"
-        raise InputError(f"{given[0]} is {json.dumps(value, default=repr)[:80]}, must be {wanted}")
+        raise InputError(f"{given[0]} is {json.dumps(value, default=repr)[:80]}; it must be {wanted}")
 
 
 def describe(condition: Mapping[str, Any]) -> str:

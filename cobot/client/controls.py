@@ -85,7 +85,7 @@ class Control(ABC, Generic[State]):
         deadline_s = self._transport.clock.now_s() + REST_S
         while int(self._transport.state()["session"]) == self._session:
             if self._transport.clock.now_s() > deadline_s:
-                raise ExecutionError(f"the arm has not come to rest within {REST_S:g} s")
+                raise ExecutionError(f"the arm has not stopped within {REST_S:g} s")
             self._transport.clock.sleep(POLL_S / 10)
 
     def _publish(self, counter: str, **fields: object) -> None:
@@ -103,7 +103,7 @@ class Control(ABC, Generic[State]):
             self._setpoint = wanted
 
     def _require_running(self, state: np.ndarray) -> None:
-        """Raise if the session has ended, so that a client cannot send targets that no arm follows.
+        """Raise an error if the session has ended, because the arm no longer follows targets.
 
         Raises:
             MotionStopped: the session has ended; gives the reason.
@@ -117,7 +117,7 @@ class Control(ABC, Generic[State]):
             LoopMode.FAULT,
         ):
             raise MotionStopped(
-                f"the session has ended, mode {LoopMode(int(state['mode'])).name}: {text(state['reason'])}"
+                f"the session has ended (mode {LoopMode(int(state['mode'])).name}): {text(state['reason'])}"
             )
 
 

@@ -48,7 +48,7 @@ class GripperCommands:
         """Close on an object and hold it.
 
         Args:
-            width: width of the object; None if it can be any.
+            width: width of the object; None for any width.
             how: `tolerance_inner`, `tolerance_outer`, `speed`, `force`, `if_missed`.
         """
         return self._run("grasp", wait, width=width, **how)

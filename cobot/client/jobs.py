@@ -17,7 +17,7 @@ always answers.
 
 
 class JobHandle:
-    """A job, as `Client.move_joints(..., wait=False)` returns it.
+    """A job. Methods such as `Client.move_joints(..., wait=False)` return it.
 
     Attributes:
         id: number of the job.
@@ -87,7 +87,8 @@ class JobHandle:
                 `joints=[...], speed=0.3`.
 
         Returns:
-            The answer to POST /jobs/{job}/retarget, which tells where the arm leaves its previous path.
+            The answer to POST /jobs/{job}/retarget, which contains the point at which the arm leaves its
+            previous path.
 
         Raises:
             CobotError: the goal cannot be changed; the motion continues as before.

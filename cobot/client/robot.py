@@ -393,7 +393,10 @@ class Robot(SessionSettings):
 
     def _client(self) -> Client:
         if not self._transport.url:
-            raise UnavailableError(f"robot {self._transport.robot!r} has no service: web.enabled is false")
+            raise UnavailableError(
+                f"robot {self._transport.robot!r} has no service, because web.enabled is false; enable it "
+                "in the settings"
+            )
         return self._make_client(self._transport.url)
 
     def _state(self) -> np.ndarray:
@@ -420,7 +423,9 @@ class Robot(SessionSettings):
         mode = self.mode()
         if mode not in valid:
             names = " or ".join(sorted(other.name for other in valid))
-            raise ConflictError(f"the mode is {mode.name}, this needs {names}: call switch_mode first")
+            raise ConflictError(
+                f"the mode is {mode.name}, but this call needs {names}; call switch_mode first"
+            )
 
     Enable, Stop, ClearFault, SwitchMode = enable, stop, clear_fault, switch_mode
     ExecutePlan, ExecutePrimitive = execute_plan, execute_primitive

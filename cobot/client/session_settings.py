@@ -49,11 +49,11 @@ class SessionSettings:
         self._set_impedance("cartesian_", K_x, Z_x, "K_x", "Z_x")
 
     def set_max_contact_wrench(self, wrench: Sequence[float]) -> None:
-        """Set the external force and torque at the TCP beyond which a session ends: N, N·m, above 0."""
+        """Set the external force (N) and torque (N·m) at the TCP at which a session ends; both above 0."""
         self._request["max_contact_wrench"] = _positive(wrench, 6, "wrench")
 
     def set_max_contact_torque(self, torques: Sequence[float]) -> None:
-        """Set the external joint torques beyond which a session ends: N·m, above 0."""
+        """Set the external joint torques (N·m) at which a session ends. They must be above 0."""
         self._request["max_contact_torque"] = _positive(torques, self._dof, "torques")
 
     def set_force_control_axis(

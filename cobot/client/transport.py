@@ -29,7 +29,7 @@ class Transport(Protocol):
 
     @property
     def info(self) -> np.ndarray:
-        """The latest record of `cobot.ipc.layout.info_dtype`. The pose of the flange in it changes with the
+        """The latest record of `cobot.ipc.layout.info_dtype`. The flange pose in this record changes with the
         tool.
 
         Raises:

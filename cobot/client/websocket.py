@@ -35,7 +35,8 @@ class WebSocketTransport:
     """The `cobot.client.transport.Transport` that uses a network. A separate thread receives the newest
     state.
 
-    The service does not answer targets. If one is wrong, the next call that sends a target raises the error.
+    The service does not answer targets. If a target is wrong, the next call that sends a target raises the
+    error.
 
     Args:
         url: URL of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
@@ -67,8 +68,8 @@ class WebSocketTransport:
             hello = self._wait(lambda: self._hello or None, "said hello")
             if hello["layout"] != LAYOUT_VERSION:
                 raise LayoutError(
-                    f"{url}: has layout version {hello['layout']}, this program has {LAYOUT_VERSION}: "
-                    "use the service's version of cobot"
+                    f"{url}: the service has layout version {hello['layout']}, but this program has "
+                    f"{LAYOUT_VERSION}; use the service's version of cobot"
                 )
             self.robot, self.dof = str(hello["robot"]), int(hello["dof"])
             self._send(json.dumps({"type": "subscribe", "rate_hz": STATE_RATE_HZ, "format": "binary"}))
@@ -217,7 +218,9 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
         try:
             raise ERRORS[(content := json.loads(answer.body))["code"]](content["detail"]) from exc
         except (ValueError, KeyError, TypeError):
-            raise UnavailableError(f"{url}: status {answer.status_code}, not a stream of cobot") from exc
+            raise UnavailableError(
+                f"{url}: status {answer.status_code}, so this is not a stream of cobot; check the URL"
+            ) from exc
     except (WebSocketException, OSError) as exc:
         raise UnavailableError(f"{url}: {str(exc) or type(exc).__name__}") from exc
     except ValueError as exc:

@@ -55,7 +55,10 @@ def header(frame: bytes) -> tuple[FrameKind, int]:
         raise InputError(f"a binary frame begins with {_HEADER.size} bytes of header, got {len(frame)} bytes")
     kind, layout, sequence = _HEADER.unpack_from(frame)
     if layout != LAYOUT_VERSION:
-        raise LayoutError(f"the frame has layout version {layout}, this program has {LAYOUT_VERSION}")
+        raise LayoutError(
+            f"the frame has layout version {layout}, but this program has {LAYOUT_VERSION}; use the same "
+            "version of cobot on both sides"
+        )
     if kind not in list(FrameKind):
         valid = ", ".join(f"{each} ({each.name.lower()})" for each in FrameKind)
         raise InputError(f"there is no binary frame of kind {kind}; valid are: {valid}")

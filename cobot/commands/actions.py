@@ -137,7 +137,9 @@ def _send(client: Client, chosen: argparse.Namespace) -> int:
     with Bar(not chosen.json).showing(path.name) as bar:
         answer = with_progress(client, send, bar)
     begun = f"motion {answer['motion_id']} has begun and takes {answer['duration_s']:.2f} s"
-    _print_answer(chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has arrived")
+    _print_answer(
+        chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has reached its goal"
+    )
     return EXIT_OK
 
 
@@ -155,7 +157,9 @@ def _arrival(client: Client, motion: int) -> Json:
         ):  # the next motion began after this one had reached its goal
             return {"result": "ARRIVED"}
         if result != "RUNNING":
-            raise ExecutionError(f"motion {motion} has not arrived: {result.lower()}, {robot['reason']}")
+            raise ExecutionError(
+                f"motion {motion} has not reached its goal: {result.lower()}, {robot['reason']}"
+            )
         time.sleep(POLL_S)
 
 

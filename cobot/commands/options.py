@@ -83,7 +83,7 @@ def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> 
         wrong = remote if chosen.sequence is None else own
         for name, value in wrong.items():
             if value not in (None, False):
-                why = "is for a SEQUENCE" if chosen.sequence is None else "cannot be used with a SEQUENCE"
+                why = "needs a SEQUENCE" if chosen.sequence is None else "cannot be used with a SEQUENCE"
                 parser.error(f"run: --{name} {why}")
         return chosen.sequence is not None
     return chosen.command in COMMANDS
@@ -100,8 +100,8 @@ def add_parsers(commands: Commands) -> None:
         return made
 
     parser("state", "print joints, TCP, mode and the client that has control")
-    _add_move(parser("move", "move the arm and wait until it has arrived; Ctrl-C stops it"))
-    send = parser("send", "run a trajectory (.csv, .json) and wait for its end; Ctrl-C stops it")
+    _add_move(parser("move", "move the arm and wait until it reaches the goal; Ctrl-C stops the arm"))
+    send = parser("send", "run a trajectory (.csv, .json) and wait for its end; Ctrl-C stops the arm")
     send.add_argument("file", type=Path, metavar="FILE")
     send.add_argument("--no-wait", action="store_true", help="return when the motion has begun")
     send.add_argument("--move-to-start", action="store_true", help="first move to the first point")
@@ -112,7 +112,9 @@ def add_parsers(commands: Commands) -> None:
         change.add_argument(f"--{what}", action="store_true", help=f"{what} the job")
     program = parser("program", "list, print, save or run the programs that the service stores")
     program.add_argument("action", choices=("list", "show", "save", "run"), metavar="list|show|save|run")
-    program.add_argument("id", nargs="?", metavar="ID", help="ID of a program; for all actions but list")
+    program.add_argument(
+        "id", nargs="?", metavar="ID", help="ID of a program; required for all actions except list"
+    )
     program.add_argument("file", nargs="?", type=Path, metavar="FILE", help="save: a .json or .lua file")
     program.add_argument("--label", metavar="TEXT", help="save: the name for people (default: the ID)")
     program.add_argument(
@@ -206,8 +208,8 @@ def _add_move(move: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="M",
-        help="with --queue: distance from its end, m, at which the arm may blend into the next "
-        "one; 0: it stops",
+        help="with --queue: distance from the end of the motion, m, at which the arm may blend into the "
+        "next motion; with 0, the arm stops",
     )
 
 

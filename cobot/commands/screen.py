@@ -17,7 +17,7 @@ STATE_HZ = 10.0
 WARNINGS = ("log", "stop", "refused", "intervention")
 PROGRAM, CONTINUED = "program: ", "    | "
 """Prefix of the first line of a program's output, and of each further line of the same output."""
-MISSING = "(lines may be missing here: more were printed at once than the service stores)"
+MISSING = "(lines may be missing here: the program printed more at once than the service stores)"
 LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 

@@ -32,7 +32,7 @@ def load_endpoints(path: Path, known: Iterable[str] | None = None) -> dict[str, 
     """Read `api_endpoints.yaml`.
 
     Args:
-        known: the names of all endpoints; None if they are not known here, see `app.endpoints`.
+        known: the names of all endpoints; None to skip the check of the names, see `app.endpoints`.
 
     Raises:
         ConfigError: see `load_settings`. Also if a name is unknown, or if the stop would be disabled.
@@ -60,6 +60,6 @@ def _check_stop(path: Path, changes: Mapping[str, EndpointChange]) -> None:
     stop = changes.get("POST /stop", EndpointChange())
     if not stop.enabled or (stop.timeout_s or MIN_STOP_S) < MIN_STOP_S:
         raise ConfigError(
-            f"{path}: POST /stop: must be enabled, with a timeout_s of {MIN_STOP_S:g} at least: a stop may "
-            "take that long"
+            f"{path}: POST /stop: must be enabled, with a timeout_s of {MIN_STOP_S:g} or more, because "
+            "a stop may take that long"
         )

@@ -21,11 +21,10 @@ SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
 
 
 def load_settings(path: Path | None = None, over: dict[str, Any] | None = None) -> Settings:
-    """Read the settings. With None, only the file that is part of cobot is read.
+    """Read the settings. Without a path, only the file that is part of cobot is read.
 
     The user's file needs only the keys whose values differ from cobot's own file. It may contain a list
-    `robots`. An entry in it contains the values in which this robot differs from the other settings in the
-    file.
+    `robots`. Each entry contains the values for one robot that differ from the other settings in the file.
 
     Args:
         over: content that replaces values in the file, with absolute paths.
@@ -57,7 +56,8 @@ def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
         if name in names[:index]:
             first = names.index(name)
             raise ConfigError(
-                f"{path}: robots[{index}]: the name {name!r} is that of robots[{first}] already"
+                f"{path}: robots[{index}]: robots[{first}] already has the name {name!r}; give each "
+                "robot its own name"
             )
     return each[0].model_copy(update={"robots": tuple(each)})
 

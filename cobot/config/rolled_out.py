@@ -33,7 +33,9 @@ def load_with_rolled_out(path: Path | None) -> Settings:
         return settings
     try:
         if settings.robots:
-            raise ConfigError(f"{path} has several robots, and rolled-out settings are for one")
+            raise ConfigError(
+                f"{path} has several robots, but settings can be rolled out only to a cell with one robot"
+            )
         return load_settings(path, read_rolled_out(file.resolve()))
     except ConfigError as exc:
         raise ConfigError(f"{exc}; {advice(settings)}") from exc
@@ -78,4 +80,4 @@ def _inside(file: Path, key: str, value: object) -> Path:
         found = resolve(value, file.parent)
         if found.is_relative_to(file.parent) or value.startswith("pkg://"):
             return found
-    raise ConfigError(f"{file}: {key}: is {shown(value)}, and must be a file next to {file.name}")
+    raise ConfigError(f"{file}: {key}: is {shown(value)}; it must be a file next to {file.name}")

@@ -42,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """A context in which errors begin with the name of a setting, because people can change this setting."""
+    """Put the name of a setting before the errors in this context, because people can change this setting."""
     try:
         yield
     except ConfigError as exc:

@@ -24,7 +24,10 @@ Corner = Annotated[tuple[Metres, Metres, Metres], Field(strict=False)]
 
 def _a_robot_name(value: str) -> str:
     if f"/{value}" in (ROBOTS, VERSION):
-        raise ValueError(f"{value!r} is taken: the service has endpoints below {ROBOTS}/ and {VERSION}/")
+        raise ValueError(
+            f"{value!r} is reserved, because the service has endpoints below {ROBOTS}/ and {VERSION}/; "
+            "choose another name"
+        )
     return value
 
 
@@ -84,7 +87,7 @@ def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
         if hub.startswith("tls/") and certificates is None:
             raise ValueError(f"{hub} needs the folder of this cell's certificate: `cobot fleet certificate`")
         if hub.startswith("tcp/") and certificates is not None:
-            raise ValueError(f"{hub} is not encrypted: with certificates, the address begins with tls/")
+            raise ValueError(f"{hub} is not encrypted; with certificates, the address must begin with tls/")
     return certificates
 
 
@@ -106,7 +109,10 @@ def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> Conn
     """Check `web.limits`. The largest body of a request must fit into them."""
     largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
     if limits.bodies_bytes < largest:
-        raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
+        raise ValueError(
+            f"bodies_bytes: is {limits.bodies_bytes}, but one body may have {largest} bytes; increase "
+            "bodies_bytes"
+        )
     return limits
 
 

@@ -11,7 +11,7 @@ from cobot.launch.process import Niceness, die_with_parent, in_words, set_nicene
 
 
 def start() -> int:
-    from cobot.dds.process import main  # takes a second, in which the supervisor might end unnoticed
+    from cobot.dds.process import main  # takes a second; the supervisor might end unnoticed meanwhile
 
     return main()
 
@@ -19,7 +19,7 @@ def start() -> int:
 PARTICIPANT_RECORD = "--participant-record"
 
 if __name__ == "__main__":
-    atexit.register(gc.freeze)  # as in `cobot.__main__`
+    atexit.register(gc.freeze)  # same reason as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     set_niceness(Niceness.PROMPT, session=True)
     gc.disable()  # until all permanent objects exist: see `cobot.dds.process`

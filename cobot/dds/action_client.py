@@ -40,7 +40,7 @@ CANCELED = 5
 
 
 class ActionClient:
-    """The client of the action, see the module."""
+    """The client of one action; see the module."""
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._joint = settings["joint"]

@@ -16,7 +16,7 @@ ACCEPTED, EXECUTING, CANCELING = 1, 2, 3
 UNKNOWN_GOAL, TERMINATED, REJECTED = 2, 3, 1
 """Values of `return_code` of action_msgs/srv/CancelGoal."""
 KEPT = 20
-"""Number of goals whose results are kept."""
+"""Number of goals whose results are stored."""
 NO_TIME: Message = {"sec": 0, "nanosec": 0}
 
 
@@ -73,7 +73,7 @@ class DdsActionServer:
         self._tell()
 
     def close(self) -> None:
-        """Stop; running goals get no result."""
+        """Close the server. Running goals get no result."""
         for service in self._services:
             service.close()
         for topic in (self._feedback, self._status):

@@ -71,9 +71,8 @@ ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 """A request to cancel with this id and time stamp 0 cancels all goals."""
 LINE_BYTES = 1 << 16
 OWN_GOALS = 100
-"""Number of own goals whose ids are kept; the newest ones are kept. Only goals that are still running are
-looked up.
-"""
+"""Number of own goals whose ids are stored; older ids are dropped. Only goals that are still running are
+looked up."""
 
 
 class Goal:
@@ -92,7 +91,7 @@ class Goal:
         self.sent_s = time.monotonic()
         self.ended_s: float | None = None
         self.feedback_s = -math.inf
-        self.late = False  # whether it was given up before the answer arrived
+        self.late = False  # whether the goal was given up before the answer arrived
 
     @property
     def is_active(self) -> bool:
@@ -106,7 +105,7 @@ class Goal:
 
 
 class ArmClient:
-    """The client of the controller, see the module."""
+    """The client of the arm's controller; see the module."""
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._settings, self._node = settings, node
@@ -174,7 +173,7 @@ class ArmClient:
             await self._leave_nothing()
 
     async def _leave_nothing(self) -> None:
-        """Cancel the goal, even if the answer to it is late."""
+        """Cancel the goal, even if its answer arrives late."""
         goal = self._goal
         if goal is None:
             return
@@ -505,7 +504,7 @@ async def _serve(settings: dict[str, Any]) -> None:
 if __name__ == "__main__":
     leave_real_time()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_IGN)  # ends with rtloop, after it has cancelled its goal
+        signal.signal(number, signal.SIG_IGN)  # ends with rtloop, after the goal has been cancelled
     try:
         asyncio.run(_serve(json.loads(sys.argv[1])))
     except CobotError as exc:

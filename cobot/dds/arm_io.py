@@ -45,8 +45,8 @@ class ArmIo(Protocol):
     def problem(self) -> str: ...
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send the value of an output. This does not wait for the driver, because the next request may be a
-        stop.
+        """Send the value of an output. This call does not wait for the driver, because the next request may
+        be a stop.
 
         Raises:
             CobotError: the value cannot be sent; the error gives the reason.
@@ -125,7 +125,7 @@ class ServiceIo:
 
     def set_output(self, interface: str, value: float) -> None:
         kind, number = self._places[interface]
-        assert kind.write is not None, "the options permit no other outputs"
+        assert kind.write is not None, "this output is not in the options"
         begin = self._begin(f"{interface} cannot be set", kind.write)
         if not self._services[kind.write.name].is_ready:
             raise CobotError(self._without_server(begin))
@@ -134,7 +134,7 @@ class ServiceIo:
 
     def _place(self, interface: str) -> tuple[DriverIoKind, int]:
         found = self._driver.kind(interface)
-        assert found is not None, "the options permit no other interfaces"
+        assert found is not None, "this interface is not in the options"
         return found
 
     def _start(self, work: Coroutine[None, None, None]) -> None:
@@ -190,7 +190,10 @@ def _rejection(begin: str, service: DriverIoService, answer: Message) -> str:
     if answer[name] in done:
         return ""
     parts = [f"{name} is {answer[name]}", joined_text(answer.get("message", ""), 200)]
-    return f"{begin} has rejected it; see the driver's log ({': '.join(each for each in parts if each)})"
+    return (
+        f"{begin} has rejected the request; see the driver's log "
+        f"({': '.join(each for each in parts if each)})"
+    )
 
 
 class UrIo(ServiceIo):
@@ -241,8 +244,8 @@ class PolledIo(ServiceIo):
     def values(self) -> dict[str, float]:
         """The values that are not too old.
 
-        Those that the driver has confirmed are forgotten once it has gone away: a controller that is switched
-        on again has its own.
+        When the driver disappears, the values that it has confirmed are dropped, because a controller that is
+        switched on again starts with its own values.
         """
         now_s = time.monotonic()
         self._found = {
@@ -286,16 +289,16 @@ class PolledIo(ServiceIo):
                     answer = await self._ask(begin, service, request)
             except CobotError as exc:
                 self._unread[name] = str(exc)
-                return  # the other interfaces of this service would wait as long
+                return  # otherwise the other interfaces of this service would wait as long
             if problem := _rejection(begin, service, answer):
                 self._unread[name] = problem
                 continue
             listed = [answer[service.value]] if service.number else answer[service.value]
             place = 0 if service.number else number
             if place >= len(listed):
-                self._unread[name] = f"{begin} has the numbers 0 to {len(listed) - 1}"
+                self._unread[name] = f"{begin} knows only the numbers 0 to {len(listed) - 1}"
             elif not self._places[name][0].is_analog and listed[place] not in (0, 1):
-                self._unread[name] = f"{begin} has answered {listed[place]}, valid are 0 and 1"
+                self._unread[name] = f"{begin} has answered {listed[place]}; valid are 0 and 1"
             else:
                 self._found[name] = float(listed[place]), time.monotonic()
                 self._unread.pop(name, None)

@@ -62,7 +62,7 @@ class ServiceCaller:
             del self._waiting[number]
 
     def close(self) -> None:
-        """Stop. Calls in progress get no answer."""
+        """Close the client. Calls in progress get no answer."""
         self._node.graph.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()
@@ -150,7 +150,7 @@ class ActionCaller:
         return await self._cancel.call({"goal_info": {"goal_id": goal_id}})
 
     def close(self) -> None:
-        """Stop. Goals that run in the server continue."""
+        """Close the client. Goals that are running in the server continue."""
         for topic in self._ends:
             topic.close()
         for service in (self._send, self._result, self._cancel):

@@ -43,7 +43,7 @@ GPIO_CONTROLLER = "gpio_command_controller"
 
 
 class SimulatedControllers:
-    """The simulated controllers, see the module.
+    """The simulated controllers; see the module.
 
     Args:
         joints: names of the joints, with their prefix.
@@ -320,24 +320,55 @@ def _description(robot: RobotDescription, settings: Settings, prefix: str) -> Me
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate ros2_control", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
-    add("--robot", metavar="NAME", help="one of those in `robots`")
-    add("--domain", type=_within(int, 0, 232), metavar="ID", help="ROS_DOMAIN_ID; ros.domain_id")
-    add("--namespace", default="", metavar="NS", help="of topics and controllers, such as /left")
-    add("--controller", default="joint_trajectory_controller", metavar="NAME", help="of trajectories")
-    add("--forward", default="forward_position_controller", metavar="NAME", help="of streams")
-    add("--prefix", default="", metavar="TEXT", help="before the name of each joint")
-    add("--rate", type=_within(float, 1, 1000), default=250.0, metavar="HZ", help="of joint states; 250")
-    add("--speed", type=_within(float, 0, 1), default=1.0, metavar="SHARE", help="of the speed slider; 1")
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="settings of the robot; by default the iiwa that is part of cobot",
+    )
+    add("--robot", metavar="NAME", help="name of a robot in `robots`")
+    add("--domain", type=_within(int, 0, 232), metavar="ID", help="ROS_DOMAIN_ID; by default ros.domain_id")
+    add("--namespace", default="", metavar="NS", help="namespace of topics and controllers, such as /left")
+    add(
+        "--controller",
+        default="joint_trajectory_controller",
+        metavar="NAME",
+        help="name of the controller for trajectories",
+    )
+    add(
+        "--forward",
+        default="forward_position_controller",
+        metavar="NAME",
+        help="name of the controller for streams",
+    )
+    add("--prefix", default="", metavar="TEXT", help="prefix of the name of each joint")
+    add(
+        "--rate",
+        type=_within(float, 1, 1000),
+        default=250.0,
+        metavar="HZ",
+        help="joint states per second; default: 250",
+    )
+    add(
+        "--speed",
+        type=_within(float, 0, 1),
+        default=1.0,
+        metavar="SHARE",
+        help="value of the speed slider; default: 1",
+    )
     add(
         "--gpio",
         action="append",
         type=_interface,
         default=[],
         metavar="GPIO/INTERFACE",
-        help="an input or output; several times",
+        help="an input or output; may be repeated",
     )
-    add("--stream", action="store_true", help="activate the forward controller instead of the other one")
+    add(
+        "--stream",
+        action="store_true",
+        help="activate the controller for streams instead of the one for trajectories",
+    )
     return parser
 
 
@@ -352,7 +383,7 @@ def _interface(argument: str) -> str:
 
 
 def _within(kind: type[float], least: float, most: float) -> Callable[[str], float]:
-    """A function that reads an argument as a number of this kind and checks that it is within this range."""
+    """Make a function that reads a number of this kind from an argument, and checks its range."""
 
     def read(argument: str) -> float:
         try:

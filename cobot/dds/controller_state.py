@@ -57,7 +57,7 @@ def measured_positions(content: bytes) -> dict[str, float]:
     """The measured positions in a message, in CDR of either byte order.
 
     Raises:
-        InputError: the content is not such a message.
+        InputError: the content is not a valid message.
     """
     try:
         return _measured(_Cdr(content))

@@ -81,7 +81,7 @@ class DdsGateway:
         """Publish a message on the graph. Returns whether the service is connected.
 
         Raises:
-            PermissionDenied: clients that use ROS may only observe.
+            PermissionDenied: the settings allow ROS clients only to observe.
         """
         require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
@@ -162,7 +162,7 @@ class DdsGateway:
         return made
 
     def _listen(self, name: str, type_: str) -> NodeSubscription:
-        losses = LossCounter(f"messages on {name} that came while the service was away or too slow")
+        losses = LossCounter(f"messages on {name} that arrived while the service was unavailable or too slow")
 
         def forward(message: Message) -> None:
             if not self.link.send({"op": "publish", "topic": name, "type": type_, "msg": message}):

@@ -21,7 +21,7 @@ class LossCounter:
     """Counts lost messages, and logs the first, the second, the fourth, the eighth and so on.
 
     Args:
-        what: the messages that are lost and the reason, for example "messages of /demo came too fast".
+        what: the messages that are lost and the reason, for example "messages on /demo that came too fast".
     """
 
     def __init__(self, what: str) -> None:
@@ -46,7 +46,7 @@ class SampleInbox:
         name: name of the topic or service.
         deliver: called in the event loop. If it returns an awaitable, the inbox awaits it before it delivers
             the next sample.
-        most: maximum number of waiting samples. Further samples are lost and counted.
+        most: maximum number of waiting samples. Samples above this number are lost and counted.
     """
 
     def __init__(

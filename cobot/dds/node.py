@@ -29,9 +29,7 @@ Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
 """Size above which messages are decoded in a thread, so that a trajectory does not delay other messages."""
 MAX_BYTES = 4 * MAX_MESSAGE
-"""Maximum size of a message. The JSON text of any message is at least a quarter as long as its CDR; the
-extreme case is an int64 as `0,`.
-"""
+"""Maximum size of a message in CDR. Its JSON text may be four times shorter, for example an int64 as `0,`."""
 MAX_CALLS = 64
 """Maximum number of calls in progress from one client to one service. Further requests of the client wait."""
 CYCLONE = 0x0110

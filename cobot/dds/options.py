@@ -17,8 +17,8 @@ from cobot.ros.robot_messages import STRING
 from cobot.servo.protocol import MAX_PERIOD_S, MAX_TIME_S
 
 MAX_HZ = 1000.0
-FIXED = "it is only read at the start: change ros.{} in the settings file and restart cobot"
-NO_ROS = "it has no effect, because cobot implements DDS itself and needs no ROS installation"
+FIXED = "the value is only read at the start; change ros.{} in the settings file and restart cobot"
+NO_ROS = "the value has no effect, because cobot implements DDS itself and needs no ROS installation"
 
 log = logging.getLogger("cobot.ros2")
 
@@ -38,7 +38,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | N
 
     def later(key: str) -> Callable[[Any], Awaitable[None]]:
         async def tell(value: Value) -> None:
-            """Send the value on joint_cmd, as a client would, so that the latest value is used."""
+            """Send the value on joint_cmd, as a client would. The latest value is then used."""
             command = json.dumps({"type": "fjt_control", key: value})
             for name in settings.each:
                 if gateway is None or not gateway.publish(f"/{name}/joint_cmd", STRING, {"data": command}):

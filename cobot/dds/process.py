@@ -40,11 +40,11 @@ log = logging.getLogger("cobot.ros2")
 def main() -> int:
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if the process could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.dds", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
     parser.add_argument(
         "--url",
         default="",
-        help="URL of the web service; without it only robot states are published",
+        help="URL of the web service; without a URL, only robot states are published",
     )
     parser.add_argument(
         "--participant-record",
@@ -97,13 +97,13 @@ async def _serve(settings: Settings, url: str, participant_record: int | None) -
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.freeze()
-        gc.enable()  # `cobot.dds.__main__` has disabled it
+        gc.enable()  # `cobot.dds.__main__` has disabled the garbage collection
         work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]
         if gateway is not None:
             work.append(asyncio.create_task(gateway.run()))
         done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
-            task.result()  # the gateway ends only with an error, which this raises
+            task.result()  # the gateway ends only with an error, which this line raises
         for robot in robots:
             robot.close()
     finally:
@@ -141,10 +141,13 @@ def _announce(settings: Settings, participant: Participant) -> None:
     log.log(logging.WARNING if risky else logging.INFO, "%s", ros_access(ros, settings.web))
     if not participant.multicast:
         log.warning(
-            "there is no multicast: only the first participants on this computer and on ros.peers are found"
+            "multicast is not available; only the first participants on this computer and on ros.peers "
+            "are found"
         )
     for name in settings.each:
         if not ROS_NAME.fullmatch(name):
             log.warning(
-                "the robot's name %r is not a ROS name: ROS tools will reject the topics below it", name
+                "the robot's name %r is not a valid ROS name, so ROS tools will reject the robot's "
+                "topics; change robot.name",
+                name,
             )

@@ -2,8 +2,8 @@
 
 Messages of a topic keep their order; topics and services take turns, so that one topic cannot delay the
 others. A message that is too large for the service is rejected here, because a frame that is too large closes
-the connection for all clients. A call ends when its answer arrives or when the connection is lost, or it is
-rejected at once.
+the connection for all clients. A call that is not rejected at once ends when its answer arrives or when the
+connection is lost.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LAST_RETRY_S = 1.0
 OPEN_S = 20.0
 PING_S = 3.0
 """Time without an answer to a ping after which the service counts as unavailable, s."""
-AWAY = "the service of cobot is away; cobot run restarts it"
+AWAY = "the service of cobot is not connected; cobot run restarts it"
 LOST = "the connection to the service was lost during the call: it is not known whether the call was executed"
 
 log = logging.getLogger("cobot.ros2")

@@ -2,7 +2,7 @@
 forces and frames.
 
 One thread per robot publishes at absolute deadlines. The stamp of a message is the time of its measurement,
-and no measurement is sent twice. If rtloop crashes or the robot cannot be read, these topics stop, while
+and no measurement is sent twice. If rtloop crashes or the robot cannot be read, these topics stop.
 `/{robot}/status` continues and gives the reason.
 """
 
@@ -32,14 +32,15 @@ IDLE_S = 0.02
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
-"""Offset of the header's stamp. It follows the four bytes with which all CDR data begin."""
+"""Offset of the header's stamp. All CDR data begin with four other bytes."""
 _SECOND_NS = 1_000_000_000
 
 log = logging.getLogger("cobot.ros2")
 
 
 class JointStateWriter:
-    """Writes sensor_msgs/msg/JointState as CDR into a template. This takes 6 µs instead of 90 µs.
+    """Writes sensor_msgs/msg/JointState as CDR into a template. Filling the template takes 6 µs, encoding the
+    message 90 µs.
 
     Args:
         template: a message for the same joints, as CDR.
@@ -193,7 +194,7 @@ class Telemetry:
         time.sleep(max(0.0, (next_ns - time.monotonic_ns()) * 1e-9))
 
     def _follow_tool(self, version: int) -> None:
-        """If rtloop carries a new tool, publish the topics that contain the TCP again."""
+        """If rtloop uses a new tool, publish the topics that contain the TCP again."""
         if version == self._model.tool.version:
             return
         tool = self._tool_file.read()
@@ -224,7 +225,7 @@ class Telemetry:
         elif (age_ns := now_ns - int(state["monotonic_ns"])) > self._stale_ns:
             self.problem = f"rtloop has published nothing for {age_ns * 1e-9:.1f} s"
         elif (age_ns := now_ns - int(state["measured_monotonic_ns"])) > self._stale_ns:
-            self.problem = f"not measured for {age_ns * 1e-9:.1f} s"
+            self.problem = f"rtloop has measured nothing for {age_ns * 1e-9:.1f} s"
         else:
             return state
         return None
@@ -235,7 +236,7 @@ class Telemetry:
             return
         measured_ns = int(state["measured_monotonic_ns"])
         if measured_ns == feed.sent_ns:
-            feed.due_ns = now_ns + feed.period_ns // 4  # a little ahead of the robot: adjust the phase
+            feed.due_ns = now_ns + feed.period_ns // 4  # slightly ahead of the robot: adjust the phase
             return
         feed.advance(now_ns)
         feed.sent_ns = measured_ns

@@ -90,7 +90,9 @@ def _add_looking(actions: Any, url: argparse.ArgumentParser) -> None:
     listing.set_defaults(run=list_robots)
     one = actions.add_parser("show", parents=[url], help="one cell with its last events")
     one.add_argument("cell", metavar="CELL")
-    one.add_argument("--picture", type=Path, metavar="FILE", help="also write a picture of the arm, as PNG")
+    one.add_argument(
+        "--picture", type=Path, metavar="FILE", help="also write a picture of the arm to this file, as PNG"
+    )
     one.set_defaults(run=show)
     watching = actions.add_parser("watch", parents=[url], help="print changes until Ctrl-C")
     watching.set_defaults(run=watch)

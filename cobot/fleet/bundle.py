@@ -78,7 +78,8 @@ def read_bundle(content: bytes) -> Bundle:
         above = next((str(each) for each in PurePosixPath(path).parents if str(each) in paths), None)
         if above is not None:
             raise InputError(
-                f"the bundle has a file {above!r} and the file {path!r} below it; rename one of them"
+                f"the bundle has a file {above!r}, which is also the folder of the file {path!r}; "
+                "rename one of them"
             )
     return bundle
 
@@ -119,7 +120,8 @@ def bundle_of(folder: Path, name: str, version: str) -> bytes:
         raise InputError(f"{found}: must be an object with the joint angles of each name")
     if not programs and not named and not settings:
         raise InputError(
-            f"{folder}: has no programs/*.json, programs/*.lua, positions.json or settings/settings.yaml"
+            f"{folder}: contains no programs/*.json, programs/*.lua, positions.json or "
+            "settings/settings.yaml; add at least one"
         )
     positions = [{"name": each, "joints": joints} for each, joints in named.items()]
     parts = {"programs": programs, "positions": positions, "settings": settings}

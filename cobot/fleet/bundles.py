@@ -49,9 +49,10 @@ class Installed(StrictModel):
     Attributes:
         versions: versions of its programs in the service.
         programs_before, positions_before: programs and positions before; null for those that did not exist.
-        settings_before: the bundle whose settings were in force, "" for none; None if this one has none.
-        restart_for: changes of settings that need a restart of the cell whose supervisor is process
-            `supervisor`.
+        settings_before: the bundle with the settings that were in force, "" if there was none; None if this
+            bundle contains no settings.
+        restart_for: changes of settings that need a restart of the cell. `supervisor` is the process id of
+            that cell's supervisor.
         complete: whether the whole bundle is active. An interrupted activation is rolled back at the next
             start.
     """
@@ -68,11 +69,11 @@ class Installed(StrictModel):
 
 
 class PendingRestart(StrictModel):
-    """Changes of settings by the rollback of a bundle that need a restart of the cell.
+    """Changes of settings that need a restart of the cell after the rollback of a bundle.
 
     Attributes:
         title: name and version of that bundle.
-        supervisor: process of the supervisor that has not been restarted yet.
+        supervisor: process id of the supervisor that has not been restarted yet.
     """
 
     title: Text
@@ -159,7 +160,10 @@ class RobotBundles:
         if content is None:
             raise UnavailableError(f"the hub does not have the bundle {name[:SHORT]}; send it again")
         if hash_of(content) != name:
-            raise InputError(f"the content is not that of the bundle {name[:SHORT]}: its hash differs")
+            raise InputError(
+                f"the content does not belong to the bundle {name[:SHORT]}: its hash differs; send the "
+                "bundle again"
+            )
         bundle = read_bundle(content)
         self._require_accepted(bundle.title, bool(bundle.settings), role)
         try:
@@ -178,8 +182,8 @@ class RobotBundles:
         needed = self._settings.fleet.accept.settings
         if has_settings and (needed == "none" or role < Role[needed.upper()]):
             raise PermissionDenied(
-                f"{title} has settings, which this cell accepts from {needed} "
-                f"(fleet.accept.settings), and the role is {role.name.lower()}"
+                f"{title} contains settings; this cell accepts settings from {needed} "
+                f"(fleet.accept.settings), but the role is {role.name.lower()}"
             )
 
     def activate(self, name: str, role: Role) -> str:
@@ -200,7 +204,7 @@ class RobotBundles:
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
-        self.recover()  # else an interrupted activation's changes would count as earlier
+        self.recover()  # otherwise an interrupted activation's changes would count as earlier
         previous = self.installed
         self._keep(self._before(name, bundle))
         restart_for: list[str] = []
@@ -276,7 +280,7 @@ class RobotBundles:
                 )
             if len(position.joints) != len(limits.names):
                 raise InputError(
-                    f"position {position.name}: has {len(position.joints)} joints, this robot has "
+                    f"position {position.name}: has {len(position.joints)} joints, but this robot has "
                     f"{len(limits.names)}"
                 )
             check_positions(limits, np.array(position.joints), f"position {position.name}: joint angle")
@@ -343,9 +347,7 @@ class RobotBundles:
         return int(saved["version"])
 
     def _restore(self, program: BundleProgram, note: str) -> None:
-        """Save the earlier program again. If an interrupted rollback has already made it the latest version,
-        nothing is saved.
-        """
+        """Save the earlier program again, unless an interrupted rollback has already saved it."""
         with contextlib.suppress(NotFoundError):
             newest = self._client.program(program.id)
             if all(newest[field] == value for field, value in program.model_dump().items()):
@@ -366,7 +368,7 @@ class RobotBundles:
         try:
             self._undo()
         except CobotError as problem:
-            raise type(exc)(f"{exc}; the change cannot be undone now; cobot tries again: {problem}") from exc
+            raise type(exc)(f"{exc}; the change cannot be undone now ({problem}); cobot tries again") from exc
         raise type(exc)(f"{exc}; everything is as before") from exc
 
     def _undo(self) -> list[str]:
@@ -409,7 +411,7 @@ class RobotBundles:
             file.unlink(missing_ok=True)
 
     def _read_pending(self) -> PendingRestart | None:
-        with contextlib.suppress(OSError, ValidationError):  # it is only a hint for people
+        with contextlib.suppress(OSError, ValidationError):  # only a hint for people
             return PendingRestart.model_validate_json(read_kept(self._settings.restart_file))
         return None
 

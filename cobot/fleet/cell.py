@@ -163,7 +163,7 @@ class FleetCell:
         return None
 
     def _connect(self) -> bool:
-        """Whether the hub is connected. The first connection is tried again until it succeeds."""
+        """Whether the hub is connected. The first connection is tried until it succeeds."""
         if self._session is None:
             try:
                 self._session = open_cell(self._fleet.connect, self._fleet.certificates)
@@ -240,7 +240,7 @@ class FleetCell:
         self._synchronize()
         self._synchronize_s = now_s + SYNCHRONIZE_S
         self._token = token
-        for robot in self.robots.values():  # the hub may have asked for these before
+        for robot in self.robots.values():  # the hub may have requested these states before
             for event in list(robot.events):
                 self._publish(robot, "event", event)
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
@@ -284,7 +284,7 @@ class FleetCell:
         self._declared.append(self._session.declare_queryable(key, give))
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
-        """Pass a command to a thread, because a command takes as long as the arm needs."""
+        """Pass a command to a thread, because a command may take as long as a motion."""
         if not self._waiting.acquire(blocking=False):
             busy = CommandAnswer(
                 id="", cell=self.name, robot=robot.name, code="busy",
@@ -317,7 +317,7 @@ class FleetCell:
         if command.zone not in (None, self.facts["zone"]):
             return None
         who = command.who if self._verifier is not None else _unproven(command.who)
-        tried: list[str] = []  # not empty if the command is in the audit
+        tried: list[str] = []  # not empty if the command was added to the audit
 
         def execute() -> str:
             tried.append(command.id)
@@ -356,8 +356,8 @@ class FleetCell:
         needed = str(getattr(self._fleet.accept, setting))
         if needed == NO_ROLE or Role[command.role.upper()] < Role[needed.upper()]:
             raise PermissionDenied(
-                f"this cell accepts this from {needed} (fleet.accept.{setting}), and {command.who} has the "
-                f"role {command.role}"
+                f"this cell accepts this command from {needed} (fleet.accept.{setting}), but "
+                f"{command.who} has the role {command.role}"
             )
 
     def _record(self, who: str, what: str, outcome: str, request: str) -> None:
@@ -399,7 +399,7 @@ def _unproven(who: str) -> str:
 
 
 def _give(query: zenoh.Query, *, key: str, answer: Callable[[bytes], bytes]) -> None:
-    """Answer a query. If this is impossible, the query gets no answer."""
+    """Answer a query. If that is impossible, the query gets no answer."""
     with query:
         try:
             query.reply(key, answer(bytes(query.payload or b"")))
@@ -416,9 +416,11 @@ def _list_of(events: Iterable[RobotEvent]) -> bytes:
 def main() -> int:
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if the process could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.fleet.cell", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; by default the one shipped with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
     parser.add_argument("--source", type=Path, help="settings file of the user, if --config is a copy of it")
-    parser.add_argument("--url", default="", help="URL of the web service; without it only modes are shown")
+    parser.add_argument(
+        "--url", default="", help="URL of the web service; without a URL, only modes are shown"
+    )
     parser.add_argument("--check", action="store_true", help="only check the certificate of this cell")
     arguments = parser.parse_args()
     if arguments.check:

@@ -210,7 +210,7 @@ def _check(settings: Settings, folder: Path) -> None:
     """
     content = settings.model_dump(mode="json", exclude={"robots"})
     content["fleet"]["connect"] = []
-    trial = folder / ".trial.yaml"  # the name of a bundle's file never begins with a dot
+    trial = folder / ".trial.yaml"  # file names in a bundle never begin with a dot
     trial.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
     command = [*RUN_MODULE, "cobot", "check", "--config", str(trial)]
     try:

@@ -193,7 +193,9 @@ class Verifier:
             usage = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
             key = certificate.public_key()
             if not isinstance(key, ec.EllipticCurvePublicKey):
-                raise PermissionDenied("the hub's certificate is not valid: its key is of another kind")
+                raise PermissionDenied(
+                    "the hub's certificate is not valid: its key is not an elliptic-curve key"
+                )
             key.verify(
                 base64.b64decode(signed.signature, validate=True),
                 signed.command.encode(),
@@ -224,7 +226,7 @@ def _issue(
     days: int,
 ) -> Path:
     if (own / f"{file}.pem").exists():
-        raise ConflictError(f"{own}: has a certificate already; move it away to issue a new one")
+        raise ConflictError(f"{own}: already contains a certificate; move it away to issue a new one")
     authority = _read_certificate(folder / f"{AUTHORITY}.pem")
     authority_key = _read_key(folder / f"{AUTHORITY}.key")
     key = ec.generate_private_key(CURVE)
@@ -295,7 +297,7 @@ def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
     with _naming(path):
         found = serialization.load_pem_private_key(path.read_bytes(), None)
     if not isinstance(found, ec.EllipticCurvePrivateKey):
-        raise ConfigError(f"{path}: is not an elliptic-curve key; use those of cobot fleet certificate")
+        raise ConfigError(f"{path}: is not an elliptic-curve key; create one with cobot fleet certificate")
     return found
 
 

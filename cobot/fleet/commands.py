@@ -135,7 +135,7 @@ class Deadlines:
             )
         if message.issued_s > latest_s + AHEAD_S:
             raise ConflictError(
-                f"issued_s: is {message.issued_s - latest_s:.1f} s ahead of the hub's time, allowed: "
+                f"issued_s: is {message.issued_s - latest_s:.1f} s later than the hub's time, allowed: "
                 f"{AHEAD_S:g} s; ask the hub for its time"
             )
         started = self._started
@@ -157,7 +157,7 @@ class Deadlines:
 
 
 def _same(one: FleetCommand, other: FleetCommand) -> bool:
-    """Whether one command is a retry of the other. The deadline of a retry may differ, and it may name fewer
+    """Whether one command is a retry of the other. A retry may have a different deadline and name fewer
     robots.
     """
     return (one.action, one.who, one.role, one.epoch) == (other.action, other.who, other.role, other.epoch)
@@ -248,7 +248,7 @@ class CommandBook:
             if entry is not None and _same(entry[1], command):
                 return entry[0]
             if entry is not None:
-                raise ConflictError(f"id {command.id}: another command had this id already; use a new id")
+                raise ConflictError(f"id {command.id}: another command already used this id; use a new id")
             # A second stop does no harm, but a stop that is rejected may.
             self._deadlines.check(command, known, harmless_twice=isinstance(command.action, StopArm))
             self._forget(known)

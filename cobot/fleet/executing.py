@@ -28,13 +28,13 @@ from cobot.fleet.messages import (
 CONTROL_S = 600.0
 """Time without a motion after which the fleet loses control, s."""
 LEASE = "explicit"
-"""The value in the service that means control by a lease."""
+"""The service's value for control that was taken explicitly, as a lease."""
 NEWEST = 20
 PROGRAM = "sequence"
 
 
 class ServiceCommands:
-    """Sends commands for one robot to the cell's service, one command at a time. Thread safe.
+    """Sends commands for one robot to the cell's service, one at a time. Thread safe.
 
     Args:
         cell: gives access to bundles and settings.
@@ -118,7 +118,7 @@ class ServiceCommands:
             self._client.close()
 
     def _release(self) -> None:
-        """Release control, even if a killed process took it, whose token is lost.
+        """Release control, even if a killed process has taken it and its token is lost.
 
         Raises:
             ConflictError: a job is running under that control, and would end.
@@ -131,7 +131,7 @@ class ServiceCommands:
         if running:
             raise ConflictError(f"{running[0]['request']} runs under the fleet's control; stop it first")
         with self._client.control(force=True):
-            """Taken with a new token, and given back."""
+            pass  # control was taken with a new token, and is released again
 
     def _start(self, action: StartProgram) -> str:
         version = self._client.program(action.program, action.version)["version"]
@@ -139,10 +139,10 @@ class ServiceCommands:
         return f"started {action.program}, version {version}"
 
     def _job(self, state: str) -> str:
-        """The id of the program in this state. If there is no program, the id of the single motion.
+        """The id of the program in this state. Without a program, the id of the single motion.
 
         Raises:
-            ConflictError: there is no program and no motion in this state.
+            ConflictError: neither a program nor a motion is in this state.
         """
         jobs = self._client.jobs(NEWEST, state)
         found = [job for job in jobs if job["kind"] == PROGRAM] or jobs

@@ -72,7 +72,7 @@ class Tile:
     Attributes:
         heard_s: time at which the latest state arrived, on this computer's clock.
         gone_s: time at which the robot's cell was lost; None while the cell is connected.
-        asked: those instances of the cell that the hub has asked for earlier events.
+        asked: the instances of the cell from which the hub has requested earlier events.
     """
 
     state: FleetState
@@ -91,7 +91,7 @@ class Tile:
 def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]:
     """One answer for each name: the worst one.
 
-    If two cells use the same name, the answer of a cell that continues must not be hidden.
+    If two cells use the same name, a success of one cell must not hide a failure of the other.
     """
     found: dict[tuple[str, str], CommandAnswer] = {}
     for answer in answers:
@@ -115,7 +115,7 @@ def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
 
 
 def _is_open(answer: CommandAnswer | None) -> bool:
-    """Whether the command should be tried again."""
+    """Whether the command must be tried again."""
     return answer is None or answer.code in (BusyError.code, UnavailableError.code)
 
 
@@ -394,8 +394,8 @@ class Hub:
         ]
         if others:
             raise ConflictError(
-                f"the fleet {self.fleet} already has a hub, and only one may run; stop the other one, or "
-                "give this one another --name"
+                f"the fleet {self.fleet} already has a hub, and only one may run; stop the other hub, "
+                "or give this one a different --name"
             )
         self._declared = [
             session.liveliness().declare_token(keys.hub(self.instance)),
@@ -482,7 +482,7 @@ class Hub:
                         self._keep(state)
 
     def _ask_events(self, tile: Tile) -> None:
-        """Ask a robot for the events before its first state."""
+        """Request a robot's events from before its first state."""
         import zenoh
 
         cell, robot, instance = tile.state.cell, tile.state.robot, tile.state.instance
@@ -509,7 +509,7 @@ class Hub:
         with self._lock:
             instances = self._instances.get(state.cell, set())
             if state.instance not in instances:
-                return  # a late message from a cell that is gone, or from a client that is not a cell
+                return  # late, from a cell that is gone, or from a client that is not a cell
             tile = self._tiles.get(name)
             if tile is None:
                 if len(self._tiles) >= MAX_ROBOTS:
@@ -519,7 +519,7 @@ class Hub:
             if state.instance in tile.asked:
                 return
             tile.asked = (tile.asked & instances) | {state.instance}
-        # A cell that publishes states can answer. When it appears, it may not answer yet.
+        # A cell can answer once it publishes states. When the cell appears, it may not answer yet.
         threading.Thread(target=self._ask_events, args=(tile,), daemon=True).start()
 
     def _take_event(self, sample: zenoh.Sample) -> None:

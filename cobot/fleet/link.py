@@ -145,7 +145,8 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
         reason = str(exc).split(" at /")[0]  # without the place in Zenoh's source code
         if "Address already in use" in reason:
             raise UnavailableError(
-                f"{place}: the address is in use: another hub runs here; stop it, or choose another port"
+                f"{place}: the address is in use: another hub may be running here; stop it, or choose "
+                "another port"
             ) from exc
         raise UnavailableError(f"{place}: {reason}") from exc
 

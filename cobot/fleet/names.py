@@ -13,7 +13,7 @@
     cobot/FLEET/@hub/bundles/HASH     the content of a bundle: the answer to a query
     cobot/FLEET/@hub/INSTANCE         the liveliness token of a hub
 
-A chunk that begins with @ matches no wildcard, so the hub is never taken for a cell.
+A chunk that begins with @ matches no wildcard, so the hub cannot be confused with a cell.
 """
 
 from __future__ import annotations
@@ -66,5 +66,5 @@ def parts(key: str) -> tuple[str, str]:
 
 
 def own_cell_name(given: str | None) -> str:
-    """The name of this cell: the name in the settings, or without one the name of this computer."""
+    """The name of this cell in the settings. If they contain none, the name of this computer."""
     return given or NOT_IN_NAMES.sub("-", socket.gethostname())[:48].strip("-") or "cell"

@@ -30,13 +30,13 @@ def command(chosen: argparse.Namespace) -> int:
     body = {"deadline_s": chosen.deadline} | ({} if action is None else {"action": action})
     good, answers = True, []
     paths = [f"{target}/{last}" for target in _targets(chosen)]
-    with ThreadPoolExecutor(len(paths)) as pool:  # no cell waits until a different cell has answered
+    with ThreadPoolExecutor(len(paths)) as pool:  # no cell waits for the answer of another cell
         timeout_s = chosen.deadline + REST_S + TIMEOUT_S
         asked = [pool.submit(ask, chosen, "POST", path, body, timeout_s) for path in paths]
     for each in asked:
         try:
             answers.append(each.result())
-        except CobotError as exc:  # the other cells have received the command nevertheless
+        except CobotError as exc:  # the other cells have received the command anyway
             print(f"cobot: {refusal}: {plain_lines(exc)}", file=sys.stderr)
             good = False
     if chosen.json:
@@ -83,7 +83,7 @@ def roll_out(chosen: argparse.Namespace) -> int:
                 break
             time.sleep(WATCH_S)
         except KeyboardInterrupt:
-            with contextlib.suppress(ConflictError):  # it has ended: the next answer gives the result
+            with contextlib.suppress(ConflictError):  # it has ended; the next answer contains the result
                 ask(chosen, "POST", f"{path}/cancel")
     if chosen.json:
         print(json.dumps(found, indent=1))
@@ -93,7 +93,7 @@ def roll_out(chosen: argparse.Namespace) -> int:
 
 
 def forget(chosen: argparse.Namespace) -> int:
-    """Remove cells that are gone. If one of them cannot be removed, the others still are."""
+    """Remove cells that are gone. If removing one of them fails, the others are still removed."""
     answers = []
     for cell in chosen.cells:
         try:

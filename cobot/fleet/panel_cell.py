@@ -200,7 +200,9 @@ class CellPanel:
             NotFoundError: this cell has no service.
         """
         if not self._url:
-            raise NotFoundError("this cell runs without its web service, so it has no panel")
+            raise NotFoundError(
+                "this cell runs without its web service, so it has no panel; set web.enabled to true"
+            )
         given = Role[request.role.upper()]
         self._require("panel", request, given)
         commands = self._accept.panel_commands
@@ -214,14 +216,14 @@ class CellPanel:
         needed = str(getattr(self._accept, setting))
         if needed == NO_ROLE or given < Role[needed.upper()]:
             raise PermissionDenied(
-                f"through the hub, this cell accepts this from {needed} (fleet.accept.{setting}), and "
-                f"{request.who} has the role {request.role}"
+                f"through the hub, this cell accepts this request from {needed} "
+                f"(fleet.accept.{setting}), but {request.who} has the role {request.role}"
             )
 
     async def _piece(self, stream: PanelStream) -> tuple[PanelHead, bytes]:
         frames, ended = await stream.read(WAIT_S)
         status, headers = stream.status, stream.headers
-        stream.status, stream.headers = 0, {}  # they are sent only once
+        stream.status, stream.headers = 0, {}  # status and headers are sent only once
         if ended:
             self._streams.close(stream.name)
         told = [] if stream.send is None else [(is_text, len(content)) for is_text, content in frames]

@@ -66,7 +66,7 @@ class OpenPanel:
     Attributes:
         find: function that returns the person, or None if the token is no longer valid.
         used_s: time of the last request, including requests for a piece of a WebSocket.
-        closed: whether it was closed to make room for another panel.
+        closed: whether the panel was closed to make room for another one.
         requests, sockets: numbers of requests and of WebSockets in progress.
         turns: limits the number of answer pieces that are in transit.
     """
@@ -184,13 +184,13 @@ class PanelLink:
                 payload=written(self._signer.signed(request)),
                 attachment=body,
                 timeout=ANSWER_S,
-                # Its priority is below states and commands. On congestion it is dropped, so that nothing
-                # waits for it.
+                # The priority is below that of states and commands. On congestion the request is dropped, so
+                # that nothing waits for it.
                 priority=zenoh.Priority.DATA_LOW,
                 congestion_control=zenoh.CongestionControl.DROP,
             )
         except zenoh.ZError as exc:
-            raise UnavailableError(f"the cell {panel.cell} cannot be asked: {exc}") from exc
+            raise UnavailableError(f"the cell {panel.cell} cannot be reached: {exc}") from exc
         sample = await answer
         if sample is None or sample.attachment is None:
             raise UnavailableError(f"the cell {panel.cell} does not answer")

@@ -25,7 +25,7 @@ MAX_ANSWER_BYTES = 64 * 2**20
 MAX_FRAME_BYTES = 64 * 1024
 """Maximum size of a WebSocket message to a cell, in bytes."""
 PIECE_BYTES = 16 * 1024
-"""Size of a piece of an answer, in bytes. Only a piece with a single message may be larger."""
+"""Size of a piece of an answer, in bytes. A piece may only be larger if it contains a single message."""
 MAX_PIECES = 4
 """Maximum number of pieces that are in transit to a panel. On a slow line, the answer to a stop must wait for
 the pieces that were sent before it, regardless of its priority.
@@ -78,7 +78,7 @@ def _a_path(path: str) -> str:
     plain = unquote_to_bytes(path)
     odd = re.search(r"%(?![0-9A-Fa-f]{2})|%2[fF]|%5[cC]|//", path) or re.search(rb"[\x00-\x1f\x7f\\]", plain)
     if odd or not _PATH.fullmatch(path) or {b".", b".."} & set(plain.split(b"/")):
-        raise ValueError("is not the path of a panel")
+        raise ValueError("is not a valid path of a panel")
     return path
 
 

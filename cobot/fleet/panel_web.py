@@ -108,7 +108,7 @@ class PanelApp:
                 await self._serve(request, send)
             except CobotError as exc:
                 await _failure(request, exc)(scope, receive, send)
-            except (OSError, ClientDisconnect) as exc:  # the connection ends, and the answer is incomplete
+            except (OSError, ClientDisconnect) as exc:  # the connection ends, so the answer is incomplete
                 log.warning("an answer of a panel has ended early: %s", exc or type(exc).__name__)
         elif scope["type"] == "websocket":
             await self._join(WebSocket(scope, receive, send))
@@ -121,8 +121,8 @@ class PanelApp:
         """
         if not any(each["alive"] for each in self._hub.robots_of(panel.cell)):
             raise UnavailableError(
-                f"the cell {panel.cell} is not connected to the hub. Its arm may be moving: use its "
-                "emergency stop"
+                f"the cell {panel.cell} is not connected to the hub. Its arm may be moving: use the "
+                "emergency stop of the arm"
             )
 
     async def _serve(self, request: Request, send: Send) -> None:
@@ -143,8 +143,8 @@ class PanelApp:
         self._require_alive(panel)
         if _DOCS.fullmatch(path):
             raise NotSupportedError(
-                "the pages of the REST API name addresses of the cell, so they do not work through a hub; "
-                "use them at the address of the cell itself"
+                "the pages of the REST API contain addresses of the cell, so they do not work through "
+                "a hub; open them at the address of the cell itself"
             )
         if not path:
             await RedirectResponse(f"/{name}/")(request.scope, request.receive, send)
@@ -174,7 +174,7 @@ class PanelApp:
                 head, content = await asyncio.shield(opening)
             except asyncio.CancelledError:
                 with contextlib.suppress(CobotError):
-                    head, _ = await opening  # gives the name of the stream that must be closed
+                    head, _ = await opening  # contains the name of the stream that must be closed
                     await self._close(panel, head.stream)
                 raise
         last = [head]
@@ -196,7 +196,9 @@ class PanelApp:
         return last[0], content
 
     async def _pieces(self, panel: OpenPanel, content: bytes, last: list[PanelHead]) -> AsyncIterator[bytes]:
-        """All pieces of an answer. An error ends it early, and the browser then finds it incomplete."""
+        """All pieces of an answer. After an error no more pieces follow, and the browser finds the answer
+        incomplete.
+        """
         size = 0
         while True:
             size += len(content)

@@ -18,7 +18,7 @@ from cobot.fleet.asking import ask, headers
 EXIT_OK = 0
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
-"""HTTP status for the remaining part of a file, and for a file of which nothing is left."""
+"""HTTP status for the remaining part of a file, and HTTP status if the file is already complete."""
 
 
 def pull(chosen: argparse.Namespace) -> int:
@@ -80,7 +80,7 @@ def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
                 "GET", url, headers=asked, timeout=FILE_S, verify=tls_context(True), trust_env=False
             ) as response:
                 if response.status_code not in (PARTIAL, COMPLETE):
-                    raise UnavailableError(f"{path}: the hub answers {response.status_code}")
+                    raise UnavailableError(f"{path}: the hub answers with status {response.status_code}")
                 for piece in response.iter_bytes() if response.status_code == PARTIAL else ():
                     out.write(piece)
         part.rename(file)

@@ -200,9 +200,7 @@ class FleetRecordingStore:
 
     @staticmethod
     def _forget(folder: Path, listed: set[str]) -> None:
-        """Remove unfinished files, and names of fetched recordings, if the cell no longer has these
-        recordings.
-        """
+        """Remove unfinished files and the names of fetched recordings that no longer exist in the cell."""
         for part in folder.glob(f"*{SUFFIX}{PART}"):
             if part.name.removesuffix(PART) not in listed:
                 part.unlink(missing_ok=True)
@@ -216,7 +214,7 @@ class FleetRecordingStore:
 
         Args:
             part: the unfinished file of the new recording. Unfinished files from other cells may be deleted,
-                because a cell that is gone does not complete them.
+                because these cells may be gone and never complete them.
             size: final size of the new one.
         """
         if size > self._max_bytes:

@@ -63,8 +63,8 @@ class FleetRobot:
         self._commands = ServiceCommands(url, settings, token, cell) if url else None
         self._published_s = 0.0
         self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
-        self.files = ThreadPoolExecutor(1)  # for reading a large file during commands
-        self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that still moves delays no other arm
+        self.files = ThreadPoolExecutor(1)  # for reading a large file while commands run
+        self.workers = ThreadPoolExecutor(WORKERS)  # a separate one, so that a moving arm delays no other arm
         self.state = self._read_state()
 
     def _read_state(self) -> FleetState:
@@ -123,7 +123,7 @@ class FleetRobot:
         outcome = "error"
         try:
             if self._commands is None:
-                raise UnavailableError("this cell runs without its web service")
+                raise UnavailableError("this cell runs without its web service; set web.enabled to true")
             said = self._commands.run(command.action, Role[command.role.upper()])
             outcome = "ok"
             return said
@@ -140,7 +140,7 @@ class FleetRobot:
             CobotError: the service does not return a picture.
         """
         if self._commands is None:
-            raise UnavailableError("this cell runs without its web service")
+            raise UnavailableError("this cell runs without its web service; set web.enabled to true")
         return self._commands.picture()
 
     def recover(self) -> None:

@@ -123,7 +123,9 @@ class RollOuts:
         self.get(name)
         found = self._roll_outs[name]
         if Role[role.upper()] < Role[found.role.upper()]:
-            raise PermissionDenied(f"{found.who} has started it with the role {found.role}; yours is {role}")
+            raise PermissionDenied(
+                f"{found.who} has started the roll-out with the role {found.role}; your role {role} is lower"
+            )
         if found.state != "running":
             raise ConflictError(f"the roll-out {name} has ended: {found.state}")
         found.cancelled = True
@@ -165,7 +167,8 @@ class RollOuts:
             running = [each for each in self._roll_outs.values() if each.state == "running"]
             if running:
                 raise BusyError(
-                    f"the roll-out {running[0].id} of {running[0].title} runs; wait for it, or cancel it"
+                    f"the roll-out {running[0].id} of {running[0].title} is running; wait for it, or "
+                    "cancel it"
                 )
             self._roll_outs[made.id] = made
             while len(self._roll_outs) > MAX_ROLL_OUTS:
@@ -237,7 +240,7 @@ def _all(
         if answer["code"] in ("ok", counted):
             done.append(robot)
         if answer["code"] != "ok":
-            problem = problem or f"{'/'.join(robot)} has not executed it"
+            problem = problem or f"{'/'.join(robot)} has not executed the action"
     return problem
 
 
@@ -262,7 +265,7 @@ def _go_back(roll_out: RollOut, send: Send) -> Literal["refused", "rolled_back",
         return "refused"
     back: list[tuple[str, str]] = []
     action = RollBackBundle(kind="roll_back", bundle=roll_out.bundle)
-    # A robot that did not answer may have activated the bundle. If it has not, there is nothing to roll back.
+    # A robot that did not answer may have activated the bundle anyway. If not, its rollback changes nothing.
     _all(roll_out, roll_out.done, action, send, back, NotFoundError.code)
     roll_out.done = [robot for robot in roll_out.done if robot not in back]
     if not roll_out.done:

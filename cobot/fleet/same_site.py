@@ -26,7 +26,7 @@ class SameSite:
                 if scope["type"] == "websocket":
                     await send({"type": "websocket.close", "code": 1008})
                     return
-                detail = "pages of other sites must not use the hub"
+                detail = "pages of other sites must not use the hub; open the hub's own page"
                 await JSONResponse({"detail": detail, "code": "permission"}, 403)(scope, receive, send)
                 return
         await self._app(scope, receive, send)

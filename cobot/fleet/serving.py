@@ -41,7 +41,8 @@ def add_serve(actions: Any) -> None:
         nargs="+",
         default=[],
         metavar="tls/HOST:PORT",
-        help=f"addresses for cells; default: {LISTEN}, with certificates the same with tls",
+        help=f"addresses for cells; default: {LISTEN}, or the same address "
+        "with tls if there are certificates",
     )
     serve.add_argument(
         "--connect",
@@ -58,21 +59,22 @@ def add_serve(actions: Any) -> None:
         type=int,
         default=8070,
         metavar="P",
-        help="port of the page and the REST API; 0 picks a free one",
+        help="port of the page and the REST API; 0 picks a free port",
     )
     serve.add_argument(
         "--panel-port",
         type=int,
         default=PANEL_PORT,
         metavar="P",
-        help=f"port of the panels of cells, with certificates; 0 picks a free one; default: {PANEL_PORT}",
+        help="port of the panels of cells, which need certificates; 0 picks a free port; default: "
+        f"{PANEL_PORT}",
     )
     serve.add_argument(
         "--certificates",
         type=Path,
         metavar="FOLDER",
-        help="folder of the fleet's certificates; with it connections are encrypted, clients need tokens, "
-        "and not only stops are possible",
+        help="folder of the fleet's certificates; with certificates, connections are encrypted, clients "
+        "need tokens, and all commands are possible, not only stops",
     )
     serve.add_argument(
         "--tokens",
@@ -91,7 +93,7 @@ def add_serve(actions: Any) -> None:
         type=float,
         default=20.0,
         metavar="GB",
-        help="maximum size of all recordings, above which the oldest are deleted; default: 20",
+        help="maximum size of all recordings; the oldest are deleted to stay below it; default: 20",
     )
     serve.set_defaults(run=_serve)
 
@@ -193,7 +195,7 @@ def _authenticator(chosen: argparse.Namespace) -> Authenticator | None:
     if chosen.certificates is not None:
         return Authenticator(TokenFile(chosen.tokens or chosen.certificates / "tokens.json"))
     if chosen.tokens is not None:
-        raise ConfigError("--tokens: tokens are for encrypted connections; give --certificates too")
+        raise ConfigError("--tokens: tokens need encrypted connections; also give --certificates")
     return None
 
 
@@ -222,9 +224,9 @@ def _require_protected(listen: list[str], host: str, folder: Path | None) -> Non
         for name in names:
             if name != "localhost" and not is_loopback(name):
                 raise ConfigError(
-                    f"{option}: {name} can be reached from other computers, and every client there could "
-                    "stop the cells and change the data on the page; use --certificates, see `cobot fleet "
-                    "certificate`, or 127.0.0.1"
+                    f"{option}: {name} can be reached from other computers, so every client there could "
+                    "stop the cells and change the data on the page; use 127.0.0.1, or --certificates "
+                    "(see `cobot fleet certificate`)"
                 )
 
 

@@ -161,7 +161,7 @@ class ServiceWatch:
     def _get(self, http: httpx2.Client, path: str) -> Any:
         response = http.get(self._url + path)
         if response.status_code != 200:
-            raise ValueError(f"{path}: {response.status_code} {response.text[:200]}")
+            raise ValueError(f"{path}: status {response.status_code}: {response.text[:200]}")
         return response.json()
 
 

@@ -324,7 +324,7 @@ def _require_operator(who: Person, what: str) -> None:
         PermissionDenied: the role of this person is too low.
     """
     if Role[who.role.upper()] < Role.OPERATOR:
-        raise PermissionDenied(f"{who.name} has the role {who.role}; {what} needs operator")
+        raise PermissionDenied(f"{who.name} has the role {who.role}; {what} needs the role operator")
 
 
 def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:

@@ -62,7 +62,7 @@ class DigitalOptions(GripperOptions):
             raise ValueError("close_output and open_output are the same output; leave one of them out")
         if not self.closed_width < self.open_width:
             raise ValueError(
-                f"closed_width is {self.closed_width:g}, it must be below open_width, {self.open_width:g}"
+                f"closed_width is {self.closed_width:g}; it must be below open_width, {self.open_width:g}"
             )
         check_names(
             self.modbus, (self.close_output, self.open_output), (self.closed_input, self.opened_input)

@@ -27,7 +27,7 @@ SOCKET = "socket://"
 MAX_DRAINS = 8
 """Maximum number of reads to wait until the line is quiet."""
 LOST = (OSError, termios.error)
-"""Errors that pyserial raises if the line is gone. Its own errors are OSErrors."""
+"""Errors that pyserial raises if the line is gone. The error classes of pyserial itself are OSErrors."""
 
 
 def _crc_table() -> list[int]:

@@ -142,8 +142,8 @@ class DigitalRig(PointRig):
 
 
 class VacuumRig(PointRig):
-    """A simulated suction cup. If a part is at the cup, the vacuum builds up and decays over time; without a
-    part there is none.
+    """A simulated suction cup. With a part at the cup, the vacuum builds up and decays over time. Without a
+    part, there is no vacuum.
     """
 
     BUILD_UP_S = 0.2

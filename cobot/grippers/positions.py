@@ -38,7 +38,7 @@ class TwoPositions:
     """
 
     LATE = 3.0
-    """If a command has no effect after this multiple of its usual time, this is a fault."""
+    """Multiple of a command's usual duration. If a command has no effect by then, this is a fault."""
 
     def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port

@@ -84,7 +84,7 @@ class GripperCapabilities:
         for name in ("width_m", "force_n", "speed_m_s"):
             bounds = getattr(self, name)
             if bounds is not None and not 0.0 <= bounds[0] < bounds[1]:
-                raise ValueError(f"{name}: {bounds} is not a range, from 0 on")
+                raise ValueError(f"{name}: {bounds} is not a range of numbers from 0 on")
 
     @property
     def words(self) -> str:
@@ -134,13 +134,13 @@ class GripperState:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _measured(name, getattr(self, name)))
         if self.moving not in (False, True):
-            raise TypeError(f"moving is {shown(self.moving)}, must be True or False")
+            raise TypeError(f"moving is {shown(self.moving)}; it must be True or False")
         object.__setattr__(self, "moving", bool(self.moving))
         if self.object is not None and not isinstance(self.object, HeldObject):
-            raise TypeError(f"object is {shown(self.object)}, must be a HeldObject or None")
+            raise TypeError(f"object is {shown(self.object)}; it must be a HeldObject or None")
         for text in (self.fault, *self.ages_s):
             if not isinstance(text, str):
-                raise TypeError(f"fault or a key of ages_s is {shown(text)}, must be a string")
+                raise TypeError(f"fault or a key of ages_s is {shown(text)}; it must be a string")
         ages_s = {name: _measured(f"ages_s, {name}", age_s) for name, age_s in self.ages_s.items()}
         object.__setattr__(self, "ages_s", MappingProxyType(ages_s))
 
@@ -151,7 +151,7 @@ def _measured(name: str, value: Any) -> float:
     """
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number:
-        raise TypeError(f"{name} is {shown(value)}, must be a number; report None for an unknown value")
+        raise TypeError(f"{name} is {shown(value)}; it must be a number; report None for an unknown value")
     if not -MAX_VALUE <= value <= MAX_VALUE:
         raise ValueError(
             f"{name} is {shown(value)}, allowed: -{MAX_VALUE:g} to {MAX_VALUE:g}; report None for an "
@@ -165,8 +165,8 @@ class Grasp:
     """A request to hold an object.
 
     Attributes:
-        width: width of the object, m; None if it can be any. An object that is wider than the current width
-            is held from inside.
+        width: width of the object, m; None for any width. An object that is wider than the current width is
+            held from inside.
         tolerance_inner, tolerance_outer: how much narrower, and how much wider, the object may be than
             `width`, m.
         speed, force: speed and force of the fingers; None for the driver's default.

@@ -85,7 +85,7 @@ def gripper_options(settings: Settings) -> GripperOptions:
     """
     section = gripper_section(settings)
     if section is None:
-        raise ConfigError("robot.gripper: the robot has none; `cobot gripper list` shows the types")
+        raise ConfigError("robot.gripper: the robot has no gripper; `cobot gripper list` shows the types")
     kind: Any = gripper_class(section.type)
     options: Any = getattr(kind, "Options", GripperOptions)
     if not (isinstance(options, type) and issubclass(options, GripperOptions)):

@@ -88,12 +88,13 @@ class SimulatedGripper:
         hand, cell = hand_of(settings), settings.robot.cell
         if hand is None and cell is None:
             raise ConfigError(
-                "robot.gripper: simulated is the hand of a simulated cell, and the robot has no cell: set "
-                "robot.cell, or start with cobot run --cell FILE"
+                "robot.gripper is simulated, which needs a simulated cell, but the robot has no cell; "
+                "set robot.cell, or start with cobot run --cell FILE"
             )
         if hand is None:
             raise ConfigError(
-                f"robot.gripper: simulated is the hand of the cell, and {cell} has none: add `hand: {{}}`"
+                f"robot.gripper is simulated, which needs the hand of the cell, but {cell} has no hand; "
+                f"add `hand: {{}}`"
             )
         return cls(hand, port)
 

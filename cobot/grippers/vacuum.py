@@ -78,7 +78,7 @@ class VacuumOptions(GripperOptions):
         if self.output == self.blow_output:
             raise ValueError("output and blow_output are the same output; leave blow_output out")
         if self.on_value == self.off_value:
-            raise ValueError(f"on_value and off_value are both {self.on_value:g}, they must differ")
+            raise ValueError(f"on_value and off_value are both {self.on_value:g}; they must differ")
         if self.blow_value == 0.0:
             raise ValueError(
                 "blow_value is 0, which is the value of the output when it does not blow; give another value"

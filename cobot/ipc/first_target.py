@@ -10,9 +10,9 @@ from cobot.foreign import fixed
 from cobot.ipc.layout import Intervention, Stream
 
 ADVICE = (
-    "A stream begins where the arm is: send the measured state as the first target, or move to the first "
-    "target beforehand. The arm stays where it is until a target comes that is near enough; further refusals "
-    "are only counted"
+    "A stream must begin at the current position of the arm: send the measured state as the first "
+    "target, or move to the first target beforehand. The arm does not move until a target is near "
+    "enough; further rejections are only counted"
 )
 
 
@@ -55,7 +55,7 @@ class FirstTarget:
             off = np.abs(self._target["joints"] - self._position)
             joint = int(off.argmax())
             said += (
-                f": {self._names[joint]} is at {fixed(self._position[joint], 3)}, the target has "
+                f": {self._names[joint]} is at {fixed(self._position[joint], 3)}, but the target is at "
                 f"{fixed(self._target['joints'][joint], 3)}: {fixed(off[joint], 3)} apart"
             )
         elif self._stream is Stream.CARTESIAN:

@@ -59,7 +59,7 @@ def robots_running() -> list[str]:
 
 
 def user_of(robot: str, role: MemoryRole) -> int:
-    """The pid of the process that has a role in a robot's memory; 0 if there is none."""
+    """The pid of the process that has a role in a robot's memory; 0 if no process has it."""
     try:
         descriptor = os.open(path_of(robot), os.O_RDWR | os.O_CLOEXEC)
     except OSError:
@@ -148,7 +148,7 @@ def _flock(kind: int, role: MemoryRole) -> bytes:
 
 
 def holder(descriptor: int, role: MemoryRole) -> int:
-    """The pid of the process that holds a role's lock; 0 if there is none."""
+    """The pid of the process that holds a role's lock; 0 if no process holds it."""
     answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
     kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
     return 0 if kind == fcntl.F_UNLCK else int(pid)

@@ -170,14 +170,14 @@ def _require_layout(path: Path, descriptor: int, raw: bytes) -> None:
     header = np.frombuffer(raw, HEADER)[0]
     if header["layout"] != LAYOUT_VERSION:
         raise LayoutError(
-            f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
-            "stop the cobot that made it, or use its version"
+            f"{path}: has layout version {header['layout']}, but this program has {LAYOUT_VERSION}; "
+            "stop the cobot that created the file, or use its version"
         )
     if header["checksum"] != _checksum(raw) or not 0 < header["dof"] <= MAX_DOF:
-        raise LayoutError(f"{path}: its header is damaged; restart the cobot that made it")
+        raise LayoutError(f"{path}: its header is damaged; restart the cobot that created the file")
     places = _Places(int(header["dof"]), int(header["fresh"]), int(header["history"]))
     if os.fstat(descriptor).st_size < places.end:
-        raise LayoutError(f"{path}: is shorter than its header says")
+        raise LayoutError(f"{path}: is shorter than its header states")
 
 
 def _checksum(raw: bytes) -> int:

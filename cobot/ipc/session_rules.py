@@ -114,7 +114,9 @@ def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
 def check_chunk(chunk: np.ndarray, stream: Stream) -> None:
     """Check timed joint targets."""
     if stream is not Stream.JOINT_IMPEDANCE:
-        raise InputError(f"a {stream.name.lower()} stream takes no chunks; a joint_impedance stream does")
+        raise InputError(
+            f"a {stream.name.lower()} stream does not accept chunks; use a joint_impedance stream"
+        )
     count = int(chunk["count"])
     if not 1 <= count <= CHUNK_POINTS:
         raise InputError(f"a chunk has from 1 to {CHUNK_POINTS} points, got {count}")

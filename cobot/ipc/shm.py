@@ -132,10 +132,10 @@ class Slot:
         """
         n, capacity = trajectory.segments, len(self.coefficients)
         if n > capacity:
-            raise InputError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
+            raise InputError(f"the motion has {n} segments, allowed: {capacity} (rt.trajectory_capacity)")
         if trajectory.dof != self.coefficients.shape[1]:
             raise SharedMemoryError(
-                f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}"
+                f"the motion has {trajectory.dof} joints, but the robot has {self.coefficients.shape[1]}"
             )
         self.breakpoints_s[: n + 1] = trajectory.breakpoints_s
         self.coefficients[:n] = trajectory.coefficients
@@ -219,8 +219,8 @@ class RobotMemory:
             descriptor = create_file(path, robot)
         except OSError as exc:
             raise SharedMemoryError(
-                f"{path}: {exc.strerror}; if it is another user's, stop their cobot and remove it, or set "
-                "another robot.name"
+                f"{path}: {exc.strerror}; if another user owns the file, stop that user's cobot and "
+                "remove the file, or set another robot.name"
             ) from exc
         except ConflictError as exc:
             raise ConflictError(f"{exc}; stop it, or set another robot.name") from exc
@@ -389,14 +389,14 @@ def _require_layout(path: Path, descriptor: int, raw: bytes) -> None:
     header = np.frombuffer(raw, HEADER)[0]
     if header["layout"] != LAYOUT_VERSION:
         raise LayoutError(
-            f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
-            "stop the cobot that made it, or use its version"
+            f"{path}: has layout version {header['layout']}, but this program has {LAYOUT_VERSION}; "
+            "stop the cobot that created the file, or use its version"
         )
     dof, capacity = int(header["dof"]), int(header["capacity"])
     if dof <= MAX_DOF and os.fstat(descriptor).st_size < _file_size(dof, capacity):
-        raise LayoutError(f"{path}: is shorter than its header says")
+        raise LayoutError(f"{path}: is shorter than its header states")
     if header["checksum"] != _header_checksum(raw):
-        raise LayoutError(f"{path}: its header is damaged; restart the cobot that made it")
+        raise LayoutError(f"{path}: its header is damaged; restart the cobot that created the file")
 
 
 def _header_checksum(raw: bytes) -> int:

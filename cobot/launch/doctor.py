@@ -179,7 +179,7 @@ def clock_source(machine: Machine) -> Diagnosis:
     folder = "/sys/devices/system/clocksource/clocksource0"
     clock = machine.read(f"{folder}/current_clocksource")
     if not clock or clock in PRECISE_CLOCKS:
-        return Diagnosis("clock", Severity.OK, clock or "Linux does not say which")
+        return Diagnosis("clock", Severity.OK, clock or "Linux does not report the clock")
     available = machine.read(f"{folder}/available_clocksource").split()
     better = next((each for each in PRECISE_CLOCKS if each in available), None)
     remedy = f"echo {better} | sudo tee {folder}/current_clocksource"
@@ -196,7 +196,7 @@ def cores(count: int) -> Diagnosis:
     if count >= WELL_CORES:
         return Diagnosis("cores", Severity.OK, found)
     remedy = f"taskset --cpu-list 0-{(os.cpu_count() or 2) - 1} {_cobot()} run"
-    return Diagnosis("cores", Severity.WARNING, f"{found}: the cycle shares it with planning", remedy)
+    return Diagnosis("cores", Severity.WARNING, f"{found}: the cycle shares the core with planning", remedy)
 
 
 def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagnosis:

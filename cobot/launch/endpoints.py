@@ -36,8 +36,8 @@ def check_endpoints(path: Path) -> dict[str, EndpointChange]:
             )
         except subprocess.TimeoutExpired as exc:
             raise ConfigError(
-                f"{path}: the service has not listed its endpoints within {MAX_WAIT_S:g} s: start "
-                "again when the computer has less to do"
+                f"{path}: the service has not listed its endpoints within {MAX_WAIT_S:g} s; start again "
+                "when the computer is less busy"
             ) from exc
         if done.returncode != 0:
             said = done.stderr.strip().splitlines()

@@ -49,8 +49,8 @@ class Forked:
     def become(
         self, command: Sequence[str], output: int, descriptors: Sequence[int], environment: Mapping[str, str]
     ) -> bool:
-        """Let the process run a command, which begins with `RUN_MODULE`. Returns False if the process has
-        ended.
+        """Let the process run a command. The command must begin with `RUN_MODULE`. Returns False if the
+        process has ended.
 
         Args:
             output: descriptor of the command's output.

@@ -130,7 +130,7 @@ def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
             target.unlink()
     if there and prefix is None:
         _run([["systemctl", "daemon-reload"]], out, dry_run, subprocess.run)
-    print(f"kept      {STATE}, {LOGS} and the user {USER}, where there are any", file=out)
+    print(f"kept      {STATE}, {LOGS} and the user {USER}, if they exist", file=out)
 
 
 def _write(file: File, out: TextIO, root: Path, dry_run: bool) -> bool:
@@ -177,7 +177,9 @@ def _below(root: Path, path: Path) -> Path:
 
 def _require_system(what: str) -> None:
     if os.geteuid() != 0:
-        raise InstallError(f"{what} writes to /etc: type sudo {what}; --dry-run and --prefix need no root")
+        raise InstallError(
+            f"{what} writes to /etc, so it needs root: type sudo {what}; --dry-run and --prefix need no root"
+        )
     if shutil.which("systemctl") is None or shutil.which("systemd-sysusers") is None:
         raise InstallError("there is no systemd here: use `cobot run`, or the container of compose.yaml")
 

@@ -48,8 +48,8 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
     """
     if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
         raise ConfigError(
-            f"{name[:80]!r} is not a name for a {what}: small letters, digits and single underscores, a "
-            f"letter first, at most {MAX_LENGTH}, such as my_{suffix}"
+            f"{name[:80]!r} is not a valid name for a {what}; use up to {MAX_LENGTH} small letters, "
+            f"digits and single underscores, beginning with a letter, such as my_{suffix}"
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
         raise ConfigError(f"{name!r} is reserved by Python: choose another name, such as {name}_{suffix}")

@@ -91,8 +91,7 @@ def _config() -> argparse.ArgumentParser:
         "--config",
         type=_settings_file,
         metavar="FILE",
-        help="settings that differ from the shipped cobot-setting.yaml, or the folder of such a file; other "
-        "keys keep their shipped values",
+        help="file with the settings that differ from the defaults, or the folder of such a file",
     )
     return config
 
@@ -189,7 +188,7 @@ def _add_stop(commands: Any, config: argparse.ArgumentParser) -> None:
     stop.add_argument(
         "--estop", action="store_true", help="latch the stop: nothing moves until POST /robot/reset"
     )
-    remote = stop.add_argument_group("through the service of --url")
+    remote = stop.add_argument_group("stop through the service at --url")
     remote.add_argument(
         "--category",
         type=int,

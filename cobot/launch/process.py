@@ -37,9 +37,7 @@ reserve most of it.
 
 
 class Niceness(IntEnum):
-    """Niceness of threads. It matters if there are more threads than cores, because planning must not delay a
-    stop.
-    """
+    """Niceness of threads. If there are more threads than cores, planning must not delay a stop."""
 
     PROMPT = -10  # threads that answer people
     ORDINARY = 0
@@ -86,13 +84,13 @@ def require_limits() -> None:
     descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if descriptors < MIN_DESCRIPTORS:
         raise UnavailableError(
-            f"a process may have {descriptors} file descriptors here, cobot needs {MIN_DESCRIPTORS}: "
-            "raise the limit (ulimit -n)"
+            f"a process may have {descriptors} file descriptors here, but cobot needs "
+            f"{MIN_DESCRIPTORS}: raise the limit (ulimit -n)"
         )
     space, _ = resource.getrlimit(resource.RLIMIT_AS)
     if space != resource.RLIM_INFINITY and space < MIN_ADDRESS_SPACE:
         raise UnavailableError(
-            f"a process may have {space // 1024} kB of address space here, cobot needs "
+            f"a process may have {space // 1024} kB of address space here, but cobot needs "
             f"{MIN_ADDRESS_SPACE // 1024}: raise the limit of memory (ulimit -v)"
         )
 

@@ -86,8 +86,8 @@ class RunningConfig:
             self.folder.mkdir(mode=0o700)
         except OSError as exc:
             raise SharedMemoryError(
-                f"{self.folder}: cannot be made: {exc.strerror}; if it is another user's, remove it, or set "
-                "another robot.name"
+                f"{self.folder}: cannot be made: {exc.strerror}; if another user owns the folder, "
+                "remove it, or set another robot.name"
             ) from exc
         self.prepare(settings)
         self.commit()

@@ -65,7 +65,8 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     names = list(robots) or robots_running()
     if not names:
         out.write(
-            f"no robot is running on this computer; one elsewhere: {_by_service('http://ROBOT:8007')}\n"
+            "no robot is running on this computer; for a robot on another computer: "
+            f"{_by_service('http://ROBOT:8007')}\n"
         )
         return False
     stops: dict[str, StopRequest] = {}
@@ -88,7 +89,9 @@ def not_asked(url: str | None) -> str:
     """
     if not url or _here(url):
         return ""
-    return f"the service of {URL_VARIABLE} was NOT asked, because it is elsewhere: {_by_service(url)}"
+    return (
+        f"the service of {URL_VARIABLE} was NOT asked, because it is on another computer: {_by_service(url)}"
+    )
 
 
 def _here(url: str) -> bool:
@@ -141,13 +144,13 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
             if age_s > STALE_S:
                 problem = f"rtloop has published nothing for {age_s:.1f} s"
                 if _has_ended(stop.memory):
-                    return f"{problem}: it is not running"
+                    return f"{problem}: rtloop is not running"
             elif measured_s > STALE_S:
-                problem = f"not measured for {measured_s:.1f} s: {text(state['reason'])}"
+                problem = f"rtloop has measured nothing for {measured_s:.1f} s: {text(state['reason'])}"
             elif seen and not _moving(state) and state["settled"]:
                 return ""
             else:
-                problem = f"it still moves after {REST_S:g} s"
+                problem = f"the arm still moves after {REST_S:g} s"
         time.sleep(POLL_S)
     return problem
 

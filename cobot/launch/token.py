@@ -87,6 +87,7 @@ def _days(argument: str) -> timedelta:
         raise argparse.ArgumentTypeError(f"{argument!r} is not a number of days above 0")
     if days > MAX_DAYS:
         raise argparse.ArgumentTypeError(
-            f"{argument!r} days are too many: at most {MAX_DAYS}; without --days it never expires"
+            f"{argument!r} days are too many, allowed: up to {MAX_DAYS}; without --days, the token "
+            "never expires"
         )
     return timedelta(days=days)

@@ -79,7 +79,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 - Gymnasium's own form
 
-    # Many parameters: they are what `gymnasium.make` takes, each by its name.
+    # The many parameters are those that `gymnasium.make` accepts by name.
     def __init__(
         self,
         *,

@@ -214,8 +214,9 @@ class PolicyRunner:
         self._late += 1
         if self._late >= PATIENCE:
             raise ExecutionError(
-                f"the policy takes {self.latency.last_s:.3f} s for {count} actions of {self._period_s:g} s: "
-                f"{PATIENCE} consecutive answers arrived after the times of all their actions"
+                f"the policy takes {self.latency.last_s:.3f} s for {count} actions of "
+                f"{self._period_s:g} s; {PATIENCE} consecutive answers arrived too late for all their "
+                "actions"
             )
 
     def _wait(self, until_s: float) -> None:

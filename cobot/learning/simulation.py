@@ -106,7 +106,7 @@ class CellPort:
 
 
 def hand_of(settings: Settings) -> Hand | None:
-    """The hand in the cell of the settings; None if there is none."""
+    """The hand in the cell of the settings; None if the cell has no hand."""
     return None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
 
 
@@ -116,7 +116,7 @@ class Simulation:
     Attributes:
         robot: client of the arm, which streams like a client of a running service.
         clock: clock whose time advances only while a caller sleeps.
-        fingers: the hand in the cell of the settings; None if there is none.
+        fingers: the hand in the cell of the settings; None if the cell has no hand.
     """
 
     def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:

@@ -84,7 +84,7 @@ class Line:
         try:
             message = record.getMessage()
         except Exception as exc:  # noqa: BLE001  a wrong log call must not end its caller
-            message = f"{record.msg!r} with arguments that do not fit it: {exc}"
+            message = f"{record.msg!r} cannot be formatted with its arguments: {exc}"
         ids = log_context.get()
         return cls(
             record.created,

@@ -40,7 +40,8 @@ class ProcessLog(logging.Handler):
     """Passes log lines to a thread that writes them to a descriptor."""
 
     def __init__(self, process: str, form: str, descriptor: int) -> None:
-        """
+        """Create the log.
+
         Args:
             form: a form of `Line`: "text", "json" or "wire".
         """
@@ -125,7 +126,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
     root.handlers[:] = [made]
     logging.captureWarnings(True)
     with contextlib.suppress(OSError, ValueError):
-        faulthandler.enable(2)  # it does not use Python's streams and never blocks: see `Child.start`
+        faulthandler.enable(2)  # does not use Python's streams and never blocks: see `Child.start`
     sys.stdout, sys.stderr = _Printed("stdout", logging.INFO, 1), _Printed("stderr", logging.WARNING, 2)
     sys.excepthook = _uncaught
     threading.excepthook = _uncaught_in_thread

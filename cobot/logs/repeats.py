@@ -1,5 +1,5 @@
-"""Limits repeated messages. In each interval, a limited number of messages of each kind is let through. A
-count of all others follows.
+"""Limits repeated messages. Each interval lets a limited number of messages of each kind pass, and ends with
+a count of the others.
 """
 
 from __future__ import annotations

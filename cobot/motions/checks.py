@@ -24,7 +24,7 @@ MIN_AXIS_LENGTH = 1e-3
 
 
 def check_request(request: MotionRequest) -> None:
-    """Require the fields to match the planner and each other.
+    """Check that the fields of a request match the planner and each other.
 
     Raises:
         InputError: a field does not match; names the field, its value and what is possible.
@@ -52,7 +52,7 @@ def check_request(request: MotionRequest) -> None:
 
 
 def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
-    """Require the number of end joints and the speed of the TCP to be possible for a robot.
+    """Check that the number of end joints and the TCP speed are possible for a robot.
 
     Raises:
         InputError: a value is not possible; names the field, its value and what is possible.
@@ -90,7 +90,7 @@ def _named(request: MotionRequest, field: str) -> str:
 
 
 def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]) -> None:
-    """Require that the request gives exactly one of the fields of which the planner needs one."""
+    """Check that the request gives exactly one of the fields that its planner needs."""
     needed = [field for field in traits.needs if field in given]
     if traits.needs and not needed:
         raise InputError(traits.missing)
@@ -100,7 +100,7 @@ def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]
 
 
 def _check_arc(arc: Arc) -> None:
-    """Require that an arc has an angle other than 0 and an axis that gives a direction."""
+    """Check that an arc has an angle other than 0, and that its axis gives a direction."""
     if arc.angle_rad == 0.0:
         raise InputError("angle: is 0 rad, so there is no arc, even with a rise; for a line use lin")
     if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
@@ -112,9 +112,7 @@ def _check_arc(arc: Arc) -> None:
 
 
 def _check_free_axes(free: Sequence[str]) -> None:
-    """Require that one axis or all three are free, because a free rotation about two axes also frees the
-    third.
-    """
+    """Check that one axis or all three are free. A free rotation about two axes would also free the third."""
     valid = ", ".join(FREE_AXES)
     for index, axis in enumerate(free):
         if axis not in FREE_AXES:

@@ -35,7 +35,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Constraints:
-    """The constraints of a motion, which must keep all of them that are given.
+    """The constraints of a motion. The motion must satisfy each constraint that is given.
 
     Attributes:
         joints: for each constrained joint its index, its lowest and its highest position, rad (m for a linear

@@ -61,7 +61,9 @@ class Fence:
         """
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:
-                return f"the TCP would be at {axis} = {value:.4f} m, the fence is from {low:g} to {high:g} m"
+                return (
+                    f"the TCP would be at {axis} = {value:.4f} m, but the fence is from {low:g} to {high:g} m"
+                )
         if not speed_m_s <= self.speed_m_s:
-            return f"the TCP would move at {speed_m_s:.4f} m/s, the fence permits {self.speed_m_s:g} m/s"
+            return f"the TCP would move at {speed_m_s:.4f} m/s, but the fence permits {self.speed_m_s:g} m/s"
         return ""

@@ -29,7 +29,8 @@ class Forecast:
     """A motion that was planned but not run.
 
     Attributes:
-        trajectory: None if the arm is already at the goal; then there is one sample and nothing moves.
+        trajectory: the motion; None if the arm is already at the goal. Then there is one sample, and nothing
+            moves.
         times_s: times of the samples, shape (n,).
         joints: joint positions of the samples, shape (n, dof), rad.
         poses: poses of the TCP in the base frame, shape (n, 7): x, y, z, m, and w, x, y, z.

@@ -113,20 +113,20 @@ def require_order(times: Array, labels: list[str]) -> None:
         InputError: a time violates this; names the first point with such a time.
     """
     if times[0] < 0.0:
-        raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
+        raise InputError(f"{labels[0]}: time_from_start is {times[0]} s; it must not be negative")
     if 0.0 < times[0] < MIN_INTERVAL_S:
         raise InputError(
-            f"{labels[0]}: time_from_start is {times[0]} s, must be 0 or at least {MIN_INTERVAL_S:g} s"
+            f"{labels[0]}: time_from_start is {times[0]} s; it must be 0 or at least {MIN_INTERVAL_S:g} s"
         )
     for index in np.flatnonzero(times > MAX_TIME_S)[:1]:
         raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s, may be up to {MAX_TIME_S:g} s"
+            f"{labels[index]}: time_from_start is {times[index]} s, allowed: up to {MAX_TIME_S:g} s"
         )
     late = np.flatnonzero(np.diff(times) < MIN_INTERVAL_S / 2.0)  # half, because large times are rounded
     if len(late):
         index = int(late[0]) + 1
         raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
+            f"{labels[index]}: time_from_start is {times[index]} s; it must be later than the "
             f"{times[index - 1]} s of {labels[index - 1]}, by at least {MIN_INTERVAL_S:g} s"
         )
 
@@ -155,7 +155,7 @@ def require_start(
     joint = int(off.argmax())
     unit = limits.unit(joint)
     raise InputError(
-        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} {unit}, but it is at "
+        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} {unit}, but the arm is at "
         f"{start[joint]:.4f} {unit}: {off[joint]:.4f} {unit} apart, allowed: {tolerance_rad:g} {unit}; "
         f"{ways.start}"
     )

@@ -116,7 +116,7 @@ def place_signals(
         conditions |= _conditions(signals, (begin_s, end_s))
         begin_s = end_s
     if len(actions) > MAX_ACTIONS:
-        raise InputError(f"actions: the motion has {len(actions)}, at most {MAX_ACTIONS} are possible")
+        raise InputError(f"actions: the motion has {len(actions)}, allowed: {MAX_ACTIONS}")
     return Placed(tuple(sorted(actions, key=lambda each: each.path_time_s)), **conditions)
 
 
@@ -148,8 +148,8 @@ def _path_time_s(
     else:
         unit = "s" if by_time else "m"
         raise InputError(
-            f"{prefix}{action.field}.at.{place.unit}: is {place.value:g} {unit}, the path is "
-            f"{end - begin:.4g} {unit} long; give at most that, or a fraction"
+            f"{prefix}{action.field}.at.{place.unit}: is {place.value:g} {unit}, but the path is "
+            f"{end - begin:.4g} {unit} long; give at most this length, or a fraction"
         )
     there = end - ahead if place.from_end else begin + ahead
     if by_time:

@@ -59,7 +59,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     `leave_invalid_start`.
 
     Raises:
-        InputError: a goal beyond the limits, or fields that this planner does not use.
+        InputError: a goal is beyond the limits, or this planner does not use a given field.
         PlanningError: no motion exists, or this planner does not find one.
     """
     check_for_robot(request, robot)

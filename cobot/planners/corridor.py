@@ -115,7 +115,7 @@ def shift_along(apart: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """How far a motion deviates from the curve.
+    """The deviation of a motion from the curve.
 
     Attributes:
         largest: largest deviation of each joint anywhere on the curve, shape (dof,), rad.
@@ -129,7 +129,7 @@ class Deviation:
 
 
 def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) -> Deviation:
-    """How far the motion of a uniform spline deviates from the curve.
+    """The deviation of a uniform spline's motion from the curve.
 
     Args:
         control: control points of the spline, shape (n, dof).
@@ -150,8 +150,8 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """How far a motion stays away from the given positions, shape (dof,), rad. Only places near the given
-    times count, in order.
+    """The distance that a motion keeps from the given positions, shape (dof,), rad. Only places near the
+    given times count, in order.
     """
     positions, velocities = spline_at(control, step_s, times_s)
     shift = shift_along(given - positions, velocities)

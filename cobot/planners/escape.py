@@ -24,9 +24,8 @@ STEPS = 40
 STEP_RAD = 0.2
 """Largest joint step of the search. It is limited because distances are not linear in the joints."""
 DEEPER_M = 1e-4
-"""Depth by which a contact may become deeper on the way, because distances are not linear along a straight
-motion.
-"""
+"""Depth by which a contact may become deeper on the way, m, because distances are not linear along a
+straight motion."""
 SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
 """Random sampling around the start: the largest joint offset of each round, the number of samples per round,
 and the number of collision-free samples that are tried.
@@ -84,8 +83,8 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    """Two distances for each pair of bodies, shape (pairs,), m: the distance that an escape should keep, and
-    the smallest one that it must keep.
+    """Two distances for each pair of bodies, shape (pairs,), m: the distance that an escape aims for, and the
+    smallest one that it must keep.
     """
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]

@@ -30,7 +30,7 @@ def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Arra
     """The forecast of a planned motion.
 
     Args:
-        trajectory: None if the arm is already at the goal.
+        trajectory: the motion; None if the arm is already at the goal.
         start: joint positions of the arm, shape (dof,), rad.
         samples: number of points of the path, evenly spaced in time, with both ends.
     """
@@ -62,7 +62,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
         return {"velocity": rest, "acceleration": rest, "jerk": rest, "torque": torque}
     coefficients = trajectory.coefficients
     begins = np.abs(coefficients[:, :, 1:4]).max(axis=0).T * [[1.0], [2.0], [6.0]]
-    # Leave out pieces that are slower throughout than a different piece is at its start.
+    # Leave out pieces whose speeds are all lower than the initial speed of a different piece.
     durations = np.diff(trajectory.breakpoints_s)
     rates = greatest_rates(coefficients, durations, begins[:, None]).max(axis=1)
     torque = np.abs(effort_samples(robot.model, trajectory)[1]).max(axis=0)

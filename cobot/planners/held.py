@@ -1,4 +1,6 @@
-"""Path constraints: how far a configuration violates them, and the nearest configuration that keeps them."""
+"""Path constraints: the amount by which a configuration violates them, and the nearest configuration that
+keeps them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ LOOK_S, MAX_LOOKS = 1e-3, 50_000
 hundredth of the allowance.
 """
 ALLOWANCE = 1e-4
-"""How far a motion, its start or its goal may violate a constraint, rad or m."""
+"""Amount by which a motion, its start or its goal may violate a constraint, rad or m."""
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
 """Distance by which a projected configuration stays inside the constraints, rad or m, and the same as a share
 of the constraint's range, which counts if the range is narrow.
@@ -59,7 +61,9 @@ class Held:
         return self._projection.keeps(joints)
 
     def excess(self, rows: Array) -> Array:
-        """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
+        """The amount by which each row violates each constraint, shape (n, k), rad or m; negative if the row
+        keeps it.
+        """
         constraints = self._constraints
         columns = [np.full(len(rows), -np.inf)]
         if constraints.cone is not None or constraints.box is not None:

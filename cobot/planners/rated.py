@@ -59,7 +59,8 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     factor = move.duration_s / trajectory.duration_s
     if factor < 1.0 - ROUNDING:
         raise InputError(
-            f"duration is {move.duration_s:g} s, the shortest possible is {trajectory.duration_s:.4g} s"
+            f"duration is {move.duration_s:g} s; the shortest possible duration is "
+            f"{trajectory.duration_s:.4g} s"
         )
     stretched = trajectory.stretched(max(factor, 1.0))
     if leg.tcp is None:

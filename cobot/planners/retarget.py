@@ -33,9 +33,8 @@ MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
 """Planners that first try the direct motion of all joints."""
 
 GENTLE = 0.7
-"""Share of the acceleration limits with which the arm slows down. The remaining part is for the new
-motion.
-"""
+"""Share of the acceleration limits with which the arm slows down. The new motion may use the remaining
+part."""
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest. The new motion begins after the first of these shares at which the sum keeps
 the limits.

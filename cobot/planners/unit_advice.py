@@ -18,7 +18,7 @@ def advice_on_units(model: RobotModel, request: MotionRequest) -> str:
     for position in _positions(request):
         if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
             x, y, z = position
-            return f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres, positions are in m"
+            return f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres; positions are in m"
     return ""
 
 

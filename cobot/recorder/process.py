@@ -28,7 +28,7 @@ log = logging.getLogger("cobot.recorder")
 def main() -> int:
     """Record until SIGTERM. Returns the exit status: 0, or 2 if the recorder could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.recorder", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
     arguments = parser.parse_args()
     start_logging("recorder")
     try:

@@ -73,7 +73,7 @@ def require_room(what: str, size: int) -> None:
     """
     limit = int(MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     if size > limit:
-        raise ValueError(f"{what} claim {size} bytes uncompressed, at most {limit} fit into memory here")
+        raise ValueError(f"{what} claim {size} bytes uncompressed, but only {limit} fit into memory here")
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
@@ -96,7 +96,9 @@ def _length_at(file: BinaryIO, at: int, size: int) -> int:
     length: int = _RECORD.unpack(head)[1]
     left = size - at - _RECORD.size
     if length > left:
-        raise ValueError(f"the record at byte {at} claims {length} bytes, {left} are left in the file")
+        raise ValueError(
+            f"the record at byte {at} claims {length} bytes, but only {left} are left in the file"
+        )
     return length
 
 
@@ -105,7 +107,7 @@ def _require_chunk(file: BinaryIO, at: int, length: int) -> int:
     file.seek(at + _RECORD.size)
     head = file.read(min(length, _SIZES.size))
     if len(head) < _SIZES.size:
-        raise ValueError(f"the chunk at byte {at} has {length} bytes, its sizes alone have {_SIZES.size}")
+        raise ValueError(f"the chunk at byte {at} has {length} bytes, but its sizes alone have {_SIZES.size}")
     _, _, claimed, _, name_bytes = _SIZES.unpack(head)
     compression = file.read(min(name_bytes, length)).decode("utf-8", "replace")
     file.read(8)  # skips the length of the compressed messages
@@ -123,9 +125,7 @@ def _require_claims(compression: str, claimed: int, frame: bytes, place: str = "
     if compression and frame:
         claimed = max(claimed, _frame_claim(frame))
     if claimed > MAX_CHUNK_BYTES:
-        raise ValueError(
-            f"the chunk{place} claims {claimed} bytes uncompressed, at most {MAX_CHUNK_BYTES} are allowed"
-        )
+        raise ValueError(f"the chunk{place} claims {claimed} bytes uncompressed, allowed: {MAX_CHUNK_BYTES}")
     return claimed
 
 

@@ -50,10 +50,10 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
         answer: dict[str, Any] = json.loads(line)
     except TimeoutError as exc:
         raise UnavailableError(
-            f"the recorder has not answered within {timeout_s:g} s; it continues to work"
+            f"the recorder has not answered within {timeout_s:g} s; the recorder continues to work"
         ) from exc
     except OSError as exc:
-        raise UnavailableError(f"the recorder does not run ({exc}); cobot run restarts it") from exc
+        raise UnavailableError(f"the recorder is not running ({exc}); cobot run restarts it") from exc
     except ValueError as exc:
         raise UnavailableError(
             "the recorder ended before it answered; cobot run restarts it; try again"

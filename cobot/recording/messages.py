@@ -111,7 +111,8 @@ class Template:
             differ = np.flatnonzero(np.frombuffer(serialized({name: ones}), np.uint8) != self._zero)
             if len(differ) != dtype.itemsize or differ[-1] - differ[0] + 1 != dtype.itemsize:
                 raise ValueError(
-                    f"{name} takes {len(differ)} bytes in CDR, must be {dtype.itemsize} consecutive bytes"
+                    f"{name} takes {len(differ)} bytes in CDR; it must take {dtype.itemsize} "
+                    "consecutive bytes"
                 )
             offsets.append(int(differ[0]))
         self.dtype = np.dtype(

@@ -252,8 +252,8 @@ class CollisionChecker:
         travel = float(np.abs(np.diff(pieces, axis=1)).sum(axis=1).max(axis=1).sum())
         if not travel <= MAX_TRAVEL_RAD:
             raise InputError(
-                f"the motion travels {travel:.4g} {self.limits.units}, "
-                f"at most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
+                f"the motion travels {travel:.4g} {self.limits.units}, but only {MAX_TRAVEL_RAD:g} "
+                f"{self.limits.units} can be checked for collisions"
             )
         found = self.clearance.contact(pieces)
         if found is None:
@@ -277,9 +277,9 @@ class CollisionChecker:
         deepest = Contact(*self.names(int(pair)), float(distances[row, pair]))
         percent = 100.0 / trajectory.duration_s
         return CollisionError(
-            f"collision of {contact} after {percent * time_s:.0f} % of the motion "
-            f"({time_s:.2f} s), at joints {_shown(joints)} {self.limits.units}; the deepest is {deepest} "
-            f"after {percent * times[row]:.0f} %; allowed: {1e3 * self.margin_m:.0f} mm",
+            f"collision of {contact} after {percent * time_s:.0f} % of the motion ({time_s:.2f} s), at "
+            f"joints {_shown(joints)} {self.limits.units}; the deepest contact is {deepest} after "
+            f"{percent * times[row]:.0f} %; allowed: {1e3 * self.margin_m:.0f} mm",
             findings=[
                 self.finding(contact, time_s / trajectory.duration_s),
                 self.finding(deepest, float(times[row]) / trajectory.duration_s),

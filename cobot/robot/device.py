@@ -100,7 +100,8 @@ class Capabilities:
 
     def does_not_measure(self, backend: str, what: str, row: str) -> str:
         """The reason why a request that needs one of `MEASURED_NAMES` is rejected; "" if the device measures
-        it."""
+        this quantity.
+        """
         if row in self.measured:
             return ""
         return f"{what} needs {row}, which the backend {backend} does not measure; it measures {self._rows}"
@@ -154,7 +155,7 @@ class DeviceStatus:
         connection: state of the connection, for example "connected", or the state of its session.
         quality: quality of the connection.
         operation_mode: T1 (manual, reduced speed), T2 (manual) or AUT.
-        safety_stop: the reason why the arm cannot move; "" if there is none.
+        safety_stop: the reason why the arm cannot move; "" if it can move.
         drives, brakes: their states, for example "on", "released".
         speed_scaling: the device's own speed override, from 0 to 1, which the path clock follows.
         packets_lost: number of packets lost since the connection was opened.

@@ -12,9 +12,11 @@ from cobot.units import MILLIMETRES_FROM_M
 TOLERANCE = 1e-6
 """Tolerance for positions, rad or m, because files are rounded."""
 MILLIMETRES_PER_S_FROM = 20.0
-"""A speed limit of a linear joint above this value, m/s, was written in mm/s, because no arm is that fast."""
+"""Speed limit of a linear joint, m/s, above which the value was probably written in mm/s, because no arm
+is that fast."""
 MILLIMETRES_FROM_RATIO = 100.0
-"""If limits exceed those of the model by this factor, they were written in a different unit."""
+"""Factor by which limits may exceed those of the model. Beyond it, they were probably written in a
+different unit."""
 UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
 
 
@@ -90,8 +92,8 @@ def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
             if effort > bound + TOLERANCE * max(1.0, bound):
                 unit = limits.effort_unit(index)
                 raise ConfigError(
-                    f"max_effort of {name} is {effort:g} {unit}, the model's {what} allows {bound:g} {unit}: "
-                    f"set max_effort to {bound:g} or less, or widen {what}"
+                    f"max_effort of {name} is {effort:g} {unit}, but the model's {what} allows "
+                    f"{bound:g} {unit}: set max_effort to {bound:g} or less, or widen {what}"
                 )
 
 
@@ -120,7 +122,7 @@ def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
             )
         if mj.jnt_limited[index] and (low < lowest - TOLERANCE or high > highest + TOLERANCE):
             raise ConfigError(
-                f"{name} may move from {low:g} to {high:g} {unit}, the model allows {lowest:g} to "
+                f"{name} may move from {low:g} to {high:g} {unit}, but the model allows {lowest:g} to "
                 f"{highest:g} {unit}: set min_position to {np.ceil(lowest * 1e6) / 1e6:g} and "
                 f"max_position to {np.floor(highest * 1e6) / 1e6:g}, or less"
             )

@@ -89,8 +89,8 @@ def check_limits(
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
     name, quantity, unit = limits.names[joint], QUANTITIES[derivative], limits.unit(joint, derivative)
     raise LimitError(
-        f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}, "
-        f"at {100.0 * share:.0f} % of the motion",
+        f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, but its limit is {limit:.6g} "
+        f"{unit}, at {100.0 * share:.0f} % of the motion",
         findings=[Finding("limit", quantity, value, float(limit), unit, share, (name,))],
     )
 
@@ -185,7 +185,7 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     limit = float(limits.max_effort[joint])
     raise LimitError(
         f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} "
-        f"{unit}, its limit is {limit:.4g} {unit}",
+        f"{unit}, but its limit is {limit:.4g} {unit}",
         findings=[Finding("effort", "effort", needed, limit, unit, place, (name,))],
     )
 

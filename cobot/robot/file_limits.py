@@ -35,8 +35,8 @@ def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> Non
         if velocity > bound * (1.0 + TOLERANCE) and bound > 0.0:
             unit = limits.unit(index, 1)
             raise ConfigError(
-                f"max_velocity of {name} is {velocity:g} {unit}, {file.name} allows {bound:g} {unit}: set "
-                f"max_velocity to {bound:g} or less, or correct {file.name}"
+                f"max_velocity of {name} is {velocity:g} {unit}, but {file.name} allows {bound:g} "
+                f"{unit}: set max_velocity to {bound:g} or less, or correct {file.name}"
             )
 
 

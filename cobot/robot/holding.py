@@ -55,7 +55,7 @@ class HoldingEffort:
 
     def __str__(self) -> str:
         return (
-            f"{self.joint} needs {self.needed:.4g} {self.unit} to hold the arm, its max_effort is "
+            f"{self.joint} needs {self.needed:.4g} {self.unit} to hold the arm, but its max_effort is "
             f"{self.limit:.4g} {self.unit}"
         )
 

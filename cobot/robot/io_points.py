@@ -69,12 +69,12 @@ def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
     for point in points:
         if not isinstance(point, IoPoint):
             raise InputError(
-                f"{plain_text(type(point), 80)} among the inputs and outputs, all must be IoPoint"
+                f"the inputs and outputs contain a {plain_text(type(point), 80)}; all must be IoPoint"
             )
         name = point.name
         if type(name) is not str or not 0 < len(name) <= MAX_POINT_NAME or not name.isprintable():
             raise InputError(
-                f"the name of an input or output is '{plain_text(name, 80)}', it must be a text of 1 to "
+                f"the name of an input or output is '{plain_text(name, 80)}'; it must be a text of 1 to "
                 f"{MAX_POINT_NAME} printable characters"
             )
     return points
@@ -92,7 +92,7 @@ def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
         known = ", ".join(each.name for each in points if each.is_output) or "none"
         raise NotFoundError(f"there is no output {shown(name)}; the device's outputs are: {known}")
     if not point.is_output:
-        raise InputError(f"{name} is an input: only the device sets it")
+        raise InputError(f"{name} is an input, which only the device sets; name an output")
     return point
 
 
@@ -105,11 +105,11 @@ def number_of(point: IoPoint, value: float) -> float:
     """
     if point.kind is IoKind.BOOLEAN:
         if not isinstance(value, bool):
-            raise InputError(f"{point.name} is boolean: true or false, got {shown(value)}")
+            raise InputError(f"{point.name} is boolean: the value must be true or false, got {shown(value)}")
     elif isinstance(value, bool):
-        raise InputError(f"{point.name} is {point.kind}: a number, got {shown(value)}")
+        raise InputError(f"{point.name} is {point.kind}: the value must be a number, got {shown(value)}")
     elif point.kind is IoKind.DIGITAL and not isinstance(value, int):
-        raise InputError(f"{point.name} is digital: a whole number, got {shown(value)}")
+        raise InputError(f"{point.name} is digital: the value must be a whole number, got {shown(value)}")
     try:
         number = float(value)
     except OverflowError as exc:
@@ -125,8 +125,11 @@ def require_number(point: IoPoint, number: float) -> None:
         LimitError: the value is out of range.
     """
     if point.kind is IoKind.BOOLEAN and number not in (0, 1):
-        raise LimitError(f"{point.name} is boolean: 0 or 1, got {number:g}")
+        raise LimitError(f"{point.name} is boolean: the value must be 0 or 1, got {number:g}")
     if point.kind is IoKind.DIGITAL and not (0 <= number <= MAX_DIGITAL and number == int(number)):
-        raise LimitError(f"{point.name} is digital: a whole number from 0 to {MAX_DIGITAL}, got {number:g}")
+        raise LimitError(
+            f"{point.name} is digital: the value must be a whole number from 0 to {MAX_DIGITAL}, got "
+            f"{number:g}"
+        )
     if not math.isfinite(number):
         raise LimitError(f"{point.name}: the value is not finite")

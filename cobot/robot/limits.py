@@ -48,7 +48,7 @@ def load_joint_limits(path: Path) -> JointLimits:
 
 
 def streamed(limits: JointLimits, section: StreamingSection) -> JointLimits:
-    """The limits that apply to joints which follow streamed joint positions."""
+    """The limits of joints that follow streamed joint positions."""
     return replace(
         limits,
         max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
@@ -93,7 +93,7 @@ def _mistaken(limits: JointLimits, joints: Array) -> str:
     slides = np.array(limits.slides or (False,) * limits.dof)
     angles, ways = np.abs(joints[~slides]), np.abs(joints[slides])
     if len(ways) and ways.max() > MILLIMETRES_FROM_M:
-        return "; these look like millimetres, positions of slides are in m"
+        return "; these look like millimetres; positions of slides are in m"
     if len(angles) and DEGREES_FROM_RAD < angles.max() <= DEGREES_TO_RAD:
         return f"; {DEGREES}"
     return ""

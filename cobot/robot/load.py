@@ -92,9 +92,9 @@ def check_load(
     if efforts[worst] > limits.max_effort[worst]:
         unit = limits.effort_unit(worst)
         raise LimitError(
-            f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {whole.mass:g} kg"
-            f"{held} in the current position, its limit is {limits.max_effort[worst]:.4g} {unit}; move the "
-            "arm first"
+            f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {whole.mass:g} "
+            f"kg{held} in the current position, but its limit is {limits.max_effort[worst]:.4g} {unit}; "
+            "move the arm first"
         )
 
 

@@ -59,8 +59,9 @@ class RobotModel:
         joints = [mj.joint(index).name for index in range(mj.njnt)]
         if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
             raise ConfigError(
-                f"the model must have the joints of the limits, in the same order and of one degree of "
-                f"freedom each; the model has {', '.join(joints)}, the limits have {', '.join(limits.names)}"
+                "the model must have the joints of the limits, in the same order and of one degree of "
+                f"freedom each; the model has {', '.join(joints)}, but the limits have "
+                f"{', '.join(limits.names)}"
             )
         slides = tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in mj.jnt_type)
         if any(slides):
@@ -204,7 +205,9 @@ class RobotModel:
         if not scene.objects and not tool.shapes:
             return self.mj
         if self.spec is None:
-            raise InputError("this model was not read from a file, so no objects can be added to it")
+            raise InputError(
+                "objects can only be added to a model that was read from a file; this model was not"
+            )
         # Attached bodies are placed relative to the model file's TCP, whose pose in the flange's frame is
         # known.
         flange = Pose.from_numbers(self.file_tcp_in_flange).inverse()

@@ -48,9 +48,10 @@ class SceneObject:
         pose: pose of the object's middle, in the base frame, or in the TCP's frame if it is attached.
         touch: bodies and objects that the object may touch while it is attached.
         mass: mass, kg. The arm carries it only while the object is attached.
-        centre: centre of mass in the object's frame, m; None: the centre of a solid with uniform density.
+        centre: centre of mass in the object's frame, m; None means the centre of a solid with uniform
+            density.
         inertia: inertia about the centre of mass, along the object's axes, kg·m²: xx, xy, xz, yy, yz, zz;
-            None: the inertia of a solid with uniform density.
+            None means the inertia of a solid with uniform density.
         boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along the object's
             axes, m. The boxes of a point cloud contain all its voxels. Streams, pictures and masses use them;
             planners use the voxels, unless the object is attached.

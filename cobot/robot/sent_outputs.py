@@ -71,13 +71,13 @@ class SentOutputs:
                 del self._sent[name]
                 if not in_time:
                     problem = (
-                        f"{name} is {sent.value:g} now, {after_s:.1f} s after the request: the device has "
-                        "carried it out late, or another client has set it"
+                        f"{name} is {sent.value:g} now, {after_s:.1f} s after the request: the device "
+                        "has set the output late, or another client has set it"
                     )
             elif not in_time and not sent.is_late:
                 sent.is_late = True
                 problem = (
                     f"{name} is not confirmed: the device has not reported {sent.value:g} within "
-                    f"{self._timeout_s:g} s and may still set it"
+                    f"{self._timeout_s:g} s, and may still set this value"
                 )
         return problem

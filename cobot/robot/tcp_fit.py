@@ -51,7 +51,7 @@ def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
         InputError: there are too few or too many poses, or their orientations do not determine the TCP.
     """
     if not MIN_POSES <= len(flanges) <= MAX_POSES:
-        raise InputError(f"points: {len(flanges)} are given, needed are {MIN_POSES} to {MAX_POSES}")
+        raise InputError(f"points: {len(flanges)} are given, allowed: {MIN_POSES} to {MAX_POSES}")
     rotations = np.array([each.rotation for each in flanges])
     positions = np.array([each.position for each in flanges])
     # In each pose, rotation @ tcp + position = point. Subtracting the mean of these equations removes the
@@ -61,8 +61,9 @@ def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
     _, spreads, directions = np.linalg.svd(turned / math.sqrt(len(flanges)), full_matrices=False)
     if spreads[1] < MIN_SPREAD:
         raise InputError(
-            "points: the flange has nearly the same orientation in all of them, so they do not determine the "
-            f"TCP; turn it by {MIN_TILT_DEG:g}° or more between them, about two different axes"
+            "points: the flange has nearly the same orientation in all of them, so they do not "
+            f"determine the TCP; turn the flange by {MIN_TILT_DEG:g}° or more between them, about two "
+            "different axes"
         )
     if spreads[2] < MIN_SPREAD:
         axis = directions[2] * np.sign(directions[2][np.argmax(np.abs(directions[2]))])

@@ -125,8 +125,8 @@ def check_inertia(name: str, inertia: Array, mass: float) -> None:
     shown = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] <= 0.0:
         raise InputError(
-            f"{name}: must be positive definite, its principal moments are {shown} kg·m²; "
-            "leave it out for a point mass"
+            f"{name}: must be positive definite, but its principal moments are {shown} kg·m²; leave it "
+            "out for a point mass"
         )
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUNDING):
         raise InputError(

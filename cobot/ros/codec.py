@@ -107,7 +107,9 @@ class Scalar:
         if isinstance(value, bool) or not isinstance(value, int):
             raise InputError(f"{path}: must be an integer, got {shown(value)}")
         if not self._low <= value <= self._high:
-            raise InputError(f"{path}: {self.name} is from {self._low} to {self._high}, got {shown(value)}")
+            raise InputError(
+                f"{path}: {self.name} must be from {self._low} to {self._high}, got {shown(value)}"
+            )
         return int(value)  # it may be an enumeration
 
     def _text(self, value: Any, path: str) -> str:
@@ -119,7 +121,7 @@ class Scalar:
             except UnicodeEncodeError as exc:
                 raise InputError(f"{path}: is not valid Unicode: {exc.reason}") from exc
             if self._bound and length > self._bound:
-                raise InputError(f"{path}: has {length} bytes, the limit is {self._bound}")
+                raise InputError(f"{path}: has {length} bytes, allowed: {self._bound}")
         return value
 
 
@@ -302,7 +304,7 @@ def _double(value: Any, path: str) -> float:
 def _single(value: Any, path: str) -> float:
     number = _double(value, path)
     if math.isfinite(number) and abs(number) > _MAX_FLOAT32:
-        raise InputError(f"{path}: float32 is up to {_MAX_FLOAT32:.7g}, got {shown(value)}")
+        raise InputError(f"{path}: float32 must be up to {_MAX_FLOAT32:.7g}, got {shown(value)}")
     return number
 
 

@@ -50,8 +50,8 @@ class FingerState:
 
     @classmethod
     def of(cls, message: Message) -> FingerState | None:
-        """Read the fingers from a message that `message` has created. None if it contains other joints or
-        none.
+        """Read the fingers from a message that `message` has created. None if the message contains other
+        joints, or no joints.
         """
         values = [message[name] for name in ("position", "velocity", "effort")]
         if tuple(message["name"]) != FINGER_JOINTS or any(not _is_whole(each) for each in values):

@@ -32,7 +32,9 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     runner = commands.add_parser("run", help="run a sequence file or a Lua program", epilog=RETURN_CODES)
     runner.add_argument("file", type=Path, help="the file; - for standard input")
-    runner.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
+    runner.add_argument(
+        "--folder", type=Path, help="folder of called sequences; default: the folder of the file"
+    )
     runner.add_argument(
         "--lua", action="store_true", help="treat the file as a Lua program, whatever its ending"
     )
@@ -64,7 +66,9 @@ def main() -> int:
     runner.add_argument("--name", help=argparse.SUPPRESS)  # name of the file that is read from standard input
     checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
-    checker.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
+    checker.add_argument(
+        "--folder", type=Path, help="folder of called sequences; default: the folder of the file"
+    )
     commands.add_parser("schema", help="print the JSON schema of sequence files")
     arguments = parser.parse_args()
     match arguments.command:

@@ -49,8 +49,8 @@ def require_stops(
         if len(group) > MAX_MOTIONS:
             first, end = group[0][0], group[-1][0]
             raise ValueError(
-                f"{place}[{max(first - 1, 0)}] to [{end - 1}] are {len(group)} without a stop, allowed: "
-                f"{MAX_MOTIONS}; remove the radius of one between them"
+                f"{place}[{max(first - 1, 0)}] to [{end - 1}] are {len(group)} targets without a stop, "
+                f"allowed: {MAX_MOTIONS}; remove the radius of one between them"
             )
         prefixes = [f"{place}[{number - 1}]." if number else "home." for number, _ in group]
         motions = [step for _, step in group if isinstance(step, Target)]

@@ -80,7 +80,7 @@ def as_number(value: object, name: str) -> float:
         return value
     if type(value) is int and abs(value) <= MAX_INTEGER:
         return float(value)
-    raise BrokenRule(Refusal.VALUE, f"{name} must be made of finite numbers, got {shown(value)}")
+    raise BrokenRule(Refusal.VALUE, f"{name} must consist of finite numbers, got {shown(value)}")
 
 
 def within(value: float, longest: float, name: str) -> float:

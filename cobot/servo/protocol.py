@@ -177,7 +177,7 @@ class ServoRules:
                 f"watchdog_timeout must be above 0 s, up to {MAX_WATCHDOG_S:g} s, got {watchdog_s:g}",
             )
         if watchdog_s < MIN_WATCHDOG_S:
-            log.warning("watchdog_timeout is %g s, recommended are %g s or more", watchdog_s, MIN_WATCHDOG_S)
+            log.warning("watchdog_timeout is %g s; %g s or more is recommended", watchdog_s, MIN_WATCHDOG_S)
         return SetMode(ServoMode(mode), watchdog_s, self._period(send_period_s, "send_period"))
 
     def point(
@@ -261,7 +261,8 @@ class ServoRules:
         session_id = integer(fields, "session_id", Refusal.SESSION_ID)
         if self.session_id is not None and session_id != self.session_id:
             raise BrokenRule(
-                Refusal.SESSION_ID, f"session_id is {session_id}, the session is locked to {self.session_id}"
+                Refusal.SESSION_ID,
+                f"session_id is {session_id}, but the session is locked to {self.session_id}",
             )
         named = fields.get("point_type", "joint")
         if isinstance(named, bool | float | list | dict) or named not in POINT_TYPES:

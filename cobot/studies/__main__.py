@@ -172,7 +172,7 @@ def _tell_run(result: StudyResult, workers: int) -> None:
             "of the time"
         )
     if result.lost:
-        show(f"{result.lost} times a worker died; its tasks were computed again")
+        show(f"{result.lost} times a worker died, and its tasks were computed again")
     if not result.complete:
         show(
             f"{result.tasks - result.done} of {result.tasks} tasks are missing: "

@@ -38,11 +38,11 @@ def as_columns(columns: Mapping[str, npt.ArrayLike], tasks: int) -> dict[str, Co
 
 def _typed(name: str, values: Column, tasks: int) -> Column:
     if values.shape != (tasks,):
-        raise InputError(f"result {name!r}: has shape {values.shape}, must have {tasks} elements")
+        raise InputError(f"result {name!r}: has shape {values.shape}; it must have {tasks} elements")
     if values.dtype.kind == "U":
         return values
     if values.dtype.kind not in KINDS:
-        raise InputError(f"result {name!r}: is {values.dtype}, must be a number, true or false, or a text")
+        raise InputError(f"result {name!r}: is {values.dtype}; it must be a number, true or false, or a text")
     return values.astype(KINDS[values.dtype.kind])
 
 

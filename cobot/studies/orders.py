@@ -105,7 +105,7 @@ def _build(order: Order) -> tuple[Study, Kernel]:
 
 
 def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
-    """Check that this worker has the wanted versions. Names that are only in `wanted` are names of files,
+    """Check that this worker has the wanted versions. Names that occur only in `wanted` are names of files,
     which are compared later.
     """
     for name, value in own.items():
@@ -113,8 +113,8 @@ def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
             import socket
 
             raise ForeignWorkerError(
-                f"the worker on {socket.gethostname()} has another {name}: {value[:16]}, the study needs "
-                f"{wanted.get(name, 'none')[:16]}; install the same there, or use other workers"
+                f"the worker on {socket.gethostname()} has the {name} {value[:16]}, but the study needs "
+                f"{wanted.get(name, 'none')[:16]}; install the same version there, or use other workers"
             )
 
 

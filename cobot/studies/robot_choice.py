@@ -79,8 +79,8 @@ class RobotChoice(StrictModel):
     """The robot of a study, with the objects around it and the tool on its flange.
 
     Attributes:
-        settings: file of the settings; None: those shipped with cobot.
-        name: name of a robot of the settings; None: the default one.
+        settings: file of the settings; None means the settings that are part of cobot.
+        name: name of a robot of the settings; None means the default robot.
         scene: file with a scene, as the service keeps it.
         objects: further objects, by name.
         tool_file: file with the tool, as the service keeps it; for a robot without `tool`.
@@ -218,7 +218,7 @@ def numbers7(values: list[float], place: str) -> Numbers7:
     turn: Array = np.array(values[3:], dtype=float)
     length = float(np.linalg.norm(turn))
     if abs(length - 1.0) > LENGTH_TOLERANCE:
-        raise InputError(f"{place}: the quaternion w, x, y, z has length {length:.4g}, must be 1")
+        raise InputError(f"{place}: the quaternion w, x, y, z has length {length:.4g}; it must be 1")
     x, y, z, *_ = map(float, values)
     w, i, j, k = (turn / length).tolist()
     return x, y, z, w, i, j, k
@@ -235,5 +235,5 @@ def joints_at(robot: RobotDescription, where: str | list[float], place: str) -> 
             raise InputError(f"{place}: {unknown_key(where, list(robot.positions), 'position')}")
         return np.array(robot.positions[where].joints, dtype=float)
     if len(where) != robot.limits.dof:
-        raise InputError(f"{place}: has {len(where)} angles, the arm has {robot.limits.dof} joints")
+        raise InputError(f"{place}: has {len(where)} angles, but the arm has {robot.limits.dof} joints")
     return np.array(where, dtype=float)

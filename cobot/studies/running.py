@@ -100,7 +100,7 @@ class _Run:
         if not self.gaps:
             return None
         first, last = self.gaps.pop(0)
-        if (first, last) in self.tries:  # not joined with other ranges, because this one has killed a worker
+        if (first, last) in self.tries:  # not joined with other ranges, because a worker died with this one
             return first, last
         left = last - first + sum(end - begin for begin, end in self.gaps)
         size = min(self.size, math.ceil(left / self.workers), last - first)
@@ -257,8 +257,8 @@ def _compute(
                 report(run.advance())
     except BrokenExecutor as exc:
         raise UnavailableError(
-            f"the executor is broken: {exc}; {run.done} of {run.tasks} tasks are kept in {run.folder.path}, "
-            "run the study again to continue"
+            f"the executor is broken: {exc}; {run.done} of {run.tasks} tasks are kept in "
+            f"{run.folder.path}; run the study again to continue"
         ) from exc
     finally:
         for future in waiting:
@@ -281,5 +281,5 @@ def _record_result(run: _Run, future: Future[Filled], piece: tuple[int, int]) ->
     run.tries.pop(piece, None)
     first = not run.computed
     run.keep(*piece, filled)
-    if first:  # reports a metric that does not exist now and not at the end
+    if first:  # reports a metric that does not exist here and not at the end
         answer_of(run.study, {"task": np.arange(*piece), **from_bytes(filled.content)}, run.tasks)

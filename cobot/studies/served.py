@@ -124,7 +124,7 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
     study, folder = settle(request)
     results, tasks = ResultsFolder(folder), study.tasks
     if tasks > request.max_tasks:
-        raise LimitError(f"the study has {tasks} tasks, at most {request.max_tasks} are allowed here")
+        raise LimitError(f"the study has {tasks} tasks, allowed here: {request.max_tasks}")
     missing = sum(last - first for first, last in results.gaps(tasks))
     _tell(id=folder.name, tasks=tasks, done=tasks - missing, maps=study.maps)
     set_niceness(Niceness(request.niceness), session=True)
@@ -236,8 +236,8 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
     program = part.get("program")
     if isinstance(program, dict) and (place or "stored" not in program):
         raise InputError(
-            f"{place}program: a study of the service reads no files; list the moves, or give "
-            "{stored: ID} of a stored program"
+            f"{place}program: a study of the service reads no files; list the moves, or name a stored "
+            f"program with {{stored: ID}}"
         )
     if "function" in part:
         raise InputError(f"{place}function: a study of the service calls no functions; use `cobot study`")
@@ -288,7 +288,9 @@ class _Watch:
     def _report_answer(self) -> None:
         grown = size_of(self.results.path) - self.bytes_before
         if grown > self.request.max_bytes:
-            self._end(f"its results take {grown} bytes, {self.request.max_bytes} are left for studies")
+            self._end(
+                f"its results take {grown} bytes, but only {self.request.max_bytes} are left for studies"
+            )
             return
         columns = self.results.columns()
         if columns:

@@ -20,7 +20,7 @@ class JogVelocity:
 
     Attributes:
         twist: velocity of the TCP along x, y, z and about x, y, z, as shares of the maximum, −1 to 1.
-        joint: number of the joint that moves instead of the TCP, from 0 on; None if the TCP moves.
+        joint: number of the joint that moves, from 0 on; None if the TCP moves instead.
         share: velocity of the joint as a share of its maximum, −1 to 1.
         frame: frame of the twist, base or tool.
     """

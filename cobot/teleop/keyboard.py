@@ -44,7 +44,9 @@ class Keyboard:
             self._before = termios.tcgetattr(descriptor)
             tty.setcbreak(descriptor)
         except termios.error as exc:
-            raise InputError("the keyboard of a terminal is needed, and there is none") from exc
+            raise InputError(
+                "the keyboard needs a terminal, and there is none; use a terminal or --gamepad"
+            ) from exc
         os.set_blocking(descriptor, False)
         self._velocity: JogVelocity | None = None
         self._until_s = 0.0

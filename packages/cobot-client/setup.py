@@ -49,7 +49,7 @@ class Take(build_py):
 
     def run(self) -> None:
         into = Path(self.build_lib)
-        shutil.rmtree(into, ignore_errors=True)  # what an earlier tree had
+        shutil.rmtree(into, ignore_errors=True)  # files that an earlier build has left
         source = TREE / "cobot"
         for pattern in FILES:
             for file in sorted(source.glob(pattern)):
@@ -69,12 +69,15 @@ class Take(build_py):
 
 class NoSources(sdist):
     def run(self) -> None:
-        sys.exit("cobot-client: there is no source distribution: the sources are cobot's; build a wheel")
+        sys.exit(
+            "cobot-client: there is no source distribution, because the sources are part of cobot; build a "
+            "wheel"
+        )
 
 
 class NotEditable(editable_wheel):
     def run(self) -> None:
-        sys.exit("cobot-client: there is no editable installation: put the clone itself on PYTHONPATH")
+        sys.exit("cobot-client: there is no editable installation; put the clone itself on PYTHONPATH")
 
 
 setup(

@@ -162,7 +162,7 @@ def test_timed_points_of_somebody_else(made: Made, mass_kg: float) -> None:
 
 BEYOND = [
     (0, 3.0, "joint position of a1 is 3 m, allowed: -0.6 to 0.6 m"),
-    (0, 300.0, "these look like millimetres, positions of slides are in m"),
+    (0, 300.0, "these look like millimetres; positions of slides are in m"),
     (3, 30.0, "joint angle of a4 is 30 rad, allowed: -2.2 to 1.6 rad; these look like degrees"),
 ]
 

@@ -96,11 +96,11 @@ def test_a_place_that_a_client_has_named_is_cut_and_does_nothing_to_a_terminal(n
 @pytest.mark.parametrize(
     ("place", "value", "limit", "told"),
     [
-        ("timeout_s", 60000, 3600.0, "; this looks like milliseconds, 60000 ms are 60 s"),
-        ("motions[2].until.within_s", "1500", 2.0, "; this looks like milliseconds, 1500 ms are 1.5 s"),
-        ("radii[3]", 50, 1.0, "; this looks like millimetres, 50 mm are 0.05 m"),
-        ("depth", 20.0, 0.5, "; this looks like millimetres, 20 mm are 0.02 m"),
-        ("at.distance_m", 200, 1.0, "; this looks like millimetres, 200 mm are 0.2 m"),
+        ("timeout_s", 60000, 3600.0, "; this looks like milliseconds: 60000 ms are 60 s"),
+        ("motions[2].until.within_s", "1500", 2.0, "; this looks like milliseconds: 1500 ms are 1.5 s"),
+        ("radii[3]", 50, 1.0, "; this looks like millimetres: 50 mm are 0.05 m"),
+        ("depth", 20.0, 0.5, "; this looks like millimetres: 20 mm are 0.02 m"),
+        ("at.distance_m", 200, 1.0, "; this looks like millimetres: 200 mm are 0.2 m"),
         ("timeout_s", 4000, 3.0, ""),  # neither in s nor in ms
         ("timeout_s", 4.5, 3.0, ""),
         ("speed_m_s", 1500, 2.0, ""),  # not a time

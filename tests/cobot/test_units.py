@@ -29,7 +29,7 @@ def test_millimetres_are_recognised_and_converted() -> None:
     assert require_way(-100.0, 100.0) == -100.0
     with pytest.raises(
         ValueError,
-        match=r"is 450 m, allowed: -100 to 100 m; this looks like millimetres, 450 mm are 0.45 m$",
+        match=r"is 450 m, allowed: -100 to 100 m; this looks like millimetres: 450 mm are 0.45 m$",
     ):
         require_way(450.0, 100.0)
     with pytest.raises(ValueError, match=r"allowed: -100 to 100 m$"):

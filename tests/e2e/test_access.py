@@ -104,7 +104,7 @@ def test_python_s_clients_need_the_token_and_the_certificate(
     with locked.client(Role.OBSERVER) as observer:
         assert len(observer.joint_states()["position"]) == 7
         assert observer.stop()["success"], "whoever may look may stop"
-        with pytest.raises(PermissionDenied, match="it needs operator"):
+        with pytest.raises(PermissionDenied, match="needs the role operator"):
             observer.move_named("home")
     with Client(url, verify=locked.trusted) as nobody, pytest.raises(AuthenticationError):
         nobody.health()
@@ -353,9 +353,7 @@ def test_where_tokens_are_required_ros_observes_only(locked: Locked) -> None:
     for method, role in (("MotionControl/stopJoint", "operator"), ("RobotConfig/resetLimits", "programmer")):
         refused = call(method)
         assert refused["code"] == Code.FORBIDDEN
-        assert (
-            f"ros2 has the role observer, which this does not permit: it needs {role}" in refused["message"]
-        )
+        assert f"ros2 has the role observer, but this request needs the role {role}" in refused["message"]
     readers = {topic for kind, topic, _ in locked.peer.found if kind == "r"}
     assert f"rt{name}/joint_cmd" not in readers, "nothing listens for servo points"
 

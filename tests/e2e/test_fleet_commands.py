@@ -151,7 +151,7 @@ def test_a_start_that_is_repeated_starts_once(hub: Hub, client: Client) -> None:
     assert (first["code"], first["repeated"], again["repeated"]) == ("ok", False, True)
     assert again["text"] == first["text"], "a second start would be refused: only one runs at a time"
     other = order(hub, "pause", body=body)
-    assert (other["code"], "another command had this id" in other["text"]) == ("conflict", True)
+    assert (other["code"], "another command already used this id" in other["text"]) == ("conflict", True)
 
 
 def test_control_of_the_fleet_keeps_others_from_moving(hub: Hub, cell: Run, client: Client) -> None:
@@ -250,7 +250,7 @@ def test_a_body_that_is_too_large_and_an_observers_bundle_are_refused(
         assert (answer.status_code, "more than 8388608 bytes" in answer.text) == (413, True)
     bob = {"Authorization": f"Bearer {tokens['bob']}"}
     answer = hub.http.post("/bundles", content=b"{}", headers=bob)
-    assert (answer.status_code, "a bundle needs operator" in answer.text) == (403, True)
+    assert (answer.status_code, "a bundle needs the role operator" in answer.text) == (403, True)
 
 
 def session_of(folder: Path, cell: str, address: str) -> Any:
@@ -325,7 +325,7 @@ def test_the_command_line_commands_with_a_token(
         (("pause", "--zone", "north"), 0, "paused "),
         (("resume", "--all"), 0, "resumed "),
         (("stop", "one"), 0, "at rest"),
-        (("speed", "one", "--fraction", "0.5"), 1, "not done: this cell accepts this from admin"),
+        (("speed", "one", "--fraction", "0.5"), 1, "not done: this cell accepts this command from admin"),
         (("control", "one", "--take"), 0, "the fleet has control"),
         (("control", "one", "--release"), 0, "the fleet does not have control"),
     ):
@@ -526,7 +526,7 @@ def test_settings_are_rolled_out_and_back(
     limit, own = velocity_limit(client), cell.config.read_text()
     configuration = hub.robot("one")["configuration"]
     assert roll_out(with_settings) == 1
-    assert "accepts from admin (fleet.accept.settings), and the role is operator" in capsys.readouterr().out
+    assert "accepts from admin (fleet.accept.settings), but the role is operator" in capsys.readouterr().out
     assert velocity_limit(client) == limit
     assert roll_out(with_settings, "eve") == 0, capsys.readouterr()
     said = capsys.readouterr().out

@@ -75,7 +75,7 @@ def test_an_arm_comes_to_rest_before_it_leaves_the_box(
     assert controller.motion_result is MotionResult.STOPPED
     assert controller.mode is LoopMode.HOLD
     assert controller.reason.startswith("the motion would leave its fence: the TCP would be at y = 0.3")
-    assert controller.reason.endswith("m, the fence is from -5 to 0.3 m")
+    assert controller.reason.endswith("m, but the fence is from -5 to 0.3 m")
     found, _ = places(robot, rig)
     assert 0.1 < found[:, 1].max() <= high + UP_TO_M
 
@@ -117,4 +117,4 @@ def test_the_service_finds_what_rtloop_would_stop(robot: RobotDescription, there
     assert EVERYWHERE.breach(there, chain) == ""
     box = replace(EVERYWHERE, high=(5.0, 0.3, 5.0))
     assert "into the motion the TCP would be at y = 0.3" in box.breach(there, chain)
-    assert "m/s, the fence permits 0.2 m/s" in replace(EVERYWHERE, speed_m_s=0.2).breach(there, chain)
+    assert "m/s, but the fence permits 0.2 m/s" in replace(EVERYWHERE, speed_m_s=0.2).breach(there, chain)

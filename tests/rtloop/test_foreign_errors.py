@@ -47,8 +47,11 @@ class Numeric(Exception):
 
 
 HOSTILE = {
-    "its text raises": (Mute(), "Mute: (a Mute without text: its str() raises SystemExit)"),
-    "its text is a number": (Numeric(), "Numeric: (a Numeric without text: its str() raises TypeError)"),
+    "its text raises": (Mute(), "Mute: (a Mute without a text, because its str() raises SystemExit)"),
+    "its text is a number": (
+        Numeric(),
+        "Numeric: (a Numeric without a text, because its str() raises TypeError)",
+    ),
     "it ends the process": (SystemExit(1), "SystemExit: 1"),
     "it is not an Exception": (GeneratorExit("closed"), "GeneratorExit: closed"),
     "it clears the screen": (OSError("\x1b[2J\r\nok"), r"OSError: \x1b[2J\r\nok"),
@@ -194,7 +197,7 @@ def test_the_own_words_of_a_backend_are_made_printable_too(
 ) -> None:
     rig = ForeignRig(settings, robot, ForeignArm(settings, robot.limits))
     try:
-        mute = "(a MuteReason without text: its str() raises KeyboardInterrupt)"
+        mute = "(a MuteReason without a text, because its str() raises KeyboardInterrupt)"
         for raised, said in (
             (BackendError("no\x1b[31m cable"), r"no\x1b[31m cable"),
             (MuteReason(), mute),
@@ -239,13 +242,13 @@ def test_words_of_the_device_are_made_printable(settings: Settings, robot: Robot
         ("status", DeviceStatus(packets_lost=-1), r"the backend's status\(\) returns .*: OverflowError: "),
         ("status", DeviceStatus(packets_lost=10**300), r"status\(\) returns .*: OverflowError: "),
         ("status", DeviceStatus(speed_scaling=10**400), r"status\(\) returns .*: OverflowError: "),
-        ("io", "abc", r"io\(\) returns .*: InputError: <class 'str'> among the inputs and outputs"),
+        ("io", "abc", r"io\(\) returns .*: InputError: the inputs and outputs contain a <class .str.>"),
         ("io", itertools.repeat(POINT), r"io\(\) returns .*: there are more than 1000 inputs and outputs"),
         ("io", [replace(POINT, name="a\x1b[2J")], r"an input or output is 'a\\x1b\[2J', it must be a text"),
         (
             "io",
             [replace(POINT, name="\ud800")],
-            r"an input or output is '\\ud800', it must be a text of 1 to",
+            r"an input or output is '\\ud800'; it must be a text of 1 to",
         ),
         ("io", [replace(POINT, name="n" * 10**6)], r"output is 'n+\.\.\. \(1000000 characters\)', it must"),
         ("io", [replace(POINT, value=10**400)], r"io\(\) returns .*: OverflowError: "),

@@ -41,7 +41,7 @@ class Cursor:
         return self.end - self.position
 
     def skip(self, count: int) -> int:
-        """Skip bytes. Returns the position at which they begin."""
+        """Skip bytes. Returns the position of the first skipped byte."""
         start = self.position
         if count > self.end - start:
             raise MalformedError(f"{count} bytes needed, {self.remaining} left")
@@ -53,7 +53,7 @@ class Cursor:
         return (layout.little if self.little else layout.big).unpack_from(self._data, start)
 
     def take(self, count: int) -> memoryview:
-        """A view of the next bytes. It is valid only while the datagram is processed."""
+        """A view of the next bytes. It is valid only until the datagram has been processed."""
         start = self.skip(count)
         return self._data[start : start + count]
 

@@ -30,7 +30,7 @@ class Delivery:
         self._calls.put(call)
 
     def close(self) -> None:
-        """End after all earlier calls. This waits for them, but at most 5 s."""
+        """End after all earlier calls. Waits for these calls, but at most 5 s."""
         self._calls.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(_LAST_CALLBACK_S)

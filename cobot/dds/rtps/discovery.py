@@ -52,7 +52,7 @@ _ANNOUNCE_S = 3.0
 _GREETINGS = 30
 _GREET_S = 0.1
 _MAX_LEASE_S = 300.0
-_SILENT_S = 10.0  # if full, a peer heard from within this time is not replaced
+_SILENT_S = 10.0  # if all places are used, a peer heard from within this time is not replaced
 
 
 @dataclass(slots=True)
@@ -85,7 +85,7 @@ class _Peer:
 
 
 def _terms(endpoint: RemoteEndpoint) -> tuple[str, str, Qos]:
-    """The properties of an endpoint that decide to which endpoints it is matched."""
+    """The properties of an endpoint that decide which other endpoints match it."""
     return endpoint.topic, endpoint.type_name, endpoint.qos
 
 
@@ -129,8 +129,8 @@ class Discovery:
         self._builtin_writers = {
             _PUBLICATIONS_READER: self._publications,
             _SUBSCRIPTIONS_READER: self._subscriptions,
-            # This writer sends nothing, because our endpoints have no leases. But Fast DDS requests data from
-            # it until it answers.
+            # This writer sends nothing, because our endpoints have no leases. However, Fast DDS requests data
+            # from the writer until the writer answers.
             _LIVELINESS_READER: writer(_LIVELINESS_WRITER),
         }
         self._builtin_readers = {
@@ -274,8 +274,8 @@ class Discovery:
         return True
 
     def _greet(self, peer: _Peer, times: int) -> None:
-        """Repeat our announcement until the peer answers, because the peer may not have listened yet when it
-        sent its first one.
+        """Repeat our announcement until the peer answers. When the peer sent its first announcement, it may
+        not have listened yet.
         """
         if peer.knows_us or not times or self._peers.get(peer.public.guid.prefix) is not peer:
             return

@@ -57,8 +57,9 @@ class History:
         return next(iter(self._changes), default)
 
     def add(self, change: Change) -> int:
-        """Add a change. Returns the number of changes that were removed for it, not counting those with the
-        same key."""
+        """Add a change. Returns the number of changes that were removed to make room. Changes with the same
+        key do not count.
+        """
         if change.key is not None:
             replaced = self._by_key.get(change.key)
             if replaced is not None:

@@ -45,7 +45,7 @@ class Ports:
 
 
 def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
-    """The first IPv4 address and network of an interface; None if it has none."""
+    """The first IPv4 address and network of an interface; None if it has no IPv4 address."""
     request = struct.pack("256s", name.encode()[:15])
     try:
         address = fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24]
@@ -56,10 +56,10 @@ def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
 
 
 def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
-    """The interfaces to announce. `wanted` lists names or addresses. Without it, these are all interfaces
-    except loopback, or loopback alone if there is no other.
+    """The interfaces to announce. `wanted` lists names or addresses. By default, these are all interfaces
+    except loopback, or only loopback if no other interface exists.
 
-    Errors: NetworkError if one does not exist, or if there is no interface.
+    Errors: NetworkError if an interface does not exist, or if there is no interface.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         found = {name: _interface(name, probe) for _, name in socket.if_nameindex()}
@@ -71,7 +71,7 @@ def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
         missing = [word for word in wanted if word not in by_word]
         if missing:
             raise NetworkError(
-                f"no interface {missing[0]!r} with an IPv4 address; there are {sorted(by_word)}"
+                f"no interface {missing[0]!r} with an IPv4 address; valid are: {sorted(by_word)}"
             )
         chosen = [by_word[word] for word in wanted]
     if not chosen:
@@ -88,8 +88,8 @@ def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
 def reachable(offered: list[Address], heard_from: str, ours: Sequence[IPv4Interface]) -> Address | None:
     """The address at which to answer a peer.
 
-    The first choice is the address from which the peer has sent; then an address in a network of this
-    computer; then the first address. If the peer has sent from an address that it does not offer (same host,
+    The rules, in this order: the address from which the peer has sent, an address in a network of this
+    computer, the first address. If the peer does not offer the address from which it has sent (same host,
     NAT), only the last two rules apply.
     """
 

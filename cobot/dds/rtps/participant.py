@@ -135,8 +135,8 @@ class Participant:
         on_sample: Callable[[Sample], None],
         user_data: bytes = b"",
     ) -> TopicReader:
-        """Make a reader of a keyless topic. The delivery thread calls `on_sample` with each sample, in order
-        for each writer.
+        """Make a reader of a keyless topic. The delivery thread passes each sample to `on_sample`. The
+        samples of one writer arrive in order.
         """
         with self._lock:
             guid = self._new_guid(_KEYLESS_READER)

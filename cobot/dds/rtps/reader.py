@@ -23,8 +23,8 @@ from cobot.dds.rtps.writer_proxy import Arrival, WriterProxy
 
 _FAST_DDS = 0x010F
 _SPACING_S = 0.003  # between acknowledgements to one writer, which may send a heartbeat with every sample
-_ASK_AFTER_S = 0.002  # a missing sample may only be delayed
-_ASK_AGAIN_S = (0.02, 1.0)  # the first interval and the longest
+_ASK_AFTER_S = 0.002  # a missing sample may only be delayed; wait before requesting it
+_ASK_AGAIN_S = (0.02, 1.0)  # first and longest interval
 _FRAGMENTS_QUIET_S = 0.02  # request fragments if none has arrived for this time
 _INTRODUCE_S = 0.1
 
@@ -224,7 +224,7 @@ class TopicReader(Reader):
         self._scheduled = False
 
     def close(self) -> None:
-        """Close the reader. After this returns no callback begins, but one that is running may continue."""
+        """Close the reader. No callback begins after this call, but a running callback may continue."""
         with self._wire.lock:
             if self._closed:
                 return
@@ -238,7 +238,7 @@ class TopicReader(Reader):
 
     def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
         if arrival.payload is None or disposes(arrival.inline):
-            return  # a change of an instance, but the topics here have no keys
+            return  # a change of an instance; topics here have no keys and so no instances
         sample = Sample(
             arrival.payload, Guid(proxy.guid), sequence, arrival.related, arrival.time_s, arrival.vendor
         )

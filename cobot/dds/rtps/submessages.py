@@ -216,7 +216,8 @@ def read_submessages(cursor: Cursor) -> Iterator[Submessage]:
         kind, flags = start[0], start[1]
         little = bool(flags & _LITTLE)
         length = int.from_bytes(start[2:4], "little" if little else "big")
-        # A length of 0 means "to the end of the message", except for submessages that may have an empty body.
+        # A length of 0 means "to the end of the message". Submessages that may have an empty body are an
+        # exception.
         if not length and kind not in (SubmessageKind.PAD, SubmessageKind.INFO_TS):
             length = cursor.remaining
         body = cursor.part(length)
@@ -246,7 +247,7 @@ def read_data(message: Submessage) -> Data:
 
 
 def read_pair(message: Submessage) -> tuple[bytes, bytes]:
-    """Read the entity ids of the reader and the writer, with which all the submessages below begin."""
+    """Read the entity ids of the reader and the writer. All submessages below begin with these ids."""
     reader, writer = message.body.read(_PAIR_LAYOUT)
     return reader, writer
 

@@ -32,7 +32,7 @@ from cobot.dds.rtps.types import Address, ParticipantLimits, ParticipantStatisti
 _log = logging.getLogger(__name__)
 
 _BUFFER_BYTES = 4 << 20
-_SO_RCVBUFFORCE = 33  # asm-generic/socket.h: exceeds the system's limit, for privileged processes
+_SO_RCVBUFFORCE = 33  # asm-generic/socket.h: for privileged processes, also above the system's limit
 _DATAGRAMS_AT_ONCE = 64
 
 
@@ -119,7 +119,10 @@ class Wire:
         self.has_multicast = _join(self._multicast, self.interfaces)
 
     def start(self, on_datagram: Callable[[memoryview, str], None]) -> None:
-        """on_datagram(view, sender's IPv4 address): called with the lock held; must not keep the view."""
+        """Start the thread, which calls `on_datagram(view, sender's IPv4 address)` with the lock held.
+
+        `on_datagram` must not store the view.
+        """
         self._on_datagram = on_datagram
         self._thread.start()
 
@@ -154,7 +157,7 @@ class Wire:
             self._wake()
 
     def _wake(self) -> None:
-        with suppress(BlockingIOError):  # already full of wake-ups
+        with suppress(BlockingIOError):  # the pipe is already full of wake-ups
             self._wake_out.send(b"\0")
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ from cobot.dds.rtps.wire import Wire
 
 _BURST_BYTES = 2 * MAX_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
-_GATHERED_BYTES = 1_300  # of small samples in one datagram: an Ethernet frame, so that losses are small
+_GATHERED_BYTES = 1_300  # small samples in one datagram: an Ethernet frame, so that losses are small
 _GATHERED_HERE_BYTES = 16_000  # the maximum within this computer, where there are no frames
 _GATHER_S = 0.002
 _HELD_S = 10.0
@@ -275,8 +275,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._greet(proxy, wanted)
 
     def _greet(self, proxy: ReaderProxy, wanted: list[Change]) -> None:
-        """Tell a new reliable reader which samples it may request. The reader requests them once it has
-        discovered this writer.
+        """Tell a new reliable reader which samples it may request. The reader requests these samples after it
+        has discovered this writer.
         """
         first = wanted[0].sequence if wanted else self._last + 1
         before = submessages.gap(proxy.guid[12:], self._entity, 1, first) if first > 1 else b""
@@ -305,7 +305,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         if missing:
             self._repair(proxy, missing)
         elif not final and not proxy.queue and time.monotonic() - proxy.heartbeat_s >= FIRST_HEARTBEAT_S / 2:
-            # The minimum interval keeps two eager ends from answering each other endlessly.
+            # The minimum interval prevents two eager sides from answering each other endlessly.
             self._send_heartbeat(proxy)
 
     def _repair(self, proxy: ReaderProxy, missing: list[int]) -> None:
@@ -324,7 +324,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             self._wire.send(proxy.enveloped(body), proxy.address)
 
     def _repeatable(self, sequence: int) -> Change | None:
-        """The change with this number; None if it is gone or too old."""
+        """The change with this number; None if it has been removed or is too old."""
         change = self._history.get(sequence)
         is_old = change is not None and time.monotonic() - change.written_s > self._lifespan_s
         return None if is_old else change

@@ -125,8 +125,8 @@ class WriterProxy(BufferHolder):
         self.last = max(last, max(self._pending, default=0), max(self._assemblies, default=0))
 
     def skip(self, start: int, base: int, members: list[int]) -> None:
-        """Record a gap. If there are too many gaps, the writer repeats this one when the sample is requested
-        again.
+        """Record a gap. If there are too many gaps, this one is dropped: the writer repeats it when the
+        sample is requested again.
         """
         for first, end in [(start, base)] + [(member, member + 1) for member in members]:
             if first <= self.next:
@@ -153,7 +153,7 @@ class WriterProxy(BufferHolder):
                 self._inbound.statistics.refused += 1
                 self.skip(sequence, sequence + 1, [])
                 return None
-            if not self.reliable:  # older incomplete samples can no longer be delivered
+            if not self.reliable:  # older incomplete samples can never be delivered now
                 for number in list(self._assemblies):
                     self._forget_assembly(number)
             assembly = SampleAssembly(fragment, inline)

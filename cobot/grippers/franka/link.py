@@ -160,7 +160,7 @@ class _Helper:
         try:
             self._process.stdin.write(json.dumps([name, *arguments]).encode() + b"\n")
         except OSError as exc:
-            raise self._error("its process has ended") from exc
+            raise self._error("the process of this connection has ended") from exc
 
     def answer(self, timeout_s: float, *, waits: bool = True) -> Any:
         """The next answer from the process.
@@ -177,11 +177,11 @@ class _Helper:
             left_s = max(0.0, end_s - time.monotonic())
             if not select.select([self._process.stdout], [], [], left_s)[0]:
                 if waits:
-                    raise self._error(f"it has not answered within {timeout_s:.3g} s")
+                    raise self._error(f"the hand has not answered within {timeout_s:.3g} s")
                 return None
             got = self._process.stdout.read(4096)
             if not got:
-                raise self._error("its process has ended")
+                raise self._error("the process of this connection has ended")
             self._buffer += got
         line, _, self._buffer = self._buffer.partition(b"\n")
         answer = json.loads(line)

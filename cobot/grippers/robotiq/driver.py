@@ -102,18 +102,18 @@ class RobotiqOptions(GripperOptions):
     def _check(self) -> Self:
         if self.closed_count <= self.open_count:
             raise ValueError(
-                f"closed_count is {self.closed_count}, it must be above open_count, {self.open_count}"
+                f"closed_count is {self.closed_count}; it must be above open_count, {self.open_count}"
             )
         if self.protocol == "rtu":
             if not self.device.startswith("/") and not _is_address(self.device, with_port=True):
                 raise ValueError(
-                    f"device is {shown(self.device)}, it must be a path such as /dev/ttyUSB0, or HOST:PORT"
+                    f"device is {shown(self.device)}; it must be a path such as /dev/ttyUSB0, or HOST:PORT"
                 )
             return self
         if given := sorted({"unit", "baud"} & self.model_fields_set):
-            raise ValueError(f"{given[0]} is for protocol rtu, and the protocol is urcap: leave it out")
+            raise ValueError(f"{given[0]} is for protocol rtu, but the protocol is urcap; leave it out")
         if not _is_address(self.device, with_port=False):
-            raise ValueError(f"device is {shown(self.device)}, with urcap it must be HOST or HOST:PORT")
+            raise ValueError(f"device is {shown(self.device)}; with urcap it must be HOST or HOST:PORT")
         return self
 
 

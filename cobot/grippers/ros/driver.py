@@ -76,11 +76,11 @@ class RosOptions(GripperOptions):
     def _check(self) -> Self:
         if self.open_position == self.closed_position:
             raise ValueError(
-                f"open_position and closed_position are both {self.open_position:g}, they must differ"
+                f"open_position and closed_position are both {self.open_position:g}; they must differ"
             )
         if self.force is not None and not 0.0 <= self.force[0] < self.force[1]:
             raise ValueError(
-                f"force is {list(self.force)}, it must be a smallest and a largest value from 0 on"
+                f"force is {list(self.force)}; it must be a smallest and a largest value from 0 on"
             )
         return self
 

@@ -72,11 +72,13 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
     for entry in entries:
         name, kind = shown(entry.filename), stat.S_IFMT(entry.external_attr >> 16)
         if entry.is_dir() or kind not in (0, stat.S_IFREG):
-            raise InputError(f"the archive has {name}, which is a folder or a link; only files are allowed")
+            raise InputError(
+                f"the archive contains {name}, which is a folder or a link; only files are allowed"
+            )
         if entry.flag_bits & 1:
-            raise InputError(f"the archive has {name}, which is encrypted")
+            raise InputError(f"the archive contains {name}, which is encrypted")
         if entry.filename in seen:
-            raise InputError(f"the archive has {name} twice")
+            raise InputError(f"the archive contains {name} twice")
         if entry.file_size > MAX_FILE_BYTES:
             raise InputError(f"{name} has {entry.file_size} bytes, allowed: {MAX_FILE_BYTES}")
         seen.add(entry.filename)
@@ -90,7 +92,7 @@ def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     with archive.open(entry) as file:
         content = file.read(entry.file_size + 1)
     if len(content) != entry.file_size:
-        raise InputError(f"{shown(entry.filename)} has another size than the archive lists")
+        raise InputError(f"{shown(entry.filename)} does not have the size that the archive lists")
     return content
 
 

@@ -119,15 +119,18 @@ def read_backup(content: bytes, settings: Settings) -> Backup:
     """
     about, files = unpack(content)
     if about.get("format") != FORMAT:
-        raise InputError(f"the backup has the format {shown(about.get('format'))}, this cobot reads {FORMAT}")
+        raise InputError(
+            f"the backup has the format {shown(about.get('format'))}, but this cobot reads the format "
+            f"{FORMAT}"
+        )
     made, own = str(about.get("cobot")), version("cobot")
     if _release(made) > _release(own):
-        raise InputError(f"the backup was made by cobot {made}, this is {own}: update cobot first")
+        raise InputError(f"the backup was made by cobot {made}, but this is cobot {own}; update cobot first")
     of, here = about.get("robots"), joints_of(settings)
     if of != here:
         raise InputError(
-            f"the backup is of other robots: {shown(of)}; this cobot has {shown(here)}; robots and joints "
-            "must have the same names"
+            f"the backup belongs to other robots: {shown(of)}; this cobot has {shown(here)}; robots and "
+            "joints must have the same names"
         )
     robots: dict[str, dict[str, bytes]] = {name: {} for name in here}
     for path, text in files.items():
@@ -135,7 +138,7 @@ def read_backup(content: bytes, settings: Settings) -> Backup:
             continue
         _, name, inner = (*path.split("/", 2), "", "")[:3]
         if not path.startswith("robots/") or name not in robots or not _is_valid(inner, text, path):
-            raise InputError(f"the backup has {shown(path)}, which is not a file of a backup")
+            raise InputError(f"the backup contains {shown(path)}, which is not a file of a backup")
         robots[name][inner] = text
     return Backup(about, files.get(SETTINGS), robots)
 
@@ -168,7 +171,7 @@ def activate(settings: Settings, source: Path | None) -> Backup:
             _require_settings(backup.settings, source, list(backup.robots))
     except (InputError, OSError) as exc:
         os.replace(staged, staged.with_suffix(".rejected"))
-        raise InputError(f"{staged}: {exc}; it is put aside, and nothing is restored") from exc
+        raise InputError(f"{staged}: {exc}; the archive was put aside, and nothing was restored") from exc
     before = staged.with_name(f"{settings.robot.name}.before-restore.zip")
     if not before.exists():  # if a restore was killed, it contains the original state
         keep(before, make_backup(settings, source), "the backup")
@@ -212,7 +215,8 @@ def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
         trial.unlink(missing_ok=True)
     if found != robots:
         raise InputError(
-            f"{SETTINGS} of the backup has the robots {', '.join(found)}; this cobot has {', '.join(robots)}"
+            f"{SETTINGS} of the backup contains the robots {', '.join(found)}, but this cobot has "
+            f"{', '.join(robots)}"
         )
 
 
@@ -225,7 +229,9 @@ def _is_valid(name: str, text: bytes, path: str) -> bool:
     if found := _PROGRAM.fullmatch(name):
         document = _json(text, path)
         if document.get("id") != found["id"] or document.get("version") != int(found["version"]):
-            raise InputError(f"{shown(path)} of the backup is another program, or another version of it")
+            raise InputError(
+                f"{shown(path)} of the backup contains a different program or version than its name"
+            )
         return True
     kind = name.removesuffix(".json")
     if kind not in KINDS or name == kind:

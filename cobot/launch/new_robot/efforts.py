@@ -31,16 +31,19 @@ def report_holding(holding: Holding, assumed: bool) -> list[str]:
         assumed: whether the masses of moving links have been assumed.
     """
     said = [
-        f"{hold.joint} cannot hold the arm at {_rounded(hold)}: it needs {hold.needed:.4g} {hold.unit}, the "
-        f"file gives {hold.limit:.4g} {hold.unit}; correct its effort or the masses"
+        f"{hold.joint} cannot hold the arm at {_rounded(hold)}: it needs {hold.needed:.4g} {hold.unit}, "
+        f"but the file gives {hold.limit:.4g} {hold.unit}; correct its effort or the masses"
         for hold in holding.failing
     ]
     if said:
-        said.append(f"motions into postures that cannot be held are rejected; {holding.percent} can be held")
+        said.append(
+            f"motions into postures that cannot be held are rejected; {holding.percent} of the postures can "
+            "be held"
+        )
         if assumed:
             said.append(
-                "masses of links that move are assumed: give theirs with --mass LINK=KG, or another density "
-                "with --density"
+                "the masses of some moving links are assumed: give them with --mass LINK=KG, or "
+                "another density with --density"
             )
     return said
 
@@ -61,7 +64,7 @@ def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float,
             f"the drives hold it at the TCP in every posture, with {100.0 * (1.0 - PAYLOAD_SHARE):.0f} % in "
             f"reserve; {hold.joint} limits it at {_rounded(hold)}"
         )
-    return mass, f"robot.max_payload_kg {mass:g}: {why}; prefer the data sheet's"
+    return mass, f"robot.max_payload_kg {mass:g}: {why}; prefer the value in the data sheet"
 
 
 def total_mass(mj: mujoco.MjModel) -> str:

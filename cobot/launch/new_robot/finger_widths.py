@@ -184,7 +184,7 @@ class Linkage:
         if not sides:
             return "its fingers have no shapes, so their width is unknown"
         if len(sides) > 2 and reach[sides[2]] > SAME_REACH * reach[sides[1]]:
-            return f"cobot simulates two fingers, it has more: {', '.join(sides)}"
+            return f"cobot simulates two fingers, but this gripper has more: {', '.join(sides)}"
         return sides[:2]
 
     def _joint(self, body: str) -> Any:

@@ -23,7 +23,7 @@ def save_description(namespace: str, file: Path) -> None:
     """
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     if not domain.isdecimal() or int(domain) > MAX_DOMAIN:
-        raise ConfigError(f"ROS_DOMAIN_ID is {domain[:80]!r}, it must be a number from 0 to {MAX_DOMAIN}")
+        raise ConfigError(f"ROS_DOMAIN_ID is {domain[:80]!r}; it must be a number from 0 to {MAX_DOMAIN}")
     settings = {
         "domain_id": int(domain),
         "interfaces": [],

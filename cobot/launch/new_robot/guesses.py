@@ -31,9 +31,8 @@ VELOCITY = {False: 1.0, True: 0.25}
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Guessed ratios: full speed is reached within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0
-"""The largest acceleration that is guessed, rad/s² or m/s². A velocity that would need a larger one, such as
-1e4, is a placeholder.
-"""
+"""The largest acceleration that is guessed, rad/s² or m/s². A velocity that needs a larger acceleration,
+such as 1e4, counts as a placeholder."""
 MANY_TURNS_RAD = 8.0 * np.pi
 """Range above which the file probably uses degrees, because few joints turn that far."""
 EFFORT_RESERVE = 2.5
@@ -100,10 +99,10 @@ def limits(
                     f"where they are with {typed('--without', *rangeless)}"
                 )
             ranges[index] = -2.0 * np.pi, 2.0 * np.pi
-            guessed.append(f"{name}: position ±6.28319 rad, the file has no range")
+            guessed.append(f"{name}: position ±6.28319 rad, because the file has no range")
         elif not slides and np.abs(ranges[index]).max() > MANY_TURNS_RAD:
             guessed.append(
-                f"{name}: position {low:g} to {high:g} rad as in the file, these look like degrees"
+                f"{name}: position {low:g} to {high:g} rad as in the file; these values look like degrees"
             )
         velocity, effort = rates.get(name, (0.0, 0.0))
         if velocity <= 0.0:
@@ -202,8 +201,8 @@ def stream_margin(
     margin_m = max(MARGIN_M, int(1e3 * NEAR_SHARE * least_m) * 1e-3)
     links = " and ".join(collision.names(int(nearest)))
     guessed.append(
-        f"streaming.collision_margin_m {margin_m:.3f}: {links} are always "
-        f"within the usual {1e3 * usual_m:.0f} mm, {1e3 * least_m:.0f} mm at least"
+        f"streaming.collision_margin_m {margin_m:.3f}: {links} are always closer than the usual "
+        f"{1e3 * usual_m:.0f} mm, but at least {1e3 * least_m:.0f} mm apart"
     )
     return round(margin_m, 3)
 
@@ -230,7 +229,9 @@ def report_without_shape(robot: RobotModel, guessed: list[str]) -> None:
     shapes = {int(mj.geom_bodyid[geom]) for geom in colliding}
     bare = [mj.body(int(body)).name for body in mj.jnt_bodyid if int(body) not in shapes]
     if bare:
-        guessed.append(f"no collision shape, so nothing keeps them from touching: {', '.join(bare)}")
+        guessed.append(
+            f"links without a collision shape, so their collisions are not detected: {', '.join(bare)}"
+        )
 
 
 def _samples(limits: JointLimits) -> Array:

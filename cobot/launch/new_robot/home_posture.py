@@ -125,7 +125,9 @@ def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: st
         share = held(robot, robot.limits, best).share
         return best, f"joints at multiples of 45°; holding it takes {100.0 * share:.0f} % of a drive"
     best, touching = choice.nearest_free(), choice.touches_most()
-    way_out = "if they may, disable the pairs in an SRDF (--srdf), otherwise correct their shapes"
+    way_out = (
+        "if these links may touch, disable the pairs in an SRDF (--srdf); otherwise correct their shapes"
+    )
     if best is None:
         raise ConfigError(
             f"{file}: the arm touches itself in each of {SAMPLES} positions, {touching}; {way_out}"

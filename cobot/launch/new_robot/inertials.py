@@ -30,9 +30,7 @@ FLOOR = 1e-6
 0 because MuJoCo checks inertias without a tolerance.
 """
 ROUNDING = 1e-3
-"""If a tensor changes by less than this share, the change corrects only rounding errors in the file, and is
-not reported.
-"""
+"""Share of a tensor. Smaller changes only correct rounding errors in the file, so they are not reported."""
 MAX_RADIUS, MIN_RADIUS = 30.0, 0.001
 """Largest and smallest plausible radius of gyration of a body, as a share of the size of its shapes. Between
 them, the value in the file is used, because shapes may be smaller than the link. Beyond them, the inertia is

@@ -234,8 +234,8 @@ class _Settling:
             self.assumed |= self._is_open(link)
             self._note(
                 link,
-                f"mass {mass:.3g} kg assumed, a ball of {1e3 * radius:.3g} mm: it moves, and the file has "
-                "neither a shape nor an <inertial> for it",
+                f"mass {mass:.3g} kg assumed, a ball of {1e3 * radius:.3g} mm: the link moves, but the "
+                "file has neither a shape nor an <inertial> for it",
             )
         if frames:
             self._said.append(
@@ -264,7 +264,8 @@ class _Settling:
         radius = (3.0 * mass / (4.0 * math.pi * self._density)) ** (1.0 / 3.0)
         set_ball(body, mass, radius)
         self._said.append(
-            f"{link.name}: mass {mass:g} kg by --mass, in a ball of {1e3 * radius:.3g} mm as it has no shape"
+            f"{link.name}: mass {mass:g} kg by --mass, in a ball of {1e3 * radius:.3g} mm because the "
+            "link has no shape"
         )
 
     def _report_bounds(self) -> None:

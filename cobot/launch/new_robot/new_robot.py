@@ -245,7 +245,7 @@ class NewRobot:
         """The data in the SRDF. Without an SRDF, they contain the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
-                raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")
+                raise ConfigError("--group chooses a group of an SRDF; also give the SRDF, with --srdf FILE")
             return Semantics(GROUP, list(self.actuators))
         arm = self.actuators
         if not arm:

@@ -145,7 +145,7 @@ def read_srdf(file: Path, tree: Tree, group: str | None, arm: Sequence[str], onl
         stem = file.name.split(".")[0]
         raise ConfigError(f"{file}: is xacro; expand it first: xacro {file.name} > {stem}.srdf")
     if root.tag != "robot":
-        raise ConfigError(f"{where(file, root)}: the first element is <{root.tag}>, an SRDF has <robot>")
+        raise ConfigError(f"{where(file, root)}: the first element is <{root.tag}>; in an SRDF it is <robot>")
     return _Reader(file, root, tree).read(group, arm, only_arm)
 
 
@@ -283,8 +283,8 @@ class _Reader:
             values = [float(each) for each in text.split()]  # A floating joint has seven values.
         if not values or not all(map(math.isfinite, values)):
             raise ConfigError(
-                f"{where(self._file, joint)}: state {state!r}: the value of {joint.get('name')} is {text!r}, "
-                "it must be a finite number"
+                f"{where(self._file, joint)}: state {state!r}: the value of {joint.get('name')} is "
+                f"{text!r}; it must be a finite number"
             )
         return values[0]
 

@@ -76,8 +76,9 @@ class TurningFingers:
         return hand, (
             f"gripper found; robot.gripper is simulated, {1e3 * hand.closed_m:.3g} to "
             f"{1e3 * hand.stroke_m:.3g} mm wide between the ends of the fingers' shapes, "
-            f"{hand.max_force_n:.3g} N, {hand.max_speed_m_s:.3g} m/s; motions are planned with open fingers: "
-            f"{leader} at {found.open:.4g} rad, closed it is at {found.closed:.4g} rad"
+            f"{hand.max_force_n:.3g} N, {hand.max_speed_m_s:.3g} m/s; motions are planned with open "
+            f"fingers: {leader} is at {found.open:.4g} rad when open, and at {found.closed:.4g} rad "
+            "when closed"
             + (f" and they reach {1e3 * further:.0f} mm further out" if further > FAR_M else "")
             + (f"; mass {LIGHT_KG:g} kg assumed of {', '.join(light)}" if light else "")
         )
@@ -126,7 +127,7 @@ def turning_fingers(
     leaders = [each for each in fingers if not each.leader]
     if len(leaders) != 1:
         return (
-            f"cobot simulates fingers that one joint moves, these have {len(leaders)}: "
+            f"cobot simulates fingers that one joint moves, but these have {len(leaders)} such joints: "
             f"{', '.join(each.name for each in leaders)}"
         )
     (leader,) = leaders

@@ -31,9 +31,7 @@ TCP_NAMES = tuple(
 )  # fmt: skip
 """Names of sites and links that are probably the TCP, the most probable first."""
 RIVAL_JOINTS = 4
-"""A chain with at least this many joints of its own counts as a second arm, because a head or a wheel has
-fewer.
-"""
+"""Minimum number of joints of a second arm. A chain with fewer joints of its own is a head or a wheel."""
 
 
 def find_arm(
@@ -54,7 +52,9 @@ def find_arm(
         raise ConfigError(f"{file}: has no joint that moves; give the file of a whole arm")
     if unnamed := next((node for node in chain if not node.joint.name), None):
         body = unnamed.joint.parent.name
-        raise ConfigError(f"{file}: the joint of {body!r} has no name; give each joint of the arm its own")
+        raise ConfigError(
+            f"{file}: the joint of {body!r} has no name; give each joint of the arm its own name"
+        )
     if tree.is_finger(chain[0]):
         raise ConfigError(
             f"{file}: has no arm: its joints are those of a gripper ({', '.join(tree.nodes)}); give the file "
@@ -212,7 +212,7 @@ def _chains(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without those joints at its end that follow other joints. They belong to a linkage, unless
+    """The path without joints at its end that follow other joints. Such joints belong to a linkage, unless
     they carry the TCP.
     """
     top = len(path)

@@ -18,9 +18,8 @@ from cobot.robot.geometry.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1
-"""A hull is wrong if one of its points is further from the mesh than both values: a distance, m, and a share
-of the mesh's size.
-"""
+"""Limits for a hull: a distance, m, and a share of the mesh's size. A hull is wrong if one of its points
+is further from the mesh than both."""
 CELLS = 24
 """Number of grid cells along the longest side."""
 CLUSTERS = 40

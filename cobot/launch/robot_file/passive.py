@@ -1,6 +1,6 @@
 """Forces on an arm other than those of its drives, gravity, friction and damping: springs, tendons and drag.
 
-cobot plans and holds an arm without them, so in a simulation with them they would push the arm off its path.
+cobot ignores them when it plans and holds an arm, so in a simulation they would push the arm off its path.
 """
 
 from __future__ import annotations

@@ -82,10 +82,10 @@ class Telescope:
         for child in self.first.children:
             child.parent = self.first
         return (
-            f"telescope found: {self.first.name} moves {', '.join(names)} too. They are one joint, whose "
-            f"position is the travel of the last stage: {travel:g} times that of {self.first.name} in the "
-            "file. All stages move with the last one, so collisions with the middle stages of an "
-            "extended telescope are not found"
+            f"telescope found: {self.first.name} also moves {', '.join(names)}. In the model they are "
+            f"one joint. Its position is the travel of the last stage: {travel:g} times that of "
+            f"{self.first.name} in the file. All stages move with the last one, so collisions with the "
+            "middle stages of an extended telescope are not found"
         )
 
     def rescale(self, states: Iterable[dict[str, float]]) -> None:

@@ -15,7 +15,7 @@ from cobot.launch.robot_file.mjcf import has_bounds
 
 FINGER = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|robotiq", re.IGNORECASE)
 ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
-"""A joint with such a name turns a whole gripper. So `gripper_roll` is a joint of the arm."""
+"""Names of joints that turn a whole gripper. For example, `gripper_roll` is a joint of the arm."""
 HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 ARM_JOINTS, HAND_FINGERS, FINGER_JOINTS = 4, 3, 5
@@ -156,7 +156,7 @@ class JointTree:
 
     def is_finger(self, node: MovingJoint) -> bool:
         """Whether a joint belongs to a finger. Either its name shows this, or it is on one of several short
-        branches, and these are many, slide or are coupled.
+        branches that are many, slide or are coupled.
         """
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True

@@ -65,7 +65,7 @@ class Children:
 
     def ros2(self, url: str) -> Child:
         """The DDS process. It is a client of the service at this URL, if there is one."""
-        # The data that one such process leaves to the next. The file ends with the supervisor.
+        # Data that a DDS process leaves for its successor. The file is removed when the supervisor ends.
         participant_record = os.memfd_create("cobot-ros2")
         arguments = ["--participant-record", str(participant_record), *(("--url", url) if url else ())]
         command = [*RUN_MODULE, "cobot.dds", *self._config, *arguments]

@@ -71,8 +71,9 @@ def _lock(path: Path) -> int:
         os.close(descriptor)
         if exc.errno in (errno.EACCES, errno.EAGAIN):
             raise ConflictError(
-                f"{path.parent}: another cobot ({holder or 'pid unknown'}) keeps the files of robot "
-                f"{path.stem!r} there; stop it, or set another robot.name, logs, kept or recording.folder"
+                f"{path.parent}: another cobot ({holder or 'pid unknown'}) uses the files of robot "
+                f"{path.stem!r} in this folder; stop it, or set another robot.name, logs, kept or "
+                "recording.folder"
             ) from exc
         raise
     return descriptor

@@ -68,12 +68,12 @@ def access_to(web: WebSection, listener: socket.socket | None) -> str:
 
 
 def _no_listener(host: str, port: int, error: OSError | ValueError) -> str:
-    """The reason why listening fails, and the setting to change."""
+    """The reason why listening fails, and the setting that the user must change."""
     reason = getattr(error, "strerror", None) or str(error)
     message = f"cannot listen on {host} port {port}: {reason}"
     match getattr(error, "errno", None):
         case errno.EADDRINUSE:
-            return f"web.port: {message}; set another one, or --port 0, which picks a free one"
+            return f"web.port: {message}; set another port, or --port 0, which picks a free port"
         case errno.EACCES:
-            return f"web.port: {message}; set one from 1024 on, which needs no privilege"
+            return f"web.port: {message}; set a port from 1024 on, which needs no privilege"
     return f"web.host: {message}; set an address of this computer, 127.0.0.1 or 0.0.0.0"

@@ -125,7 +125,7 @@ def make_transition(
 
     Returns:
         The trajectory; the time in it at which the new trajectory would have begun; and the time from which
-        it equals the new trajectory. None if no transition keeps the limits.
+        it equals the new trajectory. Returns None if no transition keeps the limits.
     """
     until_s = old.time_of(until)
     for width_s in WIDTHS_S:

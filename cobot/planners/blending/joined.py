@@ -36,14 +36,14 @@ BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 only.
 """
 INSIDE = 0.998
-"""Share of the radius within which the samples of the blend must be. The remaining part is for the curve
-between the samples.
-"""
+"""Share of the radius within which the samples of a blend must be. The curve between the samples may use
+the remaining part."""
 SAMPLES = 400
 MIN_RADIUS_M = 1e-6
-"""A smaller blend radius counts as 0: no arm is that accurate, and rounding would decide the blend."""
+"""Minimum blend radius, m. A smaller radius counts as 0, because no arm is that accurate, and rounding
+would determine the blend."""
 TOLD = 0.9
-"""A note reports blends that use less than this share of their radius."""
+"""Share of a blend radius. A note reports each blend that uses less of its radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def check_radii(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
         raise InputError(f"radii: {len(legs)} motions have {len(legs) - 1} corners, got {len(radii_m)} radii")
     for index, radius in enumerate(radii_m):
         if not 0.0 <= radius < np.inf:
-            raise InputError(f"radii[{index}]: is {radius:g} m, must be 0 or more")
+            raise InputError(f"radii[{index}]: is {radius:g} m; it must be 0 or more")
 
 
 def radius_notes(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:

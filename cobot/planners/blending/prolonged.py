@@ -29,7 +29,8 @@ from cobot.trajectory_parts import remainder_at
 RESERVE = (0.998, 0.98, 0.92)
 """Shares of the velocity, acceleration and jerk limits that a motion uses if it can be extended."""
 KEPT_S = 3.0
-"""Motions that ended longer ago than this are not joined again: the new motions do not depend on them."""
+"""Motions that ended longer ago than this time, s, are not joined again, because the new motions do not
+depend on them."""
 
 
 def begin_stretch(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
@@ -191,7 +192,7 @@ def _timing(under_way: Stretch, left_out: int) -> PathTiming:
 
 
 def _left_out(under_way: Stretch, from_s: float) -> int:
-    """The number of motions since the last stop that need not be joined again."""
+    """The number of motions, counted from the last stop, that need not be joined again."""
     assert under_way.progress is not None
     place = float(under_way.progress.sample([from_s - under_way.since_s])[0, 0])
     ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]

@@ -30,9 +30,8 @@ from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
-"""The first start configurations must reach this share of the path before further ones are tried. Further
-places are only tried after a configuration has reached the end.
-"""
+"""Share of the path that the first start configurations must reach before further configurations are
+tried. Further places are tried only after a configuration has reached the end."""
 SLOW = 2.5
 """If a motion is slower by this factor than the limits of the TCP require, it is compared with a motion found
 by the graph.
@@ -176,7 +175,7 @@ def _plan_redundancy(
 def _plan_by_particles(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
 ) -> tuple[JointCurve | None, float]:
-    """The result of `_plan_redundancy` for an arm without an arm angle."""
+    """The same result as `_plan_redundancy`, for an arm without an arm angle."""
     reached = 0.0
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
         if count == MANY and reached < (FAR if factor == 1 else 1.0):

@@ -73,9 +73,9 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
     radii = np.linalg.norm(x), np.linalg.norm(to_goal)
     if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
         raise PlanningError(
-            f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
-            f"; these radii may differ by {1e3 * EQUAL_RADII_M:g} mm, and must be at least "
-            f"{1e3 * NEAREST_POINTS_M:g} mm",
+            f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, and the goal "
+            f"{1e3 * radii[1]:.2f} mm; these radii may differ by {1e3 * EQUAL_RADII_M:g} mm, and must "
+            f"be at least {1e3 * NEAREST_POINTS_M:g} mm",
             findings=[
                 _arc_finding("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)
             ],
@@ -123,7 +123,7 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     radius = float(np.linalg.norm(x))
     if radius < NEAREST_POINTS_M:
         raise PlanningError(
-            f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs at least "
+            f"circ: the TCP is {1e3 * radius:.2f} mm from the axis; an arc needs at least "
             f"{1e3 * NEAREST_POINTS_M:g} mm",
             findings=[_arc_finding("distance from the axis", radius, NEAREST_POINTS_M)],
         )
@@ -173,7 +173,7 @@ def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> Tc
     ):
         if length < NEAREST_POINTS_M:
             raise PlanningError(
-                f"circ: {name} are {1e3 * length:.2f} mm apart, an arc needs three distinct points",
+                f"circ: {name} are {1e3 * length:.2f} mm apart; an arc needs three distinct points",
                 findings=[_arc_finding("distance of two points", float(length), NEAREST_POINTS_M)],
             )
     normal = np.cross(to_via, to_goal)

@@ -27,9 +27,10 @@ from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits
 
 STEP_RAD = 0.4
-"""If a joint would turn further between two places, a place is added between them."""
+"""Maximum turn of a joint between two places, rad. If a joint would turn further, a place is added between
+them."""
 SAME_RAD = 1e-6
-"""Joints that differ by less count as equal."""
+"""Joint positions that differ by less than this, rad, count as equal."""
 STEPS = 60
 """Maximum number of steps of a descent from one place to the next."""
 
@@ -70,8 +71,8 @@ def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Arra
             if not solved:
                 at = float(shares[place])
                 raise UnreachableError(
-                    f"{path.name}: at {100 * at:.0f} % of the path no joint angles within the limits lead to "
-                    "those in which it has to end",
+                    f"{path.name}: at {100 * at:.0f} % of the path no joint angles within the limits "
+                    "lead to the required end joints",
                     findings=[Finding("reach", "share of the path", at, 1.0, "", at)],
                 )
             rows[place] = joints

@@ -82,7 +82,7 @@ def follow_or_relax(
     except PlanningError as exc:
         motion = follow(robot, request, path)
         if motion is not None:
-            note = f"the motion does not end in the joints it began with: {exc}"
+            note = f"the motion does not end in the joints in which it began: {exc}"
             motion = replace(motion, note=note, notices=(Notice("end_joints", {}),))
     return motion
 

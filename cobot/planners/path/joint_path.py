@@ -42,9 +42,8 @@ MIN_SHARE = 1e-9
 the path is singular there, because the joints would jump.
 """
 SHARE_RAD = 0.1
-"""Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance, rad.
-With it the parameter increases even where no joint moves.
-"""
+"""Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance,
+rad. This makes the parameter increase even where no joint moves."""
 SWINGING = 1.5
 """If a curve through the places is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500
@@ -63,7 +62,7 @@ def through(
     robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt
 ) -> JointCurve:
     """A joint path through the configurations `rows`, shape (n, dof), at the shares of the path `shares`,
-    shape (n,). Places are added where the accuracy needs them.
+    shape (n,). Places are added where they are needed for accuracy.
 
     It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
 

@@ -77,8 +77,8 @@ class Particles:
         self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
-        """Joints at all shares, shape (n, dof), for each way, the smoothest way first; nothing if no way
-        reaches the end.
+        """Yield the joints at all shares, shape (n, dof), for each way, beginning with the smoothest. Yields
+        nothing if no way reaches the end.
         """
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)

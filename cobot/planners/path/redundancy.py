@@ -1,4 +1,5 @@
-"""Planning the arm angle of an S-R-S arm along a TCP path: the one freedom that such a path leaves.
+"""Planning the arm angle of an S-R-S arm along a TCP path. It is the only degree of freedom that a TCP path
+leaves.
 
 The nodes of a graph are arm angles at even places of the path. Two nodes at neighbouring places are connected
 if each joint turns so little between them that the motion is continuous. The cheapest way is smoothed as far
@@ -33,9 +34,8 @@ limit from start to end, s².
 """
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
-"""Weights of the curvature of the arm angle, relative to the weight of its distance from the path through the
-graph. They are tried in this order.
-"""
+"""Weights of the curvature of the arm angle, relative to the weight of its distance from the path through
+the graph. The weights are tried in this order."""
 PULLS, EDGE, HELD = 8, 0.15, 1e9
 """Three values for smoothing: the number of rounds in which points outside the corridor are moved back into
 it; how far inside they are moved, as a share of the distance from the edge to the path through the graph; and
@@ -191,8 +191,8 @@ class RedundancyGraph:
                 rows[-1, round((angle + np.pi) / step) % len(self._angles)] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
-        """The lowest and the highest arm angle at each place, shape (2, n), such that all nodes between the
-        given angle and them are valid.
+        """The lowest and the highest arm angle at each place, shape (2, n), All nodes between the given angle
+        and these two angles are valid.
         """
         good = np.isfinite(self._costs(branch))
         if free:

@@ -87,7 +87,7 @@ def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) 
 
 
 def with_shortest_turn(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
-    """The goal with its free rotation chosen so that the TCP turns the shorter way from the start."""
+    """The goal, with a free rotation that makes the TCP turn the shorter way from the start."""
     if not free:
         return goal
     if len(free) == len(FREE_AXES):

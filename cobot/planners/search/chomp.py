@@ -38,9 +38,8 @@ make it smoother.
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
-"""Clearance of the path beyond the margin, if both its ends have this clearance. The spline through the path
-needs this room.
-"""
+"""Clearance that the path keeps in addition to the margin, m, if both its ends have it. The spline through
+the path needs this room."""
 PUSHED_M = 3e-3
 """Distance beyond the required clearance, m, below which the push has its full strength. The path between two
 points needs this room.
@@ -74,7 +73,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         else:
             return replace(motion, note=note, notices=(Notice("chomp", {}),) if note else ())
     raise PlanningError(
-        f"chomp: found no free path near the straight line: {problem}",
+        f"chomp found no free path near the straight line: {problem}",
         findings=() if problem is None else problem.findings,
     )
 
@@ -99,8 +98,8 @@ def _starts(
 def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`; or None and the
-    obstacle.
+    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`; if none is found, None
+    and the obstacle.
 
     Raises:
         PlanningTimeout: see `plan_chomp`.
@@ -167,8 +166,8 @@ def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> C
     contact = Contact(*robot.collision.names(int(pair)), float(distances[row, pair]))
     share = float(row / (len(points) - 1))
     return CollisionError(
-        f"after {100.0 * share:.0f} % of the path {contact.first} and {contact.second} still at "
-        f"{1e3 * contact.distance_m:.0f} mm; try ompl",
+        f"after {100.0 * share:.0f} % of the path {contact.first} and {contact.second} are still at a "
+        f"distance of {1e3 * contact.distance_m:.0f} mm; try ompl",
         findings=[robot.collision.finding(contact, share)],
     )
 

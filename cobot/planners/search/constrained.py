@@ -2,9 +2,9 @@
 
 Newton's method projects each small step, towards a random configuration or the other tree, back to that
 surface (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation planning on constraint
-manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree: from within
-a shelf, nearly all distant targets are behind boards. Such steps also shorten the path between two of its
-places. Moving each place to the middle of its neighbours evens it out.
+manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree, because from
+within a shelf, nearly all distant targets are behind boards. Such steps also shorten the path between two of
+its places. Moving each place to the middle of its neighbours evens it out.
 """
 
 from __future__ import annotations

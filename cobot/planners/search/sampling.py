@@ -27,9 +27,8 @@ from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M, SPARE_SHARE = 1e-3, 0.3
 """Distance that a polyline keeps in addition to the margin if its ends also keep it. It leaves room for
-blending the corners. If no such polyline is found within this share of the time, the search continues with
-the margin alone.
-"""
+blending the corners. If no polyline with this distance is found within this share of the time, the search
+continues with the margin alone."""
 RANGE_RAD = 2.0
 """Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
@@ -45,8 +44,7 @@ removes together.
 FIRST_SHARES, LATER_SHARES = 2 * (0.1, 0.25, 0.4), (0.4,)
 """The searches of the first round, and of each later round. Each value limits the extra length of a path
 beyond the direct way, as a share of the extra length of the best path. The smaller the space, the sooner a
-search finds a path in it. Small spaces that contained none in the first round are not searched again.
-"""
+search finds a path in it. Small spaces without a path in the first round are not searched again."""
 ATTEMPTS = 3000
 """Maximum number of attempts to add a node in one of these searches."""
 MUCH_WORK, MUCH_LONGER = 100_000, 0.5

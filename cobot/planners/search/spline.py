@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 SAMPLES = 192
-"""Places at which a path is checked for collisions before it is timed. Only the timed motion is proven
-collision-free. A second proof before would take longer than the few timings that it saves.
-"""
+"""Number of places at which a path is checked for collisions before it is timed. Only the timed motion is
+proven collision-free. A second proof before would take longer than the few timings that it saves."""
 LOOKS = 4
-"""Samples per piece at which constraints are checked before the path is timed."""
+"""Number of samples per piece at which constraints are checked before the path is timed."""
 
 
 def smooth_motion(

@@ -352,7 +352,7 @@ def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
         needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
         unit = limits.effort_unit(int(joint))
         raise PlanningError(
-            f"{name} needs {needed:.4g} {unit} to hold the arm at {100.0 * where:.0f} % of the path, its "
-            f"limit is {limit:.4g} {unit}",
+            f"{name} needs {needed:.4g} {unit} to hold the arm at {100.0 * where:.0f} % of the path, "
+            f"but its limit is {limit:.4g} {unit}",
             findings=[Finding("effort", "effort at rest", needed, limit, unit, where, (name,))],
         )

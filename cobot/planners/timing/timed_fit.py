@@ -34,7 +34,8 @@ AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 second twice.
 """
 TOO_FAR = 1.5
-"""If a moving average exceeds the corridor by this factor, longer averages are not tried."""
+"""Factor by which a moving average may exceed the corridor. Beyond this factor, longer averages are not
+tried."""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 """Maximum number of rounds; maximum number of turns per round; and maximum of the turns multiplied by the
 control points, in total.

@@ -109,4 +109,4 @@ def _read(text: str, voxel_m: float) -> CloudTree:
             return CloudTree(cells, voxel_m)
     except (binascii.Error, zlib.error, ValueError) as exc:
         raise InputError(f"cells: are damaged: {exc}; put the point cloud again") from exc
-    raise InputError("cells: are damaged: they are not in order; put the point cloud again")
+    raise InputError("cells: are damaged, because they are not in order; put the point cloud again")

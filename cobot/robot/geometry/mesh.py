@@ -59,11 +59,10 @@ def parts(
     corners_count = sum(len(hull) for hull in hulls)
     if corners_count > MAX_CORNERS:
         raise LimitError(
-            f"mesh: its convex parts have {corners_count} corners, at most {MAX_CORNERS} are allowed: "
-            "simplify it"
+            f"mesh: its convex parts have {corners_count} corners, allowed: {MAX_CORNERS}; simplify the mesh"
         )
     if len(hulls) > most:
-        raise LimitError(f"mesh: has {len(hulls)} convex parts, at most {most} are allowed")
+        raise LimitError(f"mesh: has {len(hulls)} convex parts, allowed: {most}")
     if not others:
         return np.zeros((0, 6)), hulls
     return _fitting(vertices[np.concatenate(others)], tolerance_m, most - len(hulls)), hulls
@@ -74,7 +73,7 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):
-        raise InputError("triangles: there are none")
+        raise InputError("triangles: the mesh has no triangles")
     if len(triangles) > MAX_TRIANGLES:
         raise LimitError(
             f"triangles: at most {MAX_TRIANGLES} are allowed, got {len(triangles)}: simplify the mesh"
@@ -83,7 +82,7 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
         wrong = triangles[(triangles < 0) | (triangles >= len(vertices))][0]
         raise InputError(f"triangles: there is no vertex {wrong}; valid are 0 to {len(vertices) - 1}")
     if not np.isfinite(vertices).all():
-        raise InputError("vertices: one is not finite")
+        raise InputError("vertices: a coordinate is not a finite number")
     size_m = float(np.ptp(vertices[triangles.ravel()], axis=0).max())
     if not size_m > 0.0:
         raise InputError("vertices: they are all at the same place")
@@ -95,7 +94,7 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     solid = areas > 1e-14 * size_m**2
     if not solid.any():
-        raise InputError("triangles: none has an area")
+        raise InputError("triangles: all have the area 0")
     return vertices, triangles[solid]
 
 
@@ -262,5 +261,5 @@ def _obj(lines: list[list[str]]) -> tuple[Array, Indices]:
             face = [index - 1 if index > 0 else len(vertices) + index for index in face]
             triangles += [[face[0], face[index], face[index + 1]] for index in range(1, len(face) - 1)]
     if not triangles:
-        raise ValueError("there are no faces in it")
+        raise ValueError("the file contains no faces")
     return np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64)

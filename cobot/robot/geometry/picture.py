@@ -42,7 +42,7 @@ LIGHT = np.array([0.3, -0.5, 0.81])
 AMBIENT = 0.4
 NO_COLOR = (0.6, 0.62, 0.66)
 STEPS = np.unique(np.round(2.0 ** np.arange(0.0, 10.1, 0.5)).astype(int))
-"""Numbers of steps along an edge of a triangle. The smallest number that leaves no gap is used."""
+"""Numbers of steps along an edge of a triangle. The picture uses the smallest number that leaves no gap."""
 MAX_DRAWN_BYTES = 10_000_000
 """Maximum size of all meshes of a robot together. A picture of a robot with 23 MB of meshes took 7 to 10 s
 and 1.5 GB of memory.
@@ -134,8 +134,8 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
     for visual in drawn:
         if visual.link not in links:
             raise ConfigError(
-                f"the visuals of {robot.model_file} name the link {visual.link!r}; the model has: "
-                f"{', '.join(links)}"
+                f"the visuals of {robot.model_file} name the link {visual.link!r}, which the model does "
+                f"not have; valid are: {', '.join(links)}"
             )
         pose = (
             base

@@ -60,7 +60,7 @@ def cloud(points: Array, voxel_m: float) -> Array:
     if len(boxes) > MAX_SOLIDS:
         raise LimitError(
             f"points: {len(points)} points fill {len(voxels)} voxels of {voxel_m:g} m, which make "
-            f"{len(boxes)} boxes, at most {MAX_SOLIDS} are allowed: a voxel of {coarser(fits, voxel_m)}"
+            f"{len(boxes)} boxes, allowed: {MAX_SOLIDS}; a voxel of {coarser(fits, voxel_m)}"
         )
     low, high = voxel_m * boxes[:, :3], voxel_m * boxes[:, 3:]
     return np.hstack([0.5 * (low + high), high - low])
@@ -150,8 +150,8 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
 
     if len(boxes) > MAX_SOLIDS:
         raise LimitError(
-            f"heights: {heights.shape[0]} x {heights.shape[1]} cells make {len(boxes)} boxes, at most "
-            f"{MAX_SOLIDS} are allowed: a step of {coarser(fits, max(step_m, 1e-3 * float(above.max())))}"
+            f"heights: {heights.shape[0]} x {heights.shape[1]} cells make {len(boxes)} boxes, allowed: "
+            f"{MAX_SOLIDS}; a step of {coarser(fits, max(step_m, 1e-3 * float(above.max())))}"
         )
     scale = np.array([resolution_m, resolution_m, 1.0])
     low, high = boxes[:, :3] * scale, boxes[:, 3:] * scale

@@ -94,8 +94,8 @@ class RobotVisuals:
         try:
             if (size := file.stat().st_size) > MAX_MESH_BYTES:
                 raise NotFoundError(
-                    f"mesh {number}: {file.name} has {size} bytes, at most {MAX_MESH_BYTES} are shown: "
-                    "reduce it and convert the robot again with `cobot new-robot`"
+                    f"mesh {number}: {file.name} has {size} bytes, allowed: {MAX_MESH_BYTES}; reduce it "
+                    "and convert the robot again with `cobot new-robot`"
                 )
             return file.read_bytes()
         except OSError as exc:

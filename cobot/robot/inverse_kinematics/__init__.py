@@ -71,8 +71,9 @@ PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
 BRANCH_RAD = 0.5
-"""A continued motion is split into pieces of at most this length, m and rad. The other values are the maximum
-number of pieces, of steps per piece, and the largest turn of a joint in a piece, rad."""
+"""Maximum length of the pieces into which a continued motion is split, m and rad. The other values are the
+maximum number of pieces, the maximum number of steps per piece, and the largest turn of a joint in a
+piece, rad."""
 
 Clearance = Callable[[Array], float]
 
@@ -216,8 +217,8 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
     pieces = max(1, math.ceil(float(np.linalg.norm(way)) / PIECE_M), math.ceil(angle / PIECE_RAD))
     if pieces > MAX_PIECES:
         raise UnreachableError(
-            f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from the "
-            f"last one, allowed: {MAX_PIECES * PIECE_M:g} m and "
+            f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from "
+            f"the last pose, allowed: {MAX_PIECES * PIECE_M:g} m and "
             f"{np.degrees(MAX_PIECES * PIECE_RAD):.0f} degrees"
         )
     for piece in range(1, pieces + 1):
@@ -235,8 +236,8 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         step = float(np.abs(descent.joints - joints).max())
         if step > BRANCH_RAD:
             raise UnreachableError(
-                f"the pose needs a joint to turn by {step:.3f} rad at once: it is on another branch of the "
-                "inverse kinematics, or at a singularity"
+                f"the pose needs a joint to turn by {step:.3f} rad at once, so it is on another branch "
+                "of the inverse kinematics, or at a singularity"
             )
         joints = descent.joints
     return joints

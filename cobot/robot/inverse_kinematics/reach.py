@@ -156,13 +156,13 @@ def _limit(
     value, name, unit = float(joints[joint]), limits.names[joint], limits.unit(joint)
     limit = float(limits.min_position[joint] if value < near[joint] else limits.max_position[joint])
     return Cause(
-        f"{name} would have to go to {value:.6g} {unit}, its limit is {limit:.6g} {unit}",
+        f"{name} would have to go to {value:.6g} {unit}, but its limit is {limit:.6g} {unit}",
         Finding("limit", "position", value, limit, unit, share, (name,)),
     )
 
 
 def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...]) -> Cause | None:
-    """The ability that is missing in an arm with too few joints for every pose."""
+    """A sentence about the motion that an arm with too few joints cannot make."""
     if not model.inverse_kinematics.lacking:
         return None
     dof = model.limits.dof

@@ -73,7 +73,7 @@ class LocalPool(Executor):
     def __init__(self, workers: int | None = None, niceness: int = 0) -> None:
         self.workers = len(os.sched_getaffinity(0)) if workers is None else workers
         if self.workers < 1:
-            raise ValueError(f"workers is {workers}, at least 1 is needed")
+            raise ValueError(f"workers is {workers}; it must be 1 or more")
         self._niceness = niceness
         self._orders: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._wake_reader, self._wake_writer = socket.socketpair()
@@ -208,7 +208,7 @@ class LocalPool(Executor):
                 try:
                     worker.connection.send_bytes(call.content)
                     worker.call = call
-                except OSError:  # it died while it was idle
+                except OSError:  # the worker died while it was idle
                     worker.ready = False
                     waiting.appendleft(call)
 

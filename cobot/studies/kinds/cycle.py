@@ -86,7 +86,7 @@ class CycleStudy(RobotStudy):
         unplanned = int((columns["cause"] != "").sum())
         if unplanned:
             first = next(str(cause) for cause in columns["cause"] if cause)
-            answer |= {"cannot be planned": unplanned, "the first because": first}
+            answer |= {"cannot be planned": unplanned, "the first program fails because": first}
         if unplanned and unplanned == len(columns["cause"]) and "planned" in columns:
             answer["no program can be planned"] = nearest_program(columns, self.axes)
         durations = np.asarray(columns["duration_s"], dtype=float)

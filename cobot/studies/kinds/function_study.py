@@ -138,9 +138,9 @@ class FunctionStudy(SampledStudy):
         if not isinstance(name, str) or not name or name in {*self.space, "task", FAILURE}:
             return "is the name of a parameter or not a valid name; return another one"
         if not isinstance(value, bool | np.bool_ | str | Real):
-            return f"is a {type(value).__name__}, must be a number, bool or text"
+            return f"is a {type(value).__name__}; it must be a number, bool or text"
         if isinstance(value, int) and abs(value) > sys.float_info.max:
-            return f"is an integer with {value.bit_length()} bits, which no float holds"
+            return f"is an integer with {value.bit_length()} bits, which is too large for a float"
         return ""
 
 

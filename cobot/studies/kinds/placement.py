@@ -71,7 +71,7 @@ class PlacementStudy(RobotStudy):
     def _require_consistency(self) -> Self:
         wanted = "program" if self.metric == "duration_s" else "targets"
         if getattr(self, wanted) is None:
-            raise ValueError(f"{wanted}: is missing, the metric {self.metric} needs it")
+            raise ValueError(f"{wanted}: is missing; the metric {self.metric} needs it")
         if self.metric == "duration_s" and "goal" not in self.model_fields_set:
             raise ValueError("goal: is missing; give min for the shortest program")
         return self

@@ -63,7 +63,7 @@ class ReachStudy(Study):
     def _require_start(self) -> Self:
         if (self.method == "lin") != (self.start is not None):
             raise ValueError(
-                f"start: must be given for the method lin and for no other, the method is {self.method}"
+                f"start: must be given for the method lin and for no other; the method is {self.method}"
             )
         if self.approach == "inward" and self.space.mesh is None:
             raise ValueError(

@@ -39,7 +39,7 @@ class BoxSpace(StrictModel):
     def _require_order(self) -> Self:
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             if low > high:
-                raise ValueError(f"low {axis} is {low:g}, must be at most high {axis}, which is {high:g}")
+                raise ValueError(f"low {axis} is {low:g}; it must be at most high {axis}, which is {high:g}")
         return self
 
 
@@ -117,8 +117,8 @@ def _grid(box: BoxSpace, spacing_m: float) -> Array:
 def _require_few(places: float, spacing_m: float) -> None:
     if places > MAX_PLACES:
         raise InputError(
-            f"space.spacing_m: {spacing_m:g} gives {places:.3g} places, at most {MAX_PLACES} are allowed; "
-            "use a larger one"
+            f"space.spacing_m: {spacing_m:g} gives {places:.3g} places, allowed: {MAX_PLACES}; use a "
+            "larger spacing"
         )
 
 
@@ -227,7 +227,7 @@ def _directions(approach: Any, normal: Array | None) -> Array:
     if approach == "inward":
         if normal is None:
             raise InputError(
-                "approach: inward needs space.mesh, a box has no surface; use down or directions"
+                "approach: inward needs space.mesh, because a box has no surface; use down or directions"
             )
         return -normal[None, :]
     if approach == "down":

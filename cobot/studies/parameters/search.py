@@ -94,7 +94,8 @@ def _distribution(optuna: Any, name: str, axis: Axis) -> Any:
         return optuna.distributions.FloatDistribution(*axis.uniform)
     if axis.normal is not None:
         raise InputError(
-            f"space.{name}: is normal; a search needs uniform [low, high], values, or low, high, count"
+            f"space.{name}: is of the kind normal; a search needs uniform [low, high], values, or low, "
+            "high, count"
         )
     if axis.values is None and axis.low is not None and axis.high is not None and (axis.count or 0) > 1:
         step = (axis.high - axis.low) / ((axis.count or 2) - 1)

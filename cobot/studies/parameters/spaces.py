@@ -53,10 +53,10 @@ class Axis(StrictModel):
             )
         if self.uniform is not None and self.uniform[0] > self.uniform[1]:
             raise ValueError(
-                f"uniform: low is {self.uniform[0]:g}, must be at most high, {self.uniform[1]:g}"
+                f"uniform: low is {self.uniform[0]:g}; it must be at most high, {self.uniform[1]:g}"
             )
         if self.normal is not None and self.normal[1] < 0.0:
-            raise ValueError(f"normal: the standard deviation is {self.normal[1]:g}, must not be negative")
+            raise ValueError(f"normal: the standard deviation is {self.normal[1]:g}; it must not be negative")
         return self
 
     @property
@@ -109,11 +109,11 @@ class ParameterSpace:
         count = samples or 1
         if design == "sobol" and count & (count - 1):
             near = 2 ** (count.bit_length() - 1)
-            raise InputError(f"samples: is {count}, sobol needs a power of two, such as {near} or {2 * near}")
+            raise InputError(f"samples: is {count}; sobol needs a power of two, such as {near} or {2 * near}")
         grid = {name: axis.grid() for name, axis in axes.items() if not axis.is_random}
         points = count * math.prod(len(values) for values in grid.values())
         if points > MAX_TASKS:
-            raise InputError(f"space: has {points} points, at most {MAX_TASKS} are allowed")
+            raise InputError(f"space: has {points} points, allowed: {MAX_TASKS}")
         shares = np.clip(_shares(design, len(random), count, seed), INSIDE, 1.0 - INSIDE)
         drawn = {name: axis.at(shares[:, index]) for index, (name, axis) in enumerate(random.items())}
         return cls(grid, drawn, count)

@@ -103,8 +103,8 @@ class ResultsFolder:
         old = self.manifest() if (self.path / MANIFEST).exists() else manifest
         if old["key"] != order.key:
             raise ConflictError(
-                f"{self.path}: has results of another study ({_difference(old, manifest)}); give another "
-                "--output, or remove the folder"
+                f"{self.path}: contains results of another study ({_difference(old, manifest)}); give "
+                "another --output, or remove the folder"
             )
         content = json.dumps(manifest, indent=1, sort_keys=True, default=str) + "\n"
         keep(self.path / MANIFEST, content.encode(), "the study")
@@ -118,7 +118,8 @@ class ResultsFolder:
         for name in FILES:
             if (self.path / name).exists():
                 raise ConflictError(
-                    f"{self.path / name}: is not of a study, and would be replaced; give another --output"
+                    f"{self.path / name}: does not belong to a study, and would be replaced; give "
+                    "another --output"
                 )
 
     def manifest(self) -> dict[str, Any]:
@@ -131,7 +132,9 @@ class ResultsFolder:
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
             if found["format"] != FORMAT:
-                raise ConfigError(f"{path}: has format {found['format']}, this cobot reads {FORMAT}")
+                raise ConfigError(
+                    f"{path}: has format {found['format']}, but this cobot reads the format {FORMAT}"
+                )
             return dict(found)
         except FileNotFoundError as exc:
             raise ConfigError(
@@ -218,7 +221,7 @@ class ResultsFolder:
 def _unwritable(path: Path, exc: OSError) -> UnavailableError:
     reason = exhausted(exc) or exc.strerror
     return UnavailableError(
-        f"{path}: cannot be written: {reason}; finished results are kept, run the study again to continue"
+        f"{path}: cannot be written: {reason}; finished results are kept; run the study again to continue"
     )
 
 
@@ -228,8 +231,8 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)
             if before != now and name not in keys_of_answer(new["document"]):
-                return f"{name} was {_brief(before)} and is {_brief(now)}"
-    return "its key differs"
+                return f"{name} was {_brief(before)} and is now {_brief(now)}"
+    return "the key differs"
 
 
 def _brief(value: object) -> str:

@@ -48,7 +48,7 @@ class BiCobotRobot(CalibratedRobot):
             for name, camera in arm.cameras.items()
         }
         if len(self.cameras) < len(self._cameras) + sum(len(arm.cameras) for arm in self._arms.values()):
-            raise ValueError(f"two cameras have one name: {', '.join(sorted(self.cameras))}")
+            raise ValueError(f"two cameras have the same name: {', '.join(sorted(self.cameras))}")
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:

@@ -35,5 +35,5 @@ def targets(action: Mapping[str, Any], features: Mapping[str, Any]) -> dict[str,
     found = {name: float(action[name]) for name in features}
     for name, value in found.items():
         if not math.isfinite(value):
-            raise ValueError(f"{name} of the action is {value}, but must be a finite number")
+            raise ValueError(f"{name} of the action is {value}; it must be a finite number")
     return found

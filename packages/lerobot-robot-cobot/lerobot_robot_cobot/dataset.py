@@ -59,7 +59,7 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
         for index in range(len(episode.times_s)):
             frame: dict[str, Any] = {
                 **_numbers(episode, index),
-                "task": episode.about.get("task") or "no task said",
+                "task": episode.about.get("task") or "no task was given",
             }
             for name, pictures in episode.pictures.items():
                 frame[IMAGES + name] = pictures[index]

@@ -99,7 +99,8 @@ class CobotRobot(CalibratedRobot):
         dof = robot.info().DoF
         if dof != len(self.config.joints):
             raise DeviceNotConnectedError(
-                f"robot.joints names {len(self.config.joints)} joints, {self.config.url} has {dof}"
+                f"robot.joints names {len(self.config.joints)} joints, but the robot of "
+                f"{self.config.url} has {dof}"
             )
         if self.config.gripper:
             self._fingers = ServedFingers.of(robot.gripper)

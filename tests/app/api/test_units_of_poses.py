@@ -12,8 +12,8 @@ TURNED = {**DOWN, "b": 180.0}
 FAR = {**DOWN, "x": 450.0, "z": 500.0}
 POINT, FAR_POINT = {"x": 0.4, "y": 0.1, "z": 0.5}, {"x": 400.0, "y": 100.0, "z": 500.0}
 BOX = {"shape": "box", "size": [0.1, 0.1, 0.1]}
-DEGREES = "b: is 180 rad, allowed: -9.5 to 9.5 rad; this looks like degrees, 180 degrees are 3.14159 rad"
-MILLIMETRES = "look like millimetres, positions are in m"
+DEGREES = "b: is 180 rad, allowed: -9.5 to 9.5 rad; this looks like degrees: 180 degrees are 3.14159 rad"
+MILLIMETRES = "look like millimetres; positions are in m"
 VENDOR = {"pose": [0.45, 0.0, 0.5, 180.0, 0.0, 0.0], "v": 0.1, "a": 0.1}
 
 
@@ -156,6 +156,6 @@ def test_milliseconds_and_millimetres_are_named_where_a_limit_is_exceeded(
 
 
 def test_milliseconds_are_named_in_a_query_if_they_would_be_allowed(run: VirtualService) -> None:
-    for wait_s, words in (("30000", "; this looks like milliseconds, 30000 ms are 30 s"), ("3e7", "")):
+    for wait_s, words in (("30000", "; this looks like milliseconds: 30000 ms are 30 s"), ("3e7", "")):
         detail = run.ask("GET", "/jobs/any", params={"wait_s": wait_s}).json()["detail"]
         assert detail.endswith(f"got '{wait_s}'{words}")

@@ -151,7 +151,7 @@ def test_inverse_kinematics_gives_a_start_that_move_joint_reaches(robot: Robot) 
         (
             {"q": [0.0, 0.4, 0.0, -1.0, 0.0, 1.0, 0.0], "duration": 0.01},
             Code.INPUT,
-            "the shortest possible is",
+            "the shortest possible duration is",
         ),
         ({"q": [0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}, Code.COLLISION, "floor"),
     ],

@@ -350,7 +350,7 @@ def test_an_agent_stops_the_arm_for_everybody(cell: Cell) -> None:
 
 OUTSIDE: list[tuple[str, dict[str, Any], str]] = [
     ("plan_to_joints", {"joints": FAR, "speed": 0.1}, "the TCP would be at"),
-    ("plan_to_joints", {"joints": NEAR, "speed": 1.0}, "m/s, the fence permits 0.25 m/s"),
+    ("plan_to_joints", {"joints": NEAR, "speed": 1.0}, "m/s, but the fence permits 0.25 m/s"),
     ("plan_to_pose", {"x": 0.5, "y": 0.0, "z": 0.15, "speed": 0.1}, "the TCP would be at z"),
     (
         "plan_to_pose",

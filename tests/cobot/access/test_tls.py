@@ -54,8 +54,8 @@ def test_one_without_the_other_is_refused(made: Path, text: str) -> None:
     [
         (("none.pem", "good.key"), r"web.tls_certificate: .*none\.pem: cannot be read: No such file"),
         (("good.pem", "none.key"), r"web.tls_key: .*none\.key: cannot be read"),
-        (("text.pem", "good.key"), r"text\.pem: holds no certificate in PEM form"),
-        (("good.pem", "text.pem"), r"text\.pem: holds no key in PEM form"),
+        (("text.pem", "good.key"), r"text\.pem: contains no certificate in PEM form"),
+        (("good.pem", "text.pem"), r"text\.pem: contains no key in PEM form"),
         (("good.pem", "other.key"), r"other\.key is not the key of .*good\.pem"),
         (("broken.pem", "good.key"), r"broken\.pem"),
         (("good.pem", "locked.key"), "the key is encrypted; give the service a key without a passphrase"),

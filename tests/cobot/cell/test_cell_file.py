@@ -51,7 +51,7 @@ def part(**changes: object) -> dict[str, Any]:
         (part(position_m=[0.0, 0.0]), "parts.cube.position_m[2]: is missing"),
         (part(size_m=[0.1, NAN, 0.1]), "parts.cube: size_m: NaN is out of range, allowed: 0.002 to 2 m"),
         (part(size_m=[3.0, 0.1, 0.1]), "parts.cube: size_m: 3.0 is out of range, allowed: 0.002 to 2 m"),
-        (part(size_m=[0.1]), "parts.cube: size_m has 1 length, a box has 3"),
+        (part(size_m=[0.1]), "parts.cube: size_m has 1 length; a box needs 3"),
         (part(shape="mesh"), "parts.cube: file is missing: a mesh needs an STL or OBJ file"),
         (part(shape="cone"), "parts.cube.shape: must be 'box', 'cylinder', 'sphere' or 'mesh', got 'cone'"),
         ({"parts": []}, "parts: must be an object, got []"),
@@ -75,7 +75,7 @@ def part(**changes: object) -> dict[str, Any]:
         ),
         (
             {"switches": {"a": {**GATE, "to_m": GATE["from_m"]}}},
-            "from_m and to_m are the same point, they must be at least 0.001 m apart",
+            "from_m and to_m are the same point; they must be at least 0.001 m apart",
         ),
         (
             {"switches": {"a": {"type": "contact", "body": "b"}}, **part()},
@@ -87,7 +87,7 @@ def part(**changes: object) -> dict[str, Any]:
                     "a": {"type": "distance", "from_m": [0, 0, 1], "direction": [0, 0, 0], "range_m": 1}
                 }
             },
-            "direction is [0, 0, 0], it must not be zero",
+            "direction is [0, 0, 0]; it must not be zero",
         ),
         ({"hand": {"stroke_m": 5.0}}, "hand.stroke_m: must be less than or equal to 0.5, got 5.0"),
         ({"hand": {"tcp_from_tip_m": 0.2}}, "it must be at most the length of a finger, 0.055 m"),
@@ -148,7 +148,7 @@ def test_a_folder_stands_for_its_cell_file_and_a_missing_file_is_named(tmp_path:
         ),
         (part(position_m=[0.6, 0.0, 0.01]), CollisionError, "cube overlap by 15.0 mm at the start"),
         (part(position_m=[0.0, 0.0, 0.3]), CollisionError, "cube overlap"),
-        ({"parts": {"link4": BOX}}, ConfigError, "the arm has a body or site named 'link4': rename"),
+        ({"parts": {"link4": BOX}}, ConfigError, "the arm has a body or site named 'link4': give the entry"),
     ],
 )
 def test_a_cell_that_cannot_be_simulated_is_rejected_with_the_file(

@@ -138,12 +138,15 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
         ({"file": "\x1b[31m.stl"}, "\\x1b[31m.stl: no such file"),
         ({"file": "broken.stl"}, "parts.part.file: broken.stl: is not an STL or OBJ mesh"),
         ({"file": "empty.stl"}, "empty.stl: is not an STL or OBJ mesh"),
-        ({"file": "nan.obj"}, "nan.obj: vertices: one is not finite"),
-        ({"file": "wrong.obj"}, "wrong.obj: triangles: there are none, or one names a vertex"),
+        ({"file": "nan.obj"}, "nan.obj: vertices: a coordinate is not a finite"),
+        (
+            {"file": "wrong.obj"},
+            "wrong.obj: triangles: the mesh has no triangles, or one of them refers to a vertex",
+        ),
         ({"file": "large.stl"}, "large.stl has 20.0 MB, allowed: 20 MB: simplify the mesh"),
         (
             {"scale": 1000.0},
-            "its bounding box is 100 x 40 x 100 m, allowed: edges of 0.002 to 2 m: set scale",
+            "the bounding box is 100 x 40 x 100 m, allowed: edges of 0.002 to 2 m: set scale",
         ),
         ({"scale": 0.0}, "parts.part.scale: must be greater than or equal to 0.000001"),
         (
@@ -151,7 +154,7 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
             "would fit; set tolerance_m, or hull: true",
         ),
         ({"size_m": [0.1, 0.1, 0.1]}, "size_m: a mesh has the size of its file: use scale"),
-        ({"shape": "box"}, "parts.part: file: a box has none; did you mean shape: mesh?"),
+        ({"shape": "box"}, "parts.part: file: a box must not have a file; did you mean shape: mesh?"),
     ],
 )
 def test_a_mesh_that_is_none_is_rejected_with_the_place(

@@ -158,7 +158,7 @@ def test_no_mode_is_entered_while_the_arm_is_streamed_to(robot: Robot) -> None:
 )
 def test_a_session_needs_its_mode(robot: Robot, mode: Mode, start: str) -> None:
     robot.SwitchMode(mode)
-    with pytest.raises(ConflictError, match=f"the mode is {mode.name}, this needs"):
+    with pytest.raises(ConflictError, match=f"the mode is {mode.name}, but this call needs"):
         getattr(robot, start)()
 
 
@@ -222,7 +222,7 @@ def test_what_stays_as_it_is(robot: Robot, service: VirtualService) -> None:
 
 
 def test_a_plan_that_is_unknown_or_out_of_place_is_refused(robot: Robot) -> None:
-    with pytest.raises(ConflictError, match="NRT_PLAN_EXECUTION: call switch_mode first"):
+    with pytest.raises(ConflictError, match="NRT_PLAN_EXECUTION; call switch_mode first"):
         robot.ExecutePlan("PLAN-Home")
     robot.SwitchMode(Mode.NRT_PLAN_EXECUTION)
     with pytest.raises(InputError, match="valid are: PLAN-Home, PLAN-Work"):

@@ -86,9 +86,9 @@ def test_a_program_waits_for_an_input(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"input": "part"}, "a condition is"),
         ({"input": "part", "is": True, "above": 1}, "a condition is"),
         ({"input": "part", "equals": 1}, "a condition is"),
-        ({"input": "part", "is": 1}, "is is 1, must be true or false"),
-        ({"input": "level", "above": True}, "above is true, must be a number"),
-        ({"input": "level", "below": math.nan}, "below is NaN, must be a number"),
+        ({"input": "part", "is": 1}, "is is 1; it must be true or false"),
+        ({"input": "level", "above": True}, "above is true; it must be a number"),
+        ({"input": "level", "below": math.nan}, "below is NaN; it must be a number"),
     ],
 )
 def test_a_condition_of_another_form_is_refused(condition: Any, words: str) -> None:

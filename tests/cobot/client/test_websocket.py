@@ -198,7 +198,7 @@ def _error_of(transport: WebSocketTransport) -> Exception | None:
 
 def test_another_version_of_cobot_is_refused(fake: Fake, url: str) -> None:
     fake.layout += 1
-    with pytest.raises(LayoutError, match=f"has layout version {LAYOUT_VERSION + 1}, this program has"):
+    with pytest.raises(LayoutError, match=f"has layout version {LAYOUT_VERSION + 1}, but this program has"):
         WebSocketTransport(url)
 
 
@@ -265,7 +265,7 @@ def test_a_refusal_of_the_service_is_its_error(fake: Fake, url: str) -> None:
     with pytest.raises(UnavailableError, match=r"^32 connections stream already$"):
         WebSocketTransport(url)
     fake.refusal = 404, b"{}"
-    with pytest.raises(UnavailableError, match="status 404, not a stream of cobot"):
+    with pytest.raises(UnavailableError, match="status 404, so this is not a stream of cobot; check the URL"):
         WebSocketTransport(url)
 
 

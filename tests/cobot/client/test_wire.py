@@ -39,7 +39,7 @@ def test_some_kinds_have_no_record(kind: FrameKind) -> None:
 def test_what_is_no_frame_is_refused() -> None:
     with pytest.raises(InputError, match="begins with 16 bytes of header, got 15 bytes"):
         header(bytes(15))
-    with pytest.raises(LayoutError, match=f"layout version {LAYOUT_VERSION + 1}, this program has"):
+    with pytest.raises(LayoutError, match=f"layout version {LAYOUT_VERSION + 1}, but this program has"):
         header(struct.pack("<IIQ", 1, LAYOUT_VERSION + 1, 0))
     with pytest.raises(InputError, match=r"no binary frame of kind 9; valid are: 1 \(state\), 2"):
         header(struct.pack("<IIQ", 9, LAYOUT_VERSION, 0))

@@ -29,7 +29,7 @@ def test_a_file_holds_only_what_differs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stop", ["{timeout_s: 1.0}", "{enabled: false, timeout_s: 10}", "{enabled: false}"])
 def test_the_stop_stays(tmp_path: Path, stop: str) -> None:
-    with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
+    with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 or more"):
         load_endpoints(write(tmp_path, f"  POST /stop: {stop}\n"))
 
 

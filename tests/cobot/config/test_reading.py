@@ -50,7 +50,7 @@ web:
         ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid are: robot, rt, streaming"),
         (
             "web: {limits: {bodies_bytes: 2000000}}",
-            "web.limits: bodies_bytes: 2000000 has no room for one body of 33554432 bytes",
+            "web.limits: bodies_bytes: is 2000000, but one body may have 33554432 bytes",
         ),
         ("web: {port: 70000}", "web.port: must be less than or equal to 65535, got 70000"),
         ("web: {port: '8007'}", "web.port: must be an integer, got '8007'"),
@@ -160,7 +160,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a}, {model: x.xml}]", "robots[1]: must be a mapping with a name, got {"),
         (
             "robots: [{name: a}, {name: b}, {name: a}]",
-            "robots[2]: the name 'a' is that of robots[0] already",
+            "robots[2]: robots[0] already has the name 'a'; give each robot its own name",
         ),
         (
             "robots: [{name: a, modle: x.xml}]",
@@ -171,9 +171,12 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a}, {name: ../b}]", "robots[1]: robot.name: "),
         (
             "robots: [{name: robots}]",
-            "robots[0]: robot.name: 'robots' is taken: the service has endpoints below",
+            "robots[0]: robot.name: 'robots' is reserved, because the service has endpoints below",
         ),
-        ("robots: [{name: v1}]", "robots[0]: robot.name: 'v1' is taken: the service has endpoints below"),
+        (
+            "robots: [{name: v1}]",
+            "robots[0]: robot.name: 'v1' is reserved, because the service has endpoints below",
+        ),
         ("robots: [{name: 7}]", "robots[0]: robot.name: must be a string, got 7"),
         ("robots: [{name: a, rt: {cup: 1}}]", "robots[0]: rt: unknown key 'cup' (did you mean 'cpu'?)"),
         ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),

@@ -289,8 +289,8 @@ def test_outputs_that_a_driver_cannot_read_are_those_that_it_has_confirmed(
         made.set_output("digital_out/3", 0.0)
         await until(lambda: made.problem != "")
         assert made.problem == (
-            "digital_out/3 cannot be set: the service /arm/set_cgpio_digital has rejected it; see the "
-            "driver's log (ret is 9: ionum=3)"
+            "digital_out/3 cannot be set: the service /arm/set_cgpio_digital has rejected the request; "
+            "see the driver's log (ret is 9: ionum=3)"
         )
         assert "digital_out/3" not in made.values
 
@@ -305,8 +305,8 @@ def test_a_number_that_the_controller_does_not_have_is_unknown_and_named(
         made = polled(driver, "motoros2", "io/19", "io/20")
         await until(lambda: made.values == {"io/20": 1.0} and made.problem != "")
         assert made.problem == (
-            "io/19 cannot be read: the service /arm/read_single_io has rejected it; see the driver's log "
-            "(success is False: Address cannot be read from)"
+            "io/19 cannot be read: the service /arm/read_single_io has rejected the request; see the "
+            "driver's log (success is False: Address cannot be read from)"
         )
         driver.signals["io", 19] = 1
         await until(lambda: made.values == {"io/19": 1.0, "io/20": 1.0} and made.problem == "")
@@ -322,8 +322,8 @@ def test_a_digital_value_other_than_0_and_1_is_unknown_and_named(polled: Callabl
         made = polled(driver, "doosan", "digital_in/1", "analog_in/1")
         await until(lambda: made.values == {"analog_in/1": -1.0} and made.problem != "")
         assert made.problem == (
-            "digital_in/1 cannot be read: the service /arm/get_ctrl_box_digital_input has answered -1, valid "
-            "are 0 and 1"
+            "digital_in/1 cannot be read: the service /arm/get_ctrl_box_digital_input has answered -1; "
+            "valid are 0 and 1"
         )
         driver.signals["ctrl_box_digital_input", 1] = 1
         await until(lambda: made.values.get("digital_in/1") == 1.0 and made.problem == "")
@@ -412,7 +412,7 @@ def test_values_of_a_driver_that_hangs_are_unknown(
         driver.hangs = False
         driver.signals["ctrl_box_digital_output", 1] = 1
         await until(lambda: made.values == {"digital_in/1": 1.0, "digital_out/1": 1.0})
-        await until(lambda: "the device has carried it out late" in made.problem)
+        await until(lambda: "the device has set the output late" in made.problem)
 
     asyncio.run(run())
 

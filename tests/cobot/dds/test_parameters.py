@@ -188,5 +188,5 @@ def test_what_did_not_reach_the_robot_is_not_set(tool: Tool) -> None:
     (result,) = tool.set(fjt_mode=2)
     tool.sent.there = True
     assert not result["successful"]
-    assert "away" in result["reason"]
+    assert "not connected" in result["reason"]
     assert tool.get("fjt_mode") == before

@@ -93,7 +93,7 @@ def test_a_state_is_fresh_or_the_reason_is_known(silent: Silent) -> None:
     silent.memory.state.data["measured_monotonic_ns"] -= 1_000_000_000
     silent.memory.state.publish()
     assert telemetry.read() is None
-    assert telemetry.problem.startswith("not measured for 1.")
+    assert telemetry.problem.startswith("rtloop has measured nothing for 1.")
 
 
 def test_a_measurement_is_sent_once(silent: Silent) -> None:

@@ -210,7 +210,11 @@ def test_the_same_settings_again_never_leave_their_folder_empty(
 def test_a_bundle_that_was_changed_on_its_way_is_refused(service: Service, own: RobotBundles) -> None:
     name = service.send("1", positions=position(0.1))
     service.sent[name] = service.sent[name].replace(b"0.1", b"0.9")
-    with pytest.raises(InputError, match=r"is not that of the bundle [0-9a-f]{8}: its hash differs"):
+    with pytest.raises(
+        InputError,
+        match=r"does not belong to the bundle [0-9a-f]{8}: its hash "
+        r"differs; send the bundle again",
+    ):
         own.stage(name, Role.ADMIN)
     assert service.taught == {}
 
@@ -222,7 +226,8 @@ def test_a_file_and_a_folder_of_one_name_are_named_without_a_path_of_this_comput
     with pytest.raises(InputError) as caught:
         own.stage(service.send("1", settings=files), Role.ADMIN)
     assert str(caught.value) == (
-        "the bundle has a file 'meshes/arm' and the file 'meshes/arm/base.stl' below it; rename one of them"
+        "the bundle has a file 'meshes/arm', which is also the folder of the file "
+        "'meshes/arm/base.stl'; rename one of them"
     )
 
 

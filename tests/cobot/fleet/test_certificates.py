@@ -181,7 +181,7 @@ def test_cobot_check_names_what_is_wrong_with_a_cells_certificate(
 
 
 def test_no_certificate_is_written_over_or_through_a_link(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConflictError, match="has a certificate already"):
+    with pytest.raises(ConflictError, match="already contains a certificate"):
         issue_cell(folder, "one", 30)
     target = tmp_path / "target"
     (folder / "cells" / "two").mkdir()
@@ -203,7 +203,7 @@ def test_the_command_line_makes_them_and_rejects_wrong_names(
         (("cell", "../up"), "'../up' is not valid"),
         (("hub", "a b"), "'a b' is not valid"),
         (("cell", "three", "--days", "0"), "allowed: 1 to 3650"),
-        (("cell", "welding"), "has a certificate already"),
+        (("cell", "welding"), "already contains a certificate"),
     ):
         assert main(["certificate", folder, *words]) == 1
         assert problem in capsys.readouterr().err

@@ -109,7 +109,7 @@ def test_an_error_is_the_answer_of_the_retry_too(clock: Clock, book: CommandBook
     ("changes", "code", "words"),
     [
         ({"issued_s": 1490.0, "expires_s": 1499.0}, "conflict", "1.0 s late and was not executed"),
-        ({"issued_s": 1560.0, "expires_s": 1562.0}, "conflict", "60.0 s ahead of the hub's time"),
+        ({"issued_s": 1560.0, "expires_s": 1562.0}, "conflict", "60.0 s later than the hub's time"),
         ({"expires_s": 1500.0}, "input", "0 s after issued_s, allowed: more than 0 and up to 60 s"),
         ({"expires_s": 1561.0}, "input", "61 s after issued_s"),
         ({"epoch": "bbbbbbbbbbbbbbbb"}, "conflict", "is not the epoch of the current hub"),

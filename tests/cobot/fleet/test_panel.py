@@ -123,7 +123,7 @@ def test_a_request_needs_the_role_that_the_settings_of_the_cell_name(
     cell = Cell(folder, **accept)
     try:
         with pytest.raises(
-            PermissionDenied, match=rf"\(fleet.accept.{setting}\), and ada has the role {role}"
+            PermissionDenied, match=rf"\(fleet.accept.{setting}\), but ada has the role {role}"
         ):
             cell.execute(cell.request(wish, role=role))
         assert cell.audit == []

@@ -158,7 +158,9 @@ def test_it_can_be_cancelled_and_another_one_waits_for_its_end(outs: RollOuts, c
     with pytest.raises(BusyError, match=f"the roll-out {name} of welding 1.4 runs"):
         begin(outs, cells, 0.0)
     until(lambda: order_of(cells, "activate"))
-    with pytest.raises(PermissionDenied, match="started it with the role operator; yours is observer"):
+    with pytest.raises(
+        PermissionDenied, match="started the roll-out with the role operator; your role observer is lower"
+    ):
         outs.cancel(name, "observer")
     outs.cancel(name, "operator")
     until(lambda: outs.get(name)["state"] == "rolled_back")

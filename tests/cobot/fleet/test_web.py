@@ -97,5 +97,5 @@ def test_the_removal_of_a_cell_needs_an_operator(
     token = file.create("bob", role)
     answer = TestClient(app).delete("/cells/one", headers={"Authorization": f"Bearer {token}"})
     assert answer.status_code == status
-    assert ("the removal of a cell needs operator" in answer.text) is (status == 403)
+    assert ("the removal of a cell needs the role operator" in answer.text) is (status == 403)
     assert hub.forgotten == (["one"] if status == 200 else [])

@@ -102,7 +102,7 @@ def test_a_stop_stops_a_command_that_blocks(hand: FrankaHand) -> None:
 def test_a_process_that_is_killed_is_an_error_and_a_new_connection_mends_it(hand: FrankaHand) -> None:
     hand._link._connected._process.kill()  # type: ignore[attr-defined, union-attr]
     hand._link._connected._process.wait()  # type: ignore[attr-defined, union-attr]
-    with pytest.raises(GripperError, match="cannot be reached: its process has ended"):
+    with pytest.raises(GripperError, match="cannot be reached: the process of this connection has ended"):
         hand.state()
     hand.disconnect()
     hand.connect()

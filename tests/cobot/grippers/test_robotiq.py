@@ -262,7 +262,7 @@ def test_a_device_that_is_neither_a_path_nor_an_address_is_rejected(device: str)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"device": "10.0.0.2", "unit": 3}, "unit is for protocol rtu, and the protocol is urcap"),
+        ({"device": "10.0.0.2", "unit": 3}, "unit is for protocol rtu, but the protocol is urcap"),
         ({"device": "10.0.0.2", "baud": 9600}, "baud is for protocol rtu"),
         ({"device": "/dev/ttyUSB0"}, "with urcap it must be HOST or HOST:PORT"),
         ({"device": "10.0.0.2:0"}, "with urcap it must be HOST or HOST:PORT"),

@@ -80,7 +80,7 @@ def test_it_can_do_what_the_hand_of_the_cell_file_can(tmp_path: Path, hand: Hand
 
 
 @pytest.mark.parametrize(
-    ("content", "why"), [(None, "cobot run --cell FILE"), ("floor_m: 0.0\n", r"has none: add `hand: {}`")]
+    ("content", "why"), [(None, "cobot run --cell FILE"), ("floor_m: 0.0\n", r"has no hand; add `hand: {}`")]
 )
 def test_without_a_hand_in_a_cell_the_start_says_what_to_do(
     tmp_path: Path, hand: HandRig, content: str | None, why: str

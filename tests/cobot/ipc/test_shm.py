@@ -170,7 +170,7 @@ def test_a_trajectory_that_does_not_fit_is_refused(robot: str) -> None:
     long = from_hermite(times, *np.zeros((3, len(times), DOF)))
     with pytest.raises(InputError, match=r"the motion has 51 segments, rt\.trajectory_capacity is 50"):
         slot.write(1, long)
-    with pytest.raises(SharedMemoryError, match="the motion has 6 joints, the robot 7"):
+    with pytest.raises(SharedMemoryError, match="the motion has 6 joints, but the robot has 7"):
         slot.write(1, from_hermite(times[:3], *np.zeros((3, 3, DOF - 1))))
     assert slot.head.sequence == 0
 
@@ -220,9 +220,9 @@ def test_a_robot_that_does_not_run_is_named(robot: str) -> None:
         (
             8,
             (LAYOUT_VERSION + 1).to_bytes(4, sys.byteorder),
-            f"has layout version {LAYOUT_VERSION + 1}, this program has {LAYOUT_VERSION}: stop the cobot",
+            f"has layout version {LAYOUT_VERSION + 1}, but this program has {LAYOUT_VERSION}; stop the cobot",
         ),
-        (16, (10**6).to_bytes(4, sys.byteorder), "is shorter than its header says"),
+        (16, (10**6).to_bytes(4, sys.byteorder), "is shorter than its header states"),
     ],
 )
 def test_a_file_of_another_kind_is_refused(robot: str, place: int, raw: bytes, message: str) -> None:

@@ -92,8 +92,8 @@ def test_a_port_in_use_is_that_of_web_port(
         port = taken.getsockname()[1]
         said = started(tmp_path, name, f"web: {{port: {port}}}\n", capsys)
     assert said == (
-        f"web.port: cannot listen on 127.0.0.1 port {port}: Address already in use; set another one, or "
-        "--port 0, which picks a free one"
+        f"web.port: cannot listen on 127.0.0.1 port {port}: Address already in use; set another port, "
+        "or --port 0, which picks a free port"
     )
 
 
@@ -106,7 +106,7 @@ def test_a_port_that_needs_a_privilege_is_that_of_web_port(
     monkeypatch.setattr(socket.socket, "bind", refuse)
     said = started(tmp_path, name, "web: {port: 80}\n", capsys)
     assert said.startswith(
-        "web.port: cannot listen on 127.0.0.1 port 80: Permission denied; set one from 1024"
+        "web.port: cannot listen on 127.0.0.1 port 80: Permission denied; set a port from 1024"
     )
 
 

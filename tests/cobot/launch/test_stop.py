@@ -123,7 +123,7 @@ def test_an_rtloop_that_has_ended_is_not_waited_for(rig: Rig, monkeypatch: pytes
     rig.memory.statistics.publish()
     at_rest, text = said(rig)
     assert not at_rest
-    assert text.endswith(": it is not running")
+    assert text.endswith(": rtloop is not running")
 
 
 def test_several_stop_at_once_and_one_that_does_not_run_fails_all(rig: Rig) -> None:
@@ -184,10 +184,13 @@ def test_who_stops_a_robot_of_another_computer_is_told_what_to_type(
     assert cli.main(["stop"]) == cli.EXIT_FAILED
     said = capsys.readouterr()
     assert (
-        said.out == "no robot is running on this computer; one elsewhere: "
+        said.out == "no robot is running on this computer; for a robot on another computer: "
         "cobot stop --url http://ROBOT:8007\n"
     )
-    hint = f"cobot: the service of COBOT_URL was NOT asked, because it is elsewhere: cobot stop --url {url}\n"
+    hint = (
+        "cobot: the service of COBOT_URL was NOT asked, because it is on another computer: cobot stop "
+        f"--url {url}\n"
+    )
     assert said.err == (hint if url else "")
 
 

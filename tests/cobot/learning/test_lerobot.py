@@ -134,7 +134,7 @@ def test_what_keeps_it_from_the_arm_is_said(plugin: ModuleType, tmp_path: Path) 
 def test_numbers_that_are_none_are_rejected(plugin: ModuleType) -> None:
     from lerobot_robot_cobot.columns import targets
 
-    with pytest.raises(ValueError, match=r"a of the action is nan, but must be a finite number"):
+    with pytest.raises(ValueError, match=r"a of the action is nan; it must be a finite number"):
         targets({"a": float("nan")}, {"a": float})
 
 
@@ -277,7 +277,7 @@ def test_cameras_of_two_arms_have_different_names(plugin: ModuleType) -> None:
         right_arm_config=plugin.CobotArmConfig(),
         cameras={"left_top": Camera()},
     )
-    with pytest.raises(ValueError, match="two cameras have one name: left_top"):
+    with pytest.raises(ValueError, match="two cameras have the same name: left_top"):
         plugin.BiCobotRobot(config)
 
 

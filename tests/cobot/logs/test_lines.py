@@ -120,4 +120,4 @@ def test_the_ids_are_those_of_the_present_context() -> None:
 
 
 def test_a_line_whose_arguments_do_not_fit_is_said_all_the_same() -> None:
-    assert "do not fit" in Line.of(record("%d things", "no number"), "service").message
+    assert "cannot be formatted" in Line.of(record("%d things", "no number"), "service").message

@@ -321,8 +321,9 @@ def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints
     with pytest.raises(CollisionError) as caught:
         ptp(robot, start, goal)
     found = re.fullmatch(
-        r"collision of floor and (link\d) at -?\d+ mm after (\d+) % of the motion \(([\d.]+) s\), "
-        r"at joints \[(.*)\] rad; the deepest is floor and link\d at -\d+ mm after \d+ %; allowed: 5 mm",
+        r"collision of floor and (link\d) at -?\d+ mm after (\d+) % of the motion \(([\d.]+) s\), at "
+        r"joints \[(.*)\] rad; the deepest contact is floor and link\d at -\d+ mm after \d+ %; allowed: "
+        r"5 mm",
         str(caught.value),
     )
     assert found, caught.value

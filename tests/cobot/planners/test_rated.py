@@ -107,7 +107,9 @@ def test_a_duration_is_kept_exactly_and_counts_instead_of_the_rates(
     assert planned(robot, slow).duration_s == pytest.approx(3.0, abs=1e-9)
     with pytest.raises(InputError) as refused:
         plan_rated(robot, replace(slow, duration_s=0.05))
-    shortest = re.search(r"duration is 0.05 s, the shortest possible is ([\d.]+) s", str(refused.value))
+    shortest = re.search(
+        r"duration is 0.05 s; the shortest possible duration is ([\d.]+) s", str(refused.value)
+    )
     assert shortest
     with pytest.raises(LimitError, match="duration is 1e\\+300 s, allowed: up to 86400 s"):
         plan_rated(robot, replace(slow, duration_s=1e300))

@@ -62,7 +62,7 @@ def test_a_chunk_that_claims_gigabytes_is_named_with_its_place() -> None:
     at = chunk_at(content)
     struct.pack_into("<Q", content, at + HEAD.size + 16, CLAIM)
     assert refusal(content) == (
-        f"the chunk at byte {at} claims {CLAIM} bytes uncompressed, at most {MAX_CHUNK_BYTES} are allowed"
+        f"the chunk at byte {at} claims {CLAIM} bytes uncompressed, allowed: {MAX_CHUNK_BYTES}"
     )
 
 
@@ -109,7 +109,7 @@ def test_chunks_that_are_small_alone_are_bounded_together(monkeypatch: pytest.Mo
     bounded_reader(io.BytesIO(content))
     twice = content[:end] + content[at:end] + content[end:]
     assert refusal(twice) == (
-        f"the chunks of the file claim {2 * size} bytes uncompressed, at most {3 * size // 2} fit into "
+        f"the chunks of the file claim {2 * size} bytes uncompressed, but only {3 * size // 2} fit into "
         "memory here"
     )
 

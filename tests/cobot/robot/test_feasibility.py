@@ -82,11 +82,11 @@ def test_a_motion_exactly_at_its_limit_is_accepted_and_one_just_beyond_is_not() 
         (
             [0.0, 1.2],
             9.0,
-            r"from 0\.000 s to 9\.000 s the position of elbow reaches 1\.2 rad, its limit is 1 rad",
+            r"from 0\.000 s to 9\.000 s the position of elbow reaches 1\.2 rad, but its limit is 1 rad",
         ),
-        ([-2.5, 0.0], 9.0, "the position of shoulder reaches -2.5 rad, its limit is -2 rad"),
-        ([0.0, 0.8], 0.75, "the velocity of elbow reaches 2 rad/s, its limit is 1.5 rad/s"),
-        ([0.0, -0.8], 0.75, "the velocity of elbow reaches -2 rad/s, its limit is -1.5 rad/s"),
+        ([-2.5, 0.0], 9.0, "the position of shoulder reaches -2.5 rad, but its limit is -2 rad"),
+        ([0.0, 0.8], 0.75, "the velocity of elbow reaches 2 rad/s, but its limit is 1.5 rad/s"),
+        ([0.0, -0.8], 0.75, "the velocity of elbow reaches -2 rad/s, but its limit is -1.5 rad/s"),
     ],
 )
 def test_the_message_names_joint_quantity_value_and_limit(
@@ -101,9 +101,11 @@ def test_acceleration_and_jerk_are_named_when_only_they_are_too_high() -> None:
     motion = rest_to_rest([0.0, 0.0], [0.0, 0.1], 0.3)
     patient = LIMITS.scaled(1.0, 1.0, 10.0)
     peak, jerk = 10.0 / np.sqrt(3.0) * 0.1 / 0.3**2, 60.0 * 0.1 / 0.3**3
-    with pytest.raises(LimitError, match=rf"acceleration of elbow reaches -?{peak:.6g} rad/s², its limit is"):
+    with pytest.raises(
+        LimitError, match=rf"acceleration of elbow reaches -?{peak:.6g} rad/s², but its limit is"
+    ):
         check_limits(motion, patient)
-    either = f"({jerk:.6g} rad/s³, its limit is 50|-{jerk / 2:.6g} rad/s³, its limit is -50) rad/s³"
+    either = f"({jerk:.6g} rad/s³, but its limit is 50|-{jerk / 2:.6g} rad/s³, but its limit is -50) rad/s³"
     with pytest.raises(LimitError, match=f"jerk of elbow reaches {either}"):
         check_limits(motion, LIMITS.scaled(1.0, 10.0, 1.0))
 

@@ -89,7 +89,7 @@ def test_the_tilt_that_a_person_is_told_is_enough() -> None:
         (tilted((2, 0, 0), (-2, 0, 0), (0, 2, 0), (0, -2, 0)), "nearly the same orientation in all of them"),
         (tilted((0, 0, 0), (0, 0, 30), (0, 0, 60), (0, 0, 90)), r"about one axis only, \(0.00, 0.00, 1.00\)"),
         (tilted((0, 0, 0), (40, 0, 0), (0, 0, 0), (40, 0, 0)), r"about one axis only, \(1.00, 0.00, 0.00\)"),
-        (FOUR[:3], "3 are given, needed are 4 to 20"),
+        (FOUR[:3], "3 are given, allowed: 4 to 20"),
         (FOUR * MAX_POSES, "80 are given"),
     ],
 )

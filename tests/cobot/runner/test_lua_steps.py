@@ -212,7 +212,7 @@ def test_a_sequence_file_is_called(service: Service) -> None:
         ("gripper.grasp {widht = 1}", "unknown key 'widht' .did you mean 'width'"),
         ("press(10)", "press takes a table such as {force = 10}"),
         ("press {}", "press.force: is missing"),
-        ("press {force = 10, max_force = 5}", "press: max_force must be above force: 5 N"),
+        ("press {force = 10, max_force = 5}", "press: max_force is 5 N; it must be above force"),
         ("insert {force = 10}", "insert.depth: is missing"),
         ("search {forse = 10}", "unknown key 'forse' .did you mean 'force'"),
         ("follow {force = 1, motion = {x = 1, y = 0, z = 0}}", "ptp follows no path"),

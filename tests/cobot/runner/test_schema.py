@@ -304,7 +304,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         ),
         (
             [{"press": {**PUSH, "max_force": 5}}],
-            "steps[0].press: max_force must be above force: 5 N, and force is 10 N",
+            "steps[0].press: max_force is 5 N; it must be above force, 10 N",
         ),
         (
             [{"insert": {**PUSH, "depth": 0.1, "direction": {"x": 0, "y": 0, "z": 0}}}],

@@ -73,7 +73,7 @@ def test_numbers_have_defaults_and_bounds() -> None:
     with pytest.raises(BrokenRule, match=r"time must be at most 1 s, got 1\.5"):
         within(1.5, 1.0, "time")
     for value in (True, "1", math.nan, -math.inf, 10**400, [1.0], {}):
-        with pytest.raises(BrokenRule, match="time must be made of finite numbers") as caught:
+        with pytest.raises(BrokenRule, match="time must consist of finite numbers") as caught:
             as_number(value, "time")
         assert caught.value.kind is Refusal.VALUE
         assert len(str(caught.value)) < 200

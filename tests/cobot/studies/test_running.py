@@ -261,7 +261,7 @@ def test_a_folder_without_results_is_an_error_with_advice(tmp_path: Path) -> Non
     with pytest.raises(CobotError, match=r"manifest.json: there is no such file; give a folder"):
         ResultsFolder(tmp_path).study()
     (tmp_path / "manifest.json").write_text(json.dumps({"format": 99}))
-    with pytest.raises(CobotError, match="has format 99, this cobot reads 1"):
+    with pytest.raises(CobotError, match="has format 99, but this cobot reads 1"):
         ResultsFolder(tmp_path).study()
 
 

@@ -366,7 +366,7 @@ def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) ->
         double.be("good")
         until(lambda: points() == expected | {"valve": True})
         until(lambda: bool(points()) and "digital_out/16 is 0 now, " in made.status().text)
-        assert "the device has carried it out late" in made.status().text
+        assert "the device has set the output late" in made.status().text
     finally:
         made.close()
 

@@ -68,7 +68,7 @@ def test_a_part_is_grasped_by_friction_lifted_carried_past_the_light_barrier_and
 
 def test_a_held_part_does_not_creep_while_the_arm_turns_it(arm: CellArm) -> None:
     """Oracle: a rigid grasp. Turning about the first joint at full speed is the hardest: the part is far from
-    the axis, and the centripetal acceleration points along the fingers.
+    the axis; and the centripetal acceleration points along the fingers.
     """
     arm.pick("can")
     before = arm.part_in_tcp("can")

@@ -188,10 +188,14 @@ def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -
         ("ClaimsTorques", "values", r"effort is claimed in capabilities.measured.* it is \[nan nan"),
         ("OneForAll", "calls", r"measured.position is given the shape \(1,\), it has to be \(7,\)"),
         ("Raises", "calls", "KeyError: 'joint8'"),
-        ("RaisesTheUnspeakable", "calls", r"Mute: \(a Mute without text: its str\(\) raises SystemExit\)"),
+        (
+            "RaisesTheUnspeakable",
+            "calls",
+            r"Mute: \(a Mute without a text, because its str\(\) raises SystemExit\)",
+        ),
         ("EndsTheProcess", "calls", "SystemExit: 1"),
         ("ReportsForEver", "io", "there are more than 1000 inputs and outputs, which is the maximum"),
-        ("NamesAnEscape", "io", r"is '\\x1b\[2J', it must be a text of 1 to 1000 printable characters"),
+        ("NamesAnEscape", "io", r"is '\\x1b\[2J'; it must be a text of 1 to 1000 printable characters"),
         ("ClaimsAForce", "claims", "capabilities.wrench requires a method write_wrench"),
         ("SendsTheLast", "staleness", "reach the device 1 cycles after they were written"),
         (

@@ -575,7 +575,7 @@ def test_a_service_called_over_rosbridge_asks_for_its_own_role(guarded: Guarded)
     assert calls(guarded, Role.OBSERVER, f"{robot}/RobotConfig/getDof")[0]
     called, why = calls(guarded, Role.OBSERVER, f"{robot}/MotionControl/stopJoint")
     assert not called
-    assert "the-observer has the role observer, which this does not permit: it needs operator" in why
+    assert "the-observer has the role observer, but this request needs the role operator" in why
     entries = guarded.ask("GET", "/audit", Role.ADMIN).json()["entries"]
     seen = [(entry["who"], entry["what"], entry["outcome"]) for entry in entries]
     assert ("the-observer", f"rosbridge {robot}/MotionControl/stopJoint", "forbidden") in seen

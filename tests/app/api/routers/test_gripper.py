@@ -264,7 +264,7 @@ def test_a_fault_of_the_device_is_the_reason_of_a_failed_command(run: Run) -> No
         ({"force": 10**400}, "force is 1000"),
         ({"temperature": float("-inf")}, "temperature is -Infinity"),
         ({"moving": "no"}, "moving is 'no'"),
-        ({"object": "held_inside"}, "object is 'held_inside', must be a HeldObject"),
+        ({"object": "held_inside"}, "object is 'held_inside'; it must be a HeldObject"),
         ({"fault": None}, "fault or a key of ages_s is null"),
         ({"ages_s": {"width": "old"}}, "ages_s, width is 'old'"),
     ],

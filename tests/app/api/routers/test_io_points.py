@@ -89,7 +89,7 @@ def test_the_python_client_sets_one_while_the_arm_moves(run: ServiceOfArm) -> No
     ("name", "value", "status", "code", "text"),
     [
         ("Gripper.Shut", True, 404, "not_found", f"outputs are: {CLOSE}, {FORCE}, {SPEED}"),
-        (PART, False, 422, "input", "is an input: only the device sets it"),
+        (PART, False, 422, "input", "is an input, which only the device sets; name an output"),
         (CLOSE, 1, 422, "input", "boolean: true or false, got 1"),
         (SPEED, True, 422, "input", "digital: a number, got true"),
         (SPEED, 1.5, 422, "input", "a whole number, got 1.5"),

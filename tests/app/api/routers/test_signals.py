@@ -102,12 +102,12 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
         (
             {"actions": [{"at": {"fraction": 0.5}, "set": {"output": "part", "value": True}}]},
             422,
-            "actions[0].set: part is an input: only the device sets it",
+            "actions[0].set: part is an input, which only the device sets; name an output",
         ),
         (
             {"actions": [{"at": {"fraction": 0.5}, "set": {"output": "glue", "value": 2}}]},
             422,
-            "actions[0].set: glue is boolean: true or false, got 2",
+            "actions[0].set: glue is boolean: the value must be true or false, got 2",
         ),
         (
             {"actions": [{"at": {"fraction": 0.5, "time_s": 1.0}, "event": "half"}]},

@@ -291,7 +291,9 @@ def test_a_first_target_that_is_too_far_away_is_answered_once(
         run.sleep(1 / 30)
     error = client.answer()
     assert (error["type"], error["code"], error["about"]) == ("error", "input", "target")
-    assert "joint1 is at 0.000, the target has 0.800: 0.800 apart. A stream begins where" in error["detail"]
+    assert ("joint1 is at 0.000, but the target is at 0.800: 0.800 apart. A stream must begin") in error[
+        "detail"
+    ]
     sway(run, client, 0.5)
     client.send("end")
     assert client.answer()["type"] == "session_ended", "no second error before it"

@@ -210,7 +210,7 @@ def test_a_load_that_the_drives_cannot_hold_where_the_arm_is_is_refused(robot: V
     heavy = {"mass": 14.0, "centre": [2.0, 0.0, 0.0]}
     refused = have(robot, **heavy)
     assert refused.status_code == 422
-    assert "N·m to hold 14 kg in the current position, its limit is" in refused.json()["detail"]
+    assert "N·m to hold 14 kg in the current position, but its limit is" in refused.json()["detail"]
     assert robot.app.state.services.robot.model.tool.mass == 0.0
 
 

@@ -126,11 +126,11 @@ def broken(settings: Settings, **changes: Any) -> bytes:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"format": 2}, "has the format 2, this cobot reads 1"),
-        ({"cobot": "99.0.1"}, "made by cobot 99.0.1, this is .*: update cobot first"),
-        ({"robots": {"other": []}}, "is of other robots"),
-        ({"robots": {"arm": ["joint1"]}}, "is of other robots"),
-        ({"robots": None}, "is of other robots"),
+        ({"format": 2}, "has the format 2, but this cobot reads the format 1"),
+        ({"cobot": "99.0.1"}, "made by cobot 99.0.1, but this is .*; update cobot first"),
+        ({"robots": {"other": []}}, "belongs to other robots"),
+        ({"robots": {"arm": ["joint1"]}}, "belongs to other robots"),
+        ({"robots": None}, "belongs to other robots"),
         ({"files": {"robots/arm/../../x.json": b"{}"}}, "is not a file of a backup"),
         ({"files": {"../x": b""}}, "is not a file of a backup"),
         ({"files": {"/etc/passwd": b""}}, "is not a file of a backup"),
@@ -138,7 +138,7 @@ def broken(settings: Settings, **changes: Any) -> bytes:
         ({"files": {"robots/else/tool.json": b"{}"}}, "is not a file of a backup"),
         ({"files": {"robots/arm/programs/a/0.json": b"{}"}}, "is not a file of a backup"),
         ({"files": {"robots/arm/programs/../1.json": b"{}"}}, "is not a file of a backup"),
-        ({"files": {"robots/arm/programs/a/1.json": b"{}"}}, "another program, or another version"),
+        ({"files": {"robots/arm/programs/a/1.json": b"{}"}}, "a different program or version"),
         ({"files": {"robots/arm/tool.json": b"{"}}, "is not JSON"),
         ({"files": {"robots/arm/tool.json": b"[" * 100_000}}, "is not JSON"),
         ({"files": {"robots/arm/tool.json": b"[]"}}, "is not a JSON object"),
@@ -148,7 +148,10 @@ def broken(settings: Settings, **changes: Any) -> bytes:
         ({"files": {"robots/arm/positions.json": b'{"a": 1}'}}, "is not valid"),
         ({"files": {"settings.yaml": b"robot: {name: [}"}}, "settings.yaml of the backup"),
         ({"files": {"settings.yaml": b"robot: {nome: arm}\n"}}, "settings.yaml of the backup"),
-        ({"files": {"settings.yaml": b"robot: {name: other}\n"}}, "has the robots other; this cobot has arm"),
+        (
+            {"files": {"settings.yaml": b"robot: {name: other}\n"}},
+            "contains the robots other, but this cobot has arm",
+        ),
     ],
 )
 def test_a_backup_that_does_not_fit_changes_nothing(config: Path, changes: dict[str, Any], said: str) -> None:

@@ -155,5 +155,5 @@ def test_of_an_arm_that_is_never_free_the_pair_is_named_that_touches_most(tmp_pa
         home_posture.positions(Path("arm.urdf"), robot.model, Touching(), "base_link", {}, [])
     assert str(refusal.value).startswith("arm.urdf: the arm touches itself in each of 500 positions, ")
     assert str(refusal.value).endswith(
-        "disable the pairs in an SRDF (--srdf), otherwise correct their shapes"
+        "disable the pairs in an SRDF (--srdf); otherwise correct their shapes"
     )

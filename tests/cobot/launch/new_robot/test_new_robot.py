@@ -60,7 +60,7 @@ def test_streams_keep_less_distance_where_links_are_always_near_each_other(tmp_p
     new.write(tmp_path / "near")
     assert load_settings(tmp_path / "near" / "cobot-setting.yaml").streaming.collision_margin_m == 0.01
     (said,) = (each for each in new.guessed if each.startswith("streaming."))
-    assert "0.010: link3 and link5 are always within the usual 20 mm, 13 mm at least" in said
+    assert "0.010: link3 and link5 are always closer than the usual 20 mm, but at least 13 mm apart" in said
     file.write_text(urdf(ARMS["ur"]))
     NewRobot(file).write(tmp_path / "far")
     assert load_settings(tmp_path / "far" / "cobot-setting.yaml").streaming.collision_margin_m == 0.02

@@ -299,7 +299,7 @@ def test_a_mesh_that_is_missing_is_left_out_by_the_option_that_is_offered(tmp_pa
     new = NewRobot(tmp_path / "arm.urdf", skip_missing_meshes=True)
     new.write(tmp_path / "second")
     assert f"link0: mesh '{name}' is missing and left out" in new.guessed
-    assert "no collision shape, so nothing keeps them from touching: link0" in new.guessed
+    assert "links without a collision shape, so their collisions are not detected: link0" in new.guessed
 
 
 def test_a_shape_that_is_a_point_is_left_out_and_said(tmp_path: Path) -> None:
@@ -338,7 +338,9 @@ def test_what_is_only_seen_is_not_needed_and_links_without_a_shape_are_named(tmp
     (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace(BALL, seen, 2))
     new = NewRobot(tmp_path / "arm.urdf")
     new.write(tmp_path / "arm")
-    assert "no collision shape, so nothing keeps them from touching: link0, link1" in new.guessed
+    assert (
+        "links without a collision shape, so their collisions are not detected: link0, link1"
+    ) in new.guessed
 
 
 def test_a_mesh_of_another_format_is_to_be_converted(tmp_path: Path) -> None:
@@ -355,7 +357,7 @@ def test_degrees_in_the_file_are_asked_about(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('upper="2.9"', 'upper="170"', 1))
     new = NewRobot(tmp_path / "arm.urdf")
     new.write(tmp_path / "arm")
-    assert "a0: position -2.9 to 170 rad as in the file, these look like degrees" in new.guessed
+    assert "a0: position -2.9 to 170 rad as in the file; these values look like degrees" in new.guessed
 
 
 def test_millimetres_in_the_file_are_refused_by_its_name(tmp_path: Path) -> None:

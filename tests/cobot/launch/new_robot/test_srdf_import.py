@@ -116,7 +116,7 @@ def test_what_cannot_be_taken_over_is_rejected(
 
 def test_a_group_without_an_srdf_and_a_file_that_is_none_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]))
-    with pytest.raises(ConfigError, match="give that too, with --srdf FILE"):
+    with pytest.raises(ConfigError, match="also give the SRDF, with --srdf FILE"):
         NewRobot(tmp_path / "arm.urdf", group="arm").write(tmp_path / "made")
     with pytest.raises(ConfigError, match=r"none\.srdf: does not exist"):
         NewRobot(tmp_path / "arm.urdf", srdf=tmp_path / "none.srdf").write(tmp_path / "made")

@@ -101,7 +101,7 @@ def test_the_width_of_a_linkage_is_that_between_its_tips(linkage: tuple[Settings
     assert found.max_force_n == pytest.approx(5.0 / (2 * KNUCKLE_M), rel=2e-2)
     further_m = KNUCKLE_M * (np.cos(closed) - np.cos(0.7))
     assert f"0 to {1e3 * found.stroke_m:.3g} mm wide between the ends" in said
-    assert f"closed it is at {closed:.4g} rad and they reach {1e3 * further_m:.0f} mm further out" in said
+    assert f"and at {closed:.4g} rad when closed and they reach {1e3 * further_m:.0f} mm further out" in said
 
 
 def test_the_width_of_a_jaw_is_that_between_its_end_and_the_fixed_finger(jaw: tuple[Settings, str]) -> None:
@@ -255,7 +255,13 @@ SECOND = part("thumb", "palm", turns("0 0.03 0.02", -0.2, 1.2), "0.01 0.02 0.1",
 @pytest.mark.parametrize(
     ("fingers", "why"),
     [
-        (JAW + SECOND, "cobot simulates fingers that one joint moves, these have 2: jaw_joint, thumb_joint"),
+        (
+            JAW + SECOND,
+            (
+                "cobot simulates fingers that one joint moves, but these have 2 such joints: jaw_joint, "
+                "thumb_joint"
+            ),
+        ),
         (JAW.replace('lower="-0.2" upper="1.2"', 'lower="0" upper="0.01"'), "jaw_joint turns by 0.01 rad"),
         (PALM + JAW[JAW.index('<link name="jaw"') :], "it has no second finger where the first one ends"),
         (LINKAGE.replace('lower="-0.3"', 'lower="0.3"'), "the ends of its fingers are 45.5 to 87.3 mm apart"),

@@ -191,7 +191,7 @@ def test_where_the_way_through_the_corner_touches_something_it_is_rounded_less_o
     ("radii", "message"),
     [
         ([0.05], r"radii: 3 motions have 2 corners, got 1 radii"),
-        ([0.05, -0.1], r"radii\[1\]: is -0.1 m, must be 0 or more"),
+        ([0.05, -0.1], r"radii\[1\]: is -0.1 m; it must be 0 or more"),
         ([float("nan"), 0.0], r"radii\[0\]: is nan m"),
     ],
 )

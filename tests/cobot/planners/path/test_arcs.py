@@ -89,7 +89,7 @@ def test_a_centre_and_a_goal_make_the_short_arc_and_with_an_axis_the_one_by_the_
             None,
             None,
             (-0.1, 0.12, 0),
-            r"start is 100\.00 mm from the centre, the goal 120\.00",
+            r"start is 100\.00 mm from the centre, and the goal 120\.00",
         ),
         ((-0.1, 0, 0), None, None, (-0.2, 0, 0), "on one line; send an axis"),
         ((-0.1, 0, 0), (1, 0, 0), None, (-0.1, 0.1, 0), r"the start is 100\.00 mm outside the plane"),

@@ -226,7 +226,9 @@ def test_a_circle_that_turns_a_joint_once_round_is_possible_but_does_not_end_whe
     request = MotionRequest(start, NOWHERE, PlannerName.CIRC, FULL, arc=arc)
     trajectory = moved(robot, request)
     assert trajectory.end[0] == pytest.approx(start[0] + 2.0 * np.pi, abs=1e-6)
-    assert trajectory.note.startswith("the motion does not end in the joints it began with: circ: the path")
+    assert trajectory.note.startswith(
+        "the motion does not end in the joints in which it began: circ: the path"
+    )
     with pytest.raises(UnreachableError, match=r"joint1 at 3\.0832 rad instead of -3\.2000 rad"):
         plan(robot, replace(request, cyclic=True))
 

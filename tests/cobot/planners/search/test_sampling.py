@@ -205,7 +205,7 @@ def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_p
     monkeypatch.setattr(sampling, "find_path", find_none)
     with pytest.raises(PlanningError) as caught:
         planned(wall(robot, tmp_path), "chomp", *sides(robot))
-    pattern = r"chomp: found no free path near the straight line: .* still at -?\d+ mm; try ompl"
+    pattern = r"chomp found no free path near the straight line: .* still at -?\d+ mm; try ompl"
     assert re.match(pattern, str(caught.value))
     assert re.search(r"after \d+ % of the path link\d and post still at", str(caught.value))
 

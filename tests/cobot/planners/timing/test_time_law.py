@@ -395,6 +395,6 @@ def test_what_the_drives_cannot_even_hold_is_refused_with_the_joint_and_the_plac
 ) -> None:
     stretched = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0])
     path = JointCurve.straight(stretched, stretched + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    message = r"joint\d needs \d+\.?\d* N·m to hold the arm at \d+ % of the path, its limit is \d+ N·m"
+    message = r"joint\d needs \d+\.?\d* N·m to hold the arm at \d+ % of the path, but its limit is \d+ N·m"
     with pytest.raises(PlanningError, match=message):
         time_optimal(carrying(robot, 40.0), path, planned_limits(robot))

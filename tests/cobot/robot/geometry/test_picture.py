@@ -113,7 +113,12 @@ VISUAL = "visuals: [{{link: {link}, shape: {shape}, position: [0, 0, 0], quatern
 @pytest.mark.parametrize(
     ("link", "shape", "more", "words"),
     [
-        ("elbow", "box", ", size: [1, 1, 1]", "name the link 'elbow'; the model has: "),
+        (
+            "elbow",
+            "box",
+            ", size: [1, 1, 1]",
+            "name the link 'elbow', which the model does not have; valid are: ",
+        ),
         ("link1", "box", "", "a box needs size"),
         ("link1", "cylinder", ", radius: [1]", "a cylinder needs length"),
         ("link1", "mesh", "", "a mesh needs file"),

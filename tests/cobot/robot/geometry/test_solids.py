@@ -170,8 +170,8 @@ def test_an_open_mesh_is_its_surface():
     ("vertices", "triangles", "message"),
     [
         (CUBE, [[0, 1, 8]], "there is no vertex 8; valid are 0 to 7"),
-        (CUBE, np.zeros((0, 3), int), "there are none"),
-        (CUBE, [[0, 0, 1]], "none has an area"),
+        (CUBE, np.zeros((0, 3), int), "the file contains none"),
+        (CUBE, [[0, 0, 1]], "all have the area 0"),
         (CUBE * 0.0, [[0, 1, 2]], "all at the same place"),
         (CUBE, [[0, 1, 2]] * 20_001, "at most 20000 are allowed, got 20001"),
     ],

@@ -19,7 +19,7 @@ def test_functions_of_installed_modules_can_be_asked() -> None:
     with pytest.raises(CobotError, match=r"function: math: no such module|cannot be called"):
         study_of(document).kernel()
     study = study_of(document | {"function": "statistics:NormalDist", "space": {"mu": {"values": [1]}}})
-    assert study.kernel()(0, 1)["failure"][0].startswith("result 'value': is a NormalDist, must be")
+    assert study.kernel()(0, 1)["failure"][0].startswith("result 'value': is a NormalDist; it must be")
 
 
 def test_a_seed_belongs_to_a_task_and_not_to_a_chunk(tmp_path: Path) -> None:
@@ -37,8 +37,8 @@ def test_whatever_a_function_does_is_a_reason_and_no_end(tmp_path: Path) -> None
     assert reasons[0, 0] == ""
     assert reasons[1, 0] == "result '': is the name of a parameter or not a valid name; return another one"
     assert reasons[2, 0].startswith("result 'a': is the name of a parameter")
-    assert reasons[3, 0] == "result 'value': is an integer with 1329 bits, which no float holds"
-    assert reasons[4, 0] == "result 'value': is a NoneType, must be a number, bool or text"
+    assert reasons[3, 0] == "result 'value': is an integer with 1329 bits, which is too large for a float"
+    assert reasons[4, 0] == "result 'value': is a NoneType; it must be a number, bool or text"
 
 
 @pytest.mark.parametrize(

@@ -134,8 +134,8 @@ def test_a_search_finds_a_placement_as_good_as_a_grid(tmp_path: Path) -> None:
     ("space", "more", "message"),
     [
         ({"base_x": {"values": [0]}}, {}, r"space: unknown parameter 'base_x' \(did you mean 'base_x_m'\?\)"),
-        ({}, {"metric": "duration_s"}, "program: is missing, the metric duration_s needs it"),
-        ({}, {"targets": None}, "targets: is missing, the metric share needs it"),
+        ({}, {"metric": "duration_s"}, "program: is missing; the metric duration_s needs it"),
+        ({}, {"targets": None}, "targets: is missing; the metric share needs it"),
         ({}, {"metric": "duration_s", "program": [{"to": "home"}] * 2}, "goal: is missing; give min"),
     ],
 )

@@ -191,7 +191,7 @@ def test_a_space_that_is_out_of_reach_says_what_is_nearest() -> None:
         ({"metod": "ik"}, r"unknown key 'metod' \(did you mean 'method'\?\); valid are: "),
         ({"method": "best"}, "method: must be 'ik', 'free' or 'lin', got 'best'"),
         ({"method": "lin"}, "start: must be given for the method lin"),
-        ({"start": "home"}, "start: must be given for the method lin and for no other, the method is free"),
+        ({"start": "home"}, "start: must be given for the method lin and for no other; the method is free"),
         (
             {"approach": "up"},
             r"approach: must be down, inward, a number of directions from 1 to 1000, .* got 'up'",
@@ -202,7 +202,7 @@ def test_a_space_that_is_out_of_reach_says_what_is_nearest() -> None:
         ({"space": {"spacing_m": 0.1}}, "space: must have either box or mesh"),
         (
             {"space": {"box": {"low": [1, 0, 0], "high": [0, 0, 0]}, "spacing_m": 0.1}},
-            "low x is 1, must be at most",
+            "low x is 1; it must be at most",
         ),
         (
             {"space": {"box": {"low": [0, 0, 0], "high": [1, 1, 1]}, "spacing_m": 0}},
@@ -221,7 +221,7 @@ def test_a_bad_study_names_the_key_and_what_is_valid(more: dict[str, Any], messa
     ("more", "message"),
     [
         ({"method": "lin", "start": "hom"}, r"start: unknown position 'hom' \(did you mean 'home'\?\)"),
-        ({"method": "lin", "start": [0.0, 1.0]}, "start: has 2 angles, the arm has 7 joints"),
+        ({"method": "lin", "start": [0.0, 1.0]}, "start: has 2 angles, but the arm has 7 joints"),
         ({"robot": {"name": "iwa"}}, r"robot.name: unknown robot 'iwa' \(did you mean 'iiwa'\?\)"),
         ({"robot": {"settings": "none.yaml"}}, "none.yaml: no such file"),
         ({"robot": {"scene": "none.json"}}, "robot.scene: .*none.json: no such file"),
@@ -240,13 +240,13 @@ def test_a_bad_study_names_the_key_and_what_is_valid(more: dict[str, Any], messa
         ),
         (
             {"robot": {"objects": {"a": {"shape": "sphere", "size": [1.0], "pose": [0] * 7}}}},
-            "robot.objects.a.pose: the quaternion w, x, y, z has length 0, must be 1",
+            "robot.objects.a.pose: the quaternion w, x, y, z has length 0; it must be 1",
         ),
         (
             {"space": {"mesh": {"file": "none.stl"}, "spacing_m": 0.1}},
             "space.mesh.file: .*none.stl: no such file",
         ),
-        ({"space": {"box": {"low": [0] * 3, "high": [9] * 3}, "spacing_m": 0.001}}, "use a larger one"),
+        ({"space": {"box": {"low": [0] * 3, "high": [9] * 3}, "spacing_m": 0.001}}, "use a larger spacing"),
     ],
 )
 def test_a_study_that_contradicts_the_robot_says_so_before_it_begins(

@@ -423,7 +423,7 @@ class Silent(Exception):
     [
         (NetworkException("libfranka: gone\n  for good"), "gone for good"),
         (NetworkException("\x1b[31mgone\0\ud800"), r"\x1b[31mgone\x00\ud800"),
-        (Silent(), "(a Silent without text: its str() raises SystemExit)"),
+        (Silent(), "(a Silent without a text, because its str() raises SystemExit)"),
     ],
 )
 def test_what_the_library_says_is_one_printable_line(error: Exception, words: str) -> None:

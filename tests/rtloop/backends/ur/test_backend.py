@@ -452,7 +452,7 @@ def test_an_output_that_a_relay_delivers_late_is_named(
     send_and_lose(backend, way, monkeypatch, relay=True)
     assert way.controller.digital_out == 1 << 3
     text = backend.status().text
-    assert re.search(r"digital_out_3 is 1 now, 3\.\d s after the request: .* carried it out late", text), text
+    assert re.search(r"digital_out_3 is 1 now, 3\.\d s after the request: .* set the output late", text), text
     reset(backend)
     backend.set_output("digital_out_3", 0.0)
     assert "digital_out_3" not in backend.status().text

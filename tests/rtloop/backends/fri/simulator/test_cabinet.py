@@ -235,10 +235,18 @@ def test_rubbish_is_counted_and_nothing_else(make: Make) -> None:
 @pytest.mark.parametrize(
     ("kind", "value", "text"),
     [
-        (IoType.BOOLEAN, float("nan"), "Out is boolean: 0 or 1, got nan"),
-        (IoType.BOOLEAN, 7.0, "Out is boolean: 0 or 1, got 7"),
-        (IoType.DIGITAL, float("inf"), "Out is digital: a whole number from 0 to 9007199254740991, got inf"),
-        (IoType.DIGITAL, -1.0, "Out is digital: a whole number from 0 to 9007199254740991, got -1"),
+        (IoType.BOOLEAN, float("nan"), "Out is boolean: the value must be 0 or 1, got nan"),
+        (IoType.BOOLEAN, 7.0, "Out is boolean: the value must be 0 or 1, got 7"),
+        (
+            IoType.DIGITAL,
+            float("inf"),
+            "Out is digital: the value must be a whole number from 0 to 9007199254740991, got inf",
+        ),
+        (
+            IoType.DIGITAL,
+            -1.0,
+            "Out is digital: the value must be a whole number from 0 to 9007199254740991, got -1",
+        ),
         (IoType.ANALOG, float("-inf"), "Out: the value is not finite"),
     ],
 )

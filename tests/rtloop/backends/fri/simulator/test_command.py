@@ -31,9 +31,12 @@ from rtloop.backends.simulators.udp_server import UdpServer
             "--overlay torque needs --control-mode joint-impedance, got position",
         ),
         (["--io", "Tool:boolean"], "'Tool:boolean' is not NAME:TYPE:WAY[=VALUE]"),
-        (["--io", "A:boolean:output=nan"], "A is boolean: 0 or 1, got nan"),
-        (["--io", "A:boolean:input=7"], "A is boolean: 0 or 1, got 7"),
-        (["--io", "A:digital:output=1e400"], "A is digital: a whole number from 0 to 9007199254740991, got"),
+        (["--io", "A:boolean:output=nan"], "A is boolean: the value must be 0 or 1, got nan"),
+        (["--io", "A:boolean:input=7"], "A is boolean: the value must be 0 or 1, got 7"),
+        (
+            ["--io", "A:digital:output=1e400"],
+            "A is digital: the value must be a whole number from 0 to 9007199254740991, got",
+        ),
         (["--io", "A:analog:output=inf"], "A: the value is not finite"),
     ],
 )

@@ -90,8 +90,8 @@ def test_control_says_how_it_is_and_does_what_it_is_told(control: ControlServer)
         (b'{"io": {"Other": 1}}', "'Other' is not registered; ['Tool.Open'] are"),
         (b'{"push": [1e300, 0, 0, 0, 0, 0]}', "push[0]: must be less than or equal to 1000"),
         (b'{"push": [0, NaN, 0, 0, 0, 0]}', "push[1]: must be "),
-        (b'{"io": {"Tool.Open": NaN}}', "Tool.Open is boolean: 0 or 1, got nan"),
-        (b'{"io": {"Tool.Open": 1e400}}', "Tool.Open is boolean: 0 or 1, got inf"),
+        (b'{"io": {"Tool.Open": NaN}}', "Tool.Open is boolean: the value must be 0 or 1, got nan"),
+        (b'{"io": {"Tool.Open": 1e400}}', "Tool.Open is boolean: the value must be 0 or 1, got inf"),
     ],
 )
 def test_control_refuses_in_words(control: ControlServer, line: bytes, text: str) -> None:
