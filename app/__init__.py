@@ -12,5 +12,5 @@ from pydantic import BaseModel
 from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 BaseModel.model_config["defer_build"] = True
-# FastAPI silences it too, but only while a route is made.
+# FastAPI silences this warning too, but only while a route is made.
 warnings.simplefilter("ignore", UnsupportedFieldAttributeWarning)

@@ -30,7 +30,7 @@ def start() -> int:
 
 
 if __name__ == "__main__":
-    atexit.register(gc.freeze)  # as in `cobot.__main__`
+    atexit.register(gc.freeze)  # same reason as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     set_niceness(Niceness.PROMPT, session=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 def read_arguments() -> argparse.Namespace:
     """Read the arguments that `cobot run` passes to the service."""
     parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
-    parser.add_argument("--config", type=Path, help="settings file; default: the one that ships with cobot")
+    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
     parser.add_argument(
         "--source", type=Path, help="the file that the user edits, if the settings file is a copy of it"
     )

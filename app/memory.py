@@ -15,7 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
-"""Interval between two checks of the memory, s. It grows to the second value while freeing has no effect."""
+"""First and longest interval between two checks of the memory, s. The interval grows while freeing has no
+effect."""
 GROWTH = 1.05
 """Factor of growth above which memory is freed. Freeing takes some milliseconds."""
 ARENAS = 2
@@ -53,6 +54,6 @@ async def _give_back(resident_bytes: Callable[[], int]) -> None:
             wait_s = LOOK_S
             continue
         wait_s = min(2.0 * wait_s, MAX_S)
-        gc.collect()  # also clears the lists of free objects, of which one is enough to hold a megabyte
+        gc.collect()  # also clears the lists of free objects; one free object is enough to retain a megabyte
         with contextlib.suppress(AttributeError):
             await asyncio.to_thread(_libc.malloc_trim, 0)

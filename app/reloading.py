@@ -128,7 +128,7 @@ class Reloading:
                 claims.enter_context(owner.claim(caller))
                 await _require_rest(services)
             read = await asyncio.to_thread(self._read)
-            for services in robots.values():  # a local client needs no claim to stream
+            for services in robots.values():  # a local client streams without a claim
                 await _require_rest(services)
             for name in read.new_limits:
                 _require_within(robots[name], read.robots[name].limits)
@@ -261,8 +261,8 @@ async def _require_rest(services: Services) -> None:
     state = await services.link.await_fresh_state(STATE_TIMEOUT_S)
     if state.mode not in RESTING or state.session or not state.settled:
         raise ConflictError(
-            f"robot {services.robot.name} is not at rest (mode {state.mode.name}): the configuration can be "
-            f"reloaded only while nothing moves"
+            f"robot {services.robot.name} is not at rest (mode {state.mode.name}); the configuration "
+            "can be reloaded only while nothing moves"
         )
 
 
@@ -272,7 +272,7 @@ def _require_within(services: Services, limits: JointLimits) -> None:
     try:
         check_positions(limits, position, f"robot {services.robot.name} is outside the new limits: the angle")
     except LimitError as exc:
-        raise ConflictError(f"{exc}; move it there first") from exc
+        raise ConflictError(f"{exc}; first move the arm inside the new limits") from exc
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:

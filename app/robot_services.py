@@ -177,7 +177,7 @@ def _services(
 ) -> Services:
     """Make all services of one robot, each after the services that it depends on."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
-    # The timeout of a motion refers to full speed.
+    # The timeout of a motion assumes full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     cell = cell_of(settings)

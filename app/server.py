@@ -110,7 +110,7 @@ def main(
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    if secure:  # programs that are started here trust the certificate, regardless of its host names
+    if secure:  # programs that are started here trust the certificate for any host name
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
     app.state.losses = SupervisorLosses(arguments.losses_fd)
@@ -129,7 +129,7 @@ def main(
         timeout_keep_alive=int(limits.idle_timeout_s),
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
-        proxy_headers=False,  # the client is the peer of the connection, regardless of its headers
+        proxy_headers=False,  # the client is the peer of the connection; headers do not count
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )

@@ -76,7 +76,7 @@ class Tolerance:
             if excess[joint] > 0.0:
                 off, limit = abs(error[joint]), allowed[joint]
                 unit = limits.unit(joint, derivative)
-                return f"{limits.names[joint]} is off by {off:.4g} {unit}, {limit:.4g} are allowed"
+                return f"{limits.names[joint]} is off by {off:.4g} {unit}, allowed: {limit:.4g}"
         return ""
 
 
@@ -115,8 +115,9 @@ class FjtGoal:
         allowed = f" and goal_time_tolerance ({self.late_s:g} s)" if bounded else ""
         way = "; raise goal_time_tolerance, or set it to 0" if bounded else ""
         return (
-            f"not arrived within the trajectory's time ({self.points[-1].time_from_start_s:g} s){allowed}: "
-            f"the motion was planned to take {planned_s:.3f} s{way}"
+            "the arm did not arrive within the trajectory's time "
+            f"({self.points[-1].time_from_start_s:g} s){allowed}: the motion was planned to take "
+            f"{planned_s:.3f} s{way}"
         )
 
 
@@ -153,7 +154,7 @@ def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
     """Return the index of each of the robot's joints in the goal's joint_names."""
     if sorted(given) != sorted(names):
         raise JointsError(
-            f"joint_names must be {', '.join(names)} in any order: {_name_errors(given, names)}"
+            f"joint_names must be {', '.join(names)}, in any order: {_name_errors(given, names)}"
         )
     return [given.index(name) for name in names]
 
@@ -164,7 +165,7 @@ def _name_errors(given: list[str], names: tuple[str, ...]) -> str:
     twice = [name for name, count in Counter(given).items() if count > 1 and name in names]
     wrong = [
         f"{verb} {', '.join(map(shown, found[:SHOWN_NAMES]))}"
-        for verb, found in (("missing are", missing), ("unknown are", unknown), ("twice there are", twice))
+        for verb, found in (("missing:", missing), ("unknown:", unknown), ("listed twice:", twice))
         if found
     ]
     return "; ".join(wrong)
@@ -178,11 +179,11 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
     if len(late):
         index = int(late[0]) + 1
         raise GoalError(
-            f"points[{index}]: time_from_start must increase strictly, it is {times[index]:g} s after "
-            f"{times[index - 1]:g} s; {_retimed(times, index)}"
+            f"points[{index}]: time_from_start must increase strictly, but it is {times[index]:g} s "
+            f"after {times[index - 1]:g} s; {_retimed(times, index)}"
         )
     if times[0] < 0.0:
-        raise GoalError(f"points[0]: time_from_start is {times[0]:g} s, must not be negative")
+        raise GoalError(f"points[0]: time_from_start is {times[0]:g} s; it must not be negative")
     for index, message in enumerate(messages):
         if message["effort"]:
             raise GoalError(f"points[{index}]: effort is not supported")
@@ -192,7 +193,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
     velocities = _rows(messages, "velocities", order)
     accelerations = _rows(messages, "accelerations", order)
     if accelerations is not None and velocities is None:
-        raise GoalError("points[0]: accelerations need velocities too")
+        raise GoalError("points[0]: accelerations without velocities are not supported: send both")
     if velocities is not None and accelerations is None:
         accelerations = hermite_accelerations(times, positions, velocities)
     if accelerations is not None:  # at rest; MoveIt states the velocities at both ends of its motions
@@ -217,7 +218,8 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
         if not row and name != "positions":
             having = next(place for place, each in enumerate(rows) if each)
             raise GoalError(
-                f"points[{index}] has no {name}, but points[{having}] has: give them at all points or at none"
+                f"points[{index}] has no {name}, but points[{having}] has: give {name} at all points or "
+                "at none"
             )
         if len(row) != len(order):
             raise GoalError(f"points[{index}]: {name} must be {len(order)} numbers, got {len(row)}")
@@ -258,12 +260,12 @@ def _start_time(stamp: Message, duration_s: float, now_s: float) -> float | None
     if start_s < now_s - LATE_START_S:
         end = "ended" if start_s + duration_s < now_s else "begun"
         raise OldGoalError(
-            f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, the limit is "
+            f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, allowed: "
             f"{LATE_START_S:g} s; a stamp of 0 begins at once"
         )
     if start_s > now_s + EARLIEST_START_S:
         raise GoalError(
-            f"header.stamp is {start_s - now_s:.0f} s in the future, the maximum is {EARLIEST_START_S:g} s: "
+            f"header.stamp is {start_s - now_s:.0f} s in the future, allowed: {EARLIEST_START_S:g} s; "
             "check that both clocks agree"
         )
     return start_s
@@ -286,7 +288,7 @@ def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> T
                 raise GoalError(f"{field}[{index}]: {name} must be -1, 0 or a positive number, got {value:g}")
             if value > 0.0 and row is None:
                 raise GoalError(
-                    f"{field}[{index}]: accelerations are not measured, so a tolerance has no use"
+                    f"{field}[{index}]: accelerations are not measured, so they cannot have a tolerance"
                 )
             if value > 0.0 and row is not None:
                 row[joint] = value

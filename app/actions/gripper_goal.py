@@ -41,7 +41,7 @@ class Grip:
         """
         for name, value in (("position", self.width), ("effort", self.force), ("velocity", self.speed)):
             if not math.isfinite(value) or value < 0.0:
-                raise RejectedGoalError(f"{name} is {value:g}, it must be a number from 0 on")
+                raise RejectedGoalError(f"{name} is {value:g}; it must be a number from 0 on")
         force = _at_most(self.force, able.force_n, "effort", "N")
         speed = _at_most(self.speed, able.speed_m_s, "velocity", "m/s")
         if able.width_m is None:
@@ -49,7 +49,7 @@ class Grip:
         least, most = able.width_m
         if not least - SAME_M <= self.width <= most + SAME_M:
             raise RejectedGoalError(
-                f"the width is {self.width:g} m, the gripper allows {least:g} to {most:g} m"
+                f"the width is {self.width:g} m, but the gripper allows {least:g} to {most:g} m"
             )
         width = min(max(self.width, least), most)
         return GripperRequest(
@@ -74,7 +74,9 @@ def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: st
         raise RejectedGoalError(f"{name} is {value:g} {unit}, but the gripper cannot limit it: set it to 0")
     least, most = able
     if value < least:
-        raise RejectedGoalError(f"{name} is {value:g} {unit}, the gripper needs at least {least:g} {unit}")
+        raise RejectedGoalError(
+            f"{name} is {value:g} {unit}, but the gripper needs at least {least:g} {unit}"
+        )
     return min(value, most)
 
 
@@ -155,13 +157,13 @@ class FingerJoints:
         unknown = [name for name in names if name not in FINGER_JOINTS]
         if unknown or len(set(names)) != len(names):
             valid = " and ".join(FINGER_JOINTS)
-            raise RejectedGoalError(f"command.name is {shown(names)}, valid are {valid}, once each")
+            raise RejectedGoalError(f"command.name is {shown(names)}; it must contain each of {valid} once")
         if len(positions) != len(names):
             raise RejectedGoalError(f"command.position must be {len(names)} numbers, got {len(positions)}")
         # NaN is not in the range either
         if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):
             raise RejectedGoalError(
-                f"command.position is {shown(positions)}: it must be the same for both fingers"
+                f"command.position is {shown(positions)}; it must be the same for both fingers"
             )
         one = {}
         for name in ("velocity", "effort"):

@@ -241,7 +241,7 @@ def _allowed(request: Request) -> str:
         if isinstance(each, Route) and each.matches(request.scope)[0] is Match.PARTIAL
     ]
     methods = {method for each in routes if each.path == routes[0].path for method in each.methods or ()}
-    return ", ".join(sorted(methods)) or "GET, HEAD"  # paths that are not routes are files
+    return ", ".join(sorted(methods)) or "GET, HEAD"  # paths without a route are files
 
 
 def _meant(request: Request) -> str:
@@ -284,7 +284,7 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
 
 async def _answer_unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
-    # This answer does not pass the middleware that adds the header to the others.
+    # The middleware that adds the header to other answers does not see this one.
     headers = {"X-Request-Id": log_context.get().get("request", "")}
     return _answer(500, "an error in cobot itself; its log has the details", CobotError.code, headers)
 

@@ -51,7 +51,7 @@ def _as_int(digits: str) -> int:
         return int(digits)
     except ValueError as exc:
         limit = sys.get_int_max_str_digits()
-        raise ValueError(f"a whole number has {len(digits)} characters, up to {limit} are read") from exc
+        raise ValueError(f"a whole number has {len(digits)} characters, allowed: {limit}") from exc
 
 
 def _hint(error: json.JSONDecodeError) -> str:
@@ -62,9 +62,9 @@ def _hint(error: json.JSONDecodeError) -> str:
     if text[:1] == "'":
         return '; the single quotes around it are the shell\'s: in Windows write "{\\"joints\\": ...}"'
     if place[:1] == "'":
-        return "; JSON has double quotes"
+        return "; JSON uses double quotes"
     if place[:1] in ("]", "}") and text[: error.pos].rstrip()[-1:] == ",":
-        return "; the comma before it is one too many"
+        return "; remove the comma before it"
     if place[:2] in ("/*", "//") or place[:1] == "#":
-        return "; JSON has no comments"
+        return "; JSON does not allow comments"
     return "; JSON writes true, false and null" if place[:4] in ("True", "None", "Fals") else ""

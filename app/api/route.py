@@ -48,7 +48,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def pieces(chunk: bytes) -> Iterator[bytes]:
-    """The parts of a chunk, in which the parser of forms gets it.
+    """Split a chunk into the parts that the parser of forms gets.
 
     The parser is a hundred times as slow where the data may be the beginning of a boundary. A chunk with many
     such places is therefore passed in small parts.
@@ -96,7 +96,7 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
     content = decoded(body, "the body")
     if not isinstance(content, dict):
         held = (
-            ": this is JSON inside a JSON string, send the object itself" if isinstance(content, str) else ""
+            ": this is JSON inside a JSON string; send the object itself" if isinstance(content, str) else ""
         )
         raise InputError(f"the body must be an object, got {shown(content)}{held}")
     try:

@@ -48,7 +48,7 @@ def solid_of(
         around = np.concatenate(corners)
         farthest = float(np.abs(around).max())
         if not farthest <= FARTHEST_M:
-            raise LimitError(f"{name}: reaches {farthest:.4g} m from its origin, at most {FARTHEST_M:g} m")
+            raise LimitError(f"{name}: reaches {farthest:.4g} m from its origin, allowed: {FARTHEST_M:g} m")
         size = tuple(np.ptp(around, axis=0).tolist())
     return SceneObject(
         shape=body.shape,
@@ -110,9 +110,9 @@ def _points(body: PutObject) -> Array:
     if len(wrong):
         which, shown = int(wrong[0]), ", ".join(f"{value:.6g}" for value in points[wrong[0]])
         raise LimitError(
-            f"points_base64: point {which} is [{shown}], allowed are finite numbers from -{FARTHEST_M:g} to "
-            f"{FARTHEST_M:g} m ({len(wrong)} of {len(points)} points are not): leave such points out, and "
-            "check the unit"
+            f"points_base64: point {which} is [{shown}], allowed: finite numbers from -{FARTHEST_M:g} "
+            f"to {FARTHEST_M:g} m ({len(wrong)} of {len(points)} points are outside): leave such points "
+            "out, and check the unit"
         )
     return points
 

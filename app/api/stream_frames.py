@@ -189,7 +189,7 @@ class JogFrame(RequestModel):
     @model_validator(mode="after")
     def _one_of_both(self) -> JogFrame:
         if self.joints is not None and self.twist is not None:
-            raise ValueError("joints and twist do not go together")
+            raise ValueError("joints and twist cannot be combined; give one of them")
         if self.twist is None and "frame" in self.model_fields_set:
             raise ValueError("frame: is only allowed together with twist, which is missing")
         return self

@@ -1,5 +1,5 @@
-"""Strict statuses: if the client asks for them, a motion that did not reach its goal gets an HTTP error
-status.
+"""Strict statuses: if the client requests them, the answer to a motion that did not reach its goal has an
+HTTP error status.
 
 By default the answer to a motion that could not be planned or did not reach its goal has the status 200 and
 `success: false`. With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body is sent with the

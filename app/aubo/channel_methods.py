@@ -211,7 +211,7 @@ def _for_robot(
 def _bytes(values: list[int]) -> bytes:
     for value in values:
         if not 0 <= value <= BYTE:
-            raise InputError(f"a byte is from 0 to {BYTE}, got {value}")
+            raise InputError(f"a byte must be from 0 to {BYTE}, got {value}")
     return bytes(values)
 
 

@@ -65,8 +65,7 @@ class ServiceField:
 
 
 def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
-    """The function's argument for a field, validated. ROS's default value is replaced with the field's
-    default.
+    """Validate the function's argument for a field. ROS's default value is replaced by the field's default.
 
     Raises:
         InputError: the value is invalid. The error has the field, the problem and the valid values.
@@ -105,7 +104,7 @@ def _scalar(kind: str, place: str, value: Any) -> Any:
             return value
         case "int32" | "int64", int() if not isinstance(value, bool):
             if not -MAX_INTEGER[kind] - 1 <= value <= MAX_INTEGER[kind]:
-                raise InputError(f"{place}: does not fit into an {kind}, got {shown(value)}")
+                raise InputError(f"{place}: does not fit into {kind}, got {shown(value)}")
             return value
         case "float64", int() | float() if not isinstance(value, bool):
             try:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 LENGTHS = (1e-9, 1e9)
-"""Minimum and maximum length of a quaternion that is normalized. Any other quaternion is rejected."""
+"""Minimum and maximum length of a quaternion that is normalized. Longer and shorter quaternions are
+rejected."""
 MAX_ALPHA = 1000.0
 
 
@@ -125,7 +126,7 @@ def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: f
         the pose [x, y, z, rx, ry, rz], m and rad.
     """
     if abs(alpha) > MAX_ALPHA:
-        raise LimitError(f"alpha is from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")
+        raise LimitError(f"alpha must be from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
     turn = np.array(quaternion.between(first.quaternion.tolist(), second.quaternion.tolist()))
     turned = quaternion.product(quaternion.exp((alpha * turn).tolist()), first.quaternion.tolist())

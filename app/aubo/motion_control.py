@@ -385,6 +385,6 @@ def _require_no_other_motion(robot: Services) -> None:
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:
     if acceleration != 0.0 and acceleration < limit:
         raise NotSupportedError(
-            f"a stop is always as fast as the limits permit: give 0, or at least {limit:g} {unit}, got "
+            f"a stop is always as fast as the limits permit; give 0, or at least {limit:g} {unit}, got "
             f"{acceleration:g}"
         )

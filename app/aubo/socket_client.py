@@ -59,7 +59,7 @@ async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> in
         if found == name and -(2**31) <= int(value) < 2**31:
             return int(value)
     except ValueError:
-        pass  # said below
+        pass  # the message below reports this
     raise DeviceError(f"{channel.name}: received {shown(line)} as the answer to GET {name}")
 
 

@@ -175,15 +175,16 @@ class _Client:
         self._listener.close()
 
     def _take(self, text: str | None) -> None:
-        """Handle a message from the client. Raises InputError or PayloadError if this server does not
-        understand the message.
+        """Handle a message from the client.
+
+        Raises: InputError, PayloadError: this server does not understand the message.
         """
         if text is None:
             raise InputError(
                 "binary messages are not supported: clients can neither publish nor call services here"
             )
         if len(text) > MAX_MESSAGE:
-            raise PayloadError(f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}")
+            raise PayloadError(f"the message has {len(text)} characters, allowed: {MAX_MESSAGE}")
         content = decoded(text, "the message")
         kind = content.get("op") if isinstance(content, dict) else None
         if kind == "subscribe":
@@ -197,7 +198,7 @@ class _Client:
 
     def _subscribe(self, asked: Any) -> None:
         if not isinstance(asked, dict):
-            raise InputError("subscriptions: each is an object with id and channelId")
+            raise InputError("subscriptions: each must be an object with id and channelId")
         number, channel = _number(asked.get("id"), "id"), _number(asked.get("channelId"), "channelId")
         if channel not in self._numbers:
             raise InputError(f"channelId: there is no channel {channel}; valid are 1 to {len(self._numbers)}")

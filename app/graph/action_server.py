@@ -136,7 +136,7 @@ class ActionServer:
             audit.report_refusal(f"goal of {self.action.name}", exc.code, str(exc))
             raise
         except asyncio.CancelledError:
-            goal.handle.cancel_requested.set()  # the client that sent it has disconnected
+            goal.handle.cancel_requested.set()  # the client that sent the goal has disconnected
             raise
         return goal
 
@@ -235,7 +235,7 @@ class ActionServer:
         if goal.accepted.done():
             return False
         goal.accepted.set_exception(reason)
-        goal.accepted.exception()  # retrieved, in case no client waits for it any longer
+        goal.accepted.exception()  # retrieved, because perhaps no client waits for it any longer
         del self._goals[goal.id]
         return True
 

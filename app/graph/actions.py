@@ -90,5 +90,5 @@ class GoalHandle:
         self._server.explain("fails", error)
 
     def feedback(self, values: Message) -> None:
-        """Send feedback to the listeners. There are none before `accept`."""
+        """Send feedback to the listeners. Before `accept` there are no listeners."""
         self._server.feedback(self._goal, values)

@@ -136,7 +136,7 @@ class Topic:
 
     @property
     def advertised(self) -> str | None:
-        """The type that applies to all clients; None until a client has declared or advertised one."""
+        """The type that applies to all clients; None until a client has declared or advertised the topic."""
         return self.declared or next((each.type for each in self.publishers if each.binding), None)
 
     @property

@@ -214,5 +214,5 @@ class Acceptor:
 
 
 def has_gone(connection: socket.socket) -> bool:
-    """Whether the client has already closed the connection, so that a handshake would be useless."""
+    """Whether the client has already closed the connection. A handshake would then be useless."""
     return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] in (TCP_CLOSE, TCP_CLOSE_WAIT)

@@ -19,7 +19,9 @@ from enum import Enum, auto
 
 
 class Doing(Enum):
-    """The activity of a connection. In the first four states it can be closed without harm to others."""
+    """The activity of a connection. In the first four states the connection can be closed without harm to
+    others.
+    """
 
     ASKING = auto()  # its request, or the beginning of one, is being sent
     IDLE = auto()  # between two requests
@@ -92,7 +94,7 @@ def _settled_s(visit: Visit) -> float:
 
 
 class Crowd:
-    """All connections of the service.
+    """places: maximum number of connections.
 
     Args:
         places: maximum number of connections. per_address: maximum number of connections from one address.

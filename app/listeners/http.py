@@ -71,11 +71,11 @@ class HttpProtocol(HttpToolsProtocol):
         super().__init__(**uvicorn)
         self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
         self._visit = visit
-        self._answering: RequestResponseCycle | None = None  # uvicorn knows only the newest request
+        self._answering: RequestResponseCycle | None = None  # uvicorn stores only the newest request
         self._start: Callable[[], object] = _nothing  # begins the answer once the body has arrived
         self._unread = bytearray()  # waits for a turn
         self._waits = False
-        # Bytes since the last progress; an endless header, trailer or chunk extension makes none.
+        # Bytes since the last progress. An endless header, trailer or chunk extension makes no progress.
         self._silent = 0
         self._header_bytes = self._body_bytes = 0
         self._in_header, self._in_body, self._answered = True, False, False
@@ -328,7 +328,8 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
         """Start the application at once for a stop, and if the client waits for permission to send the body.
-        Otherwise start it when the body is complete, so that slow or incomplete bodies cost almost nothing.
+        Otherwise start it when the body is complete, so that slow or incomplete bodies need almost no
+        resources.
         """
         start = super()._start_asgi_task
         self._answering = cycle
@@ -368,7 +369,9 @@ class HttpProtocol(HttpToolsProtocol):
         elif self._answered:
             self.transport.abort()
         elif self._in_body:
-            slowest = f"web.limits: {limits.body_timeout_s:g} s, and {limits.body_bytes_per_s} bytes a second"
+            slowest = (
+                f"web.limits: {limits.body_timeout_s:g} s, then {limits.body_bytes_per_s} bytes per second"
+            )
             self._refuse(408, f"the body arrived too slowly ({slowest})", "timeout")
         else:
             self._refuse(408, f"the header was not complete after {limits.header_timeout_s:g} s", "timeout")

@@ -96,7 +96,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         if message["type"] == "websocket.accept" and not self.handshake_complete:  # the client has left
             raise ClientDisconnected
         if self.initial_response is not None and self.close_sent:
-            self.handshake_complete = True  # a rejection is also an answer
+            self.handshake_complete = True  # a rejection is also an answer to the handshake
         if message["type"] == "websocket.accept":
             self._crowd.note_progress(self._visit, Doing.STREAMING)
             if self._unread:

@@ -23,7 +23,7 @@ from cobot.client.tls import tls_context, token_from_environment
 def main() -> int:
     """Pass messages on until the input ends. Returns the exit status."""
     parser = argparse.ArgumentParser(prog="cobot mcp", description=__doc__)
-    parser.add_argument("--url", required=True, help="of the service")
+    parser.add_argument("--url", required=True, help="URL of the service")
     anyio.run(_bridge, parser.parse_args().url.rstrip("/") + MCP)
     return 0
 

@@ -101,7 +101,7 @@ async def _stop(scope: Scope, message: object) -> None:
         case {"method": "tools/call", "params": {"name": "stop", **asked}}:
             arguments = asked.get("arguments")
             robot = arguments.get("robot") if isinstance(arguments, dict) else ""
-            with contextlib.suppress(NotFoundError):  # there is no such robot; the tool reports the same
+            with contextlib.suppress(NotFoundError):  # there is no such robot; the tool reports this too
                 scope[STOPPED] = await OwnRest(scope, str(robot or "")).ask("POST", "/stop")
 
 

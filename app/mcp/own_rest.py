@@ -24,7 +24,7 @@ _OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "clien
 
 
 class OwnRest:
-    """The REST API of one robot; without a name, the paths without a robot.
+    """The REST API of one robot. Without a name, the paths without a robot are used.
 
     Attributes:
         services: services of the addressed robot.

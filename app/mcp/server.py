@@ -138,7 +138,7 @@ def refusal(error: CobotError, text: str = "") -> CallToolResult:
     """The result of a rejected call: a sentence, and its code as structured content.
 
     Args:
-        text: the sentence; empty: that of the error.
+        text: the sentence; if it is empty, the text of the error is used.
     """
     sentence = text or str(error)
     return CallToolResult(

@@ -99,7 +99,7 @@ class RosbridgeConnection:
                 value = self._arguments(value, type_)
             return asked.model_copy(update={name: self._graph.messages.examine(type_, value)})
         except (CobotError, RuntimeError):
-            return content  # an error that `take` will find as well, or the graph has changed meanwhile
+            return content  # `take` finds this error too, or the graph has changed meanwhile
 
     def take(self, content: Any, size: int = 0) -> str | None:
         """Handle a decoded message, or the result of `prepared`. Errors are reported to the client.
@@ -229,8 +229,8 @@ class RosbridgeConnection:
         kept = sum(self._latched.values()) - self._latched.get(asked.topic, 0)
         if kept + size > MAX_LATCHED:
             raise ConflictError(
-                f"the latched messages of a client may have {MAX_LATCHED} characters together: "
-                f"{kept} are kept already, and this one has {size}"
+                f"the latched messages of a client may have {MAX_LATCHED} characters together; {kept} "
+                f"are already stored, and this message has {size}"
             )
         publisher.publish(asked.msg)
         self._latched[asked.topic] = size
@@ -245,7 +245,7 @@ class RosbridgeConnection:
             if len(self._publishers) >= MAX_ENDS:
                 raise ConflictError(f"a client may advertise at most {MAX_ENDS} topics")
             publisher = self._graph.advertise(topic, type_, latch=latch, owner=self, inferred=inferred)
-            if known is not None:  # its type was only a guess
+            if known is not None:  # the type of the earlier publisher was only a guess
                 known[0].close()
             self._publishers[key] = publisher, {advertise_id}
         elif other:
@@ -281,7 +281,7 @@ class RosbridgeConnection:
             _require_plain(compression)
             if len(self._tasks) >= MAX_PENDING:
                 raise UnavailableError(
-                    f"this client has {MAX_PENDING} calls in progress, no more are allowed"
+                    f"this client has {MAX_PENDING} calls in progress, which is the maximum"
                 )
         except CobotError:
             work.close()

@@ -10,7 +10,7 @@ from app.rosbridge.operations import Fragment, Id
 from cobot.errors import InputError
 
 MAX_INCOMPLETE = 8
-"""Maximum number of incomplete messages of one client. A further one replaces the oldest."""
+"""Maximum number of incomplete messages of one client. A further message replaces the oldest one."""
 PIECE = 100
 """Number of characters that is added to the length of each fragment, because even an empty fragment takes
 memory.

@@ -125,7 +125,9 @@ def _services(graph: Graph) -> dict[str, tuple[str, Callable[[Message], Message]
 
 
 def _no_parameter(asked: Message) -> Message:
-    raise NotFoundError(f"there is no parameter {shown(asked['name'])}: cobot's settings are files")
+    raise NotFoundError(
+        f"there is no parameter {shown(asked['name'])}; cobot has no ROS parameters, its settings are files"
+    )
 
 
 def _now(graph: Graph) -> Message:

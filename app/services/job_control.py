@@ -142,12 +142,12 @@ class JobService:
         job = self.going(number)
         if job.state is JobState.QUEUED:
             raise ConflictError(
-                f"job {number} is queued: pause the job before it instead, then this one waits too",
+                f"job {number} is queued; pause the job before it instead, then this job waits too",
                 details={"cause": "queued"},
             )
         if job.kind in WITHOUT_ARM:
             raise ConflictError(
-                f"job {number} ({job.kind}) does not move the arm and cannot pause: cancel it"
+                f"job {number} ({job.kind}) does not move the arm and cannot pause; cancel it"
             )
         if at_waypoint is None:
             await self._pause(job)
@@ -214,7 +214,8 @@ class JobService:
             raise ConflictError(f"job {job.id} is {job.state}: only a paused job can be resumed")
         if self._ownership.speed_override.fraction == 0.0:
             raise ConflictError(
-                f"job {job.id} waits because the speed override is 0: POST /robot/speed_override",
+                f"job {job.id} waits because the speed override is 0; change it with POST "
+                "/robot/speed_override",
                 details={"cause": "speed_zero"},
             )
 

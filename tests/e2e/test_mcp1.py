@@ -67,7 +67,7 @@ def test_an_older_client_looks_plans_and_moves_and_stops_the_arm_when_it_is_kill
         assert fenced.joints() == pytest.approx(NEAR, abs=5e-3)
         fenced.until(lambda: fenced.joints()[0] > 0.01)
     job = fenced.until(lambda: (job := newest(fenced))["state"] == "cancelled" and job)
-    assert "the client went away" in job["error"]["detail"]
+    assert "the client has disconnected" in job["error"]["detail"]
     assert fenced.joints()[0] < 0.9 * FAR[0]
 
 

@@ -125,7 +125,7 @@ def test_what_has_changed_counts_everywhere_at_once(run: Edited) -> None:
     assert run.info()["max_position"][6] == 1.0
     outdated = run.post("/robot/execute", plan_id=plan["plan_id"])
     assert outdated.status_code == 409
-    assert "max_position of joint7 was 3.05 when it was made and is 1 now" in outdated.json()["detail"]
+    assert "max_position of joint7 was 3.05 when the plan was made, but is 1 now" in outdated.json()["detail"]
     assert run.post("/robot/move/named", name="bench", speed=1.0).json()["success"]
     beyond = run.post("/robot/move/joints", joints=[0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 1.2])
     assert (beyond.status_code, beyond.json()["code"]) == (422, "limit")

@@ -32,7 +32,7 @@ def with_limits(
     """A schema function that includes the number of joints and their position limits.
 
     This is for documentation and generated clients. Requests are checked by `cobot.robot.limits`, whose error
-    messages name the joint. If the robots differ, the schema permits every value that at least one of them
+    messages name the joint. If the robots differ, the schema permits every value that at least one robot
     permits.
 
     Args:
@@ -106,7 +106,7 @@ Row = tuple[str, float, float]
 
 
 def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
-    """Add a parameter, unless it was already added, because FastAPI keeps the schema that it has made."""
+    """Add a parameter unless the schema already contains it. FastAPI reuses a schema once it has made it."""
     parameters = endpoint.setdefault("parameters", [])
     if parameter not in parameters:
         parameters.append(parameter)

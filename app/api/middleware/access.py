@@ -55,7 +55,7 @@ SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
 POLICY_VIOLATION = 1008
 """Code with which a WebSocket is closed if its token is no longer valid."""
-INVALID = "the token is valid no more"
+INVALID = "the token is no longer valid"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
 """Headers that prevent other pages from embedding the documentation in a frame. Its buttons move the arm."""

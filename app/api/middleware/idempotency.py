@@ -120,7 +120,7 @@ def _again(noted: Noted, same: bytes, key: str) -> Response:
     if noted.answer is None:
         raise ConflictError(
             f"{IDEMPOTENCY_KEY} {shown(key)}: the first request with this key ended without an answer, "
-            f"because its client disconnected or the service ended. It is not repeated: see "
+            "because its client disconnected or the service ended. The request is not repeated: see "
             f"GET /jobs/{noted.job}, or GET /jobs if there is no such job. To repeat it, use a new key"
         )
     audit.add_details(replayed=True)

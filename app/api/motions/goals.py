@@ -160,7 +160,7 @@ def _box(asked: KeptBox) -> Box:
         low, high = getattr(asked.min, name), getattr(asked.max, name)
         if not low < high:
             raise InputError(
-                f"constraints.box: min.{name} is {low:g} m, it must be below max.{name}, {high:g} m"
+                f"constraints.box: min.{name} is {low:g} m; it must be below max.{name}, {high:g} m"
             )
     return Box(_vector(asked.min), _vector(asked.max))
 
@@ -174,7 +174,7 @@ def _range(name: str, low: float, high: float, limits: JointLimits) -> tuple[int
     what = "angle" if unit == "rad" else "position"
     least, most = float(limits.min_position[joint]), float(limits.max_position[joint])
     if not low <= high:
-        raise InputError(f"{place}: is {low:g} to {high:g} {unit}, the smaller {what} must come first")
+        raise InputError(f"{place}: is {low:g} to {high:g} {unit}; the smaller {what} must come first")
     if high < least or low > most:
         raise InputError(
             f"{place}: is {low:g} to {high:g} {unit}, beyond the limits of {least:.4f} to {most:.4f} {unit}"

@@ -199,6 +199,6 @@ def _unit(field: str, direction: Direction | None) -> tuple[float, float, float]
     length = math.hypot(direction.x, direction.y, direction.z)
     if not length > MIN_AXIS_LENGTH:
         raise InputError(
-            f"{field}: the length is {length:g}, must be above {MIN_AXIS_LENGTH:g} to give a direction"
+            f"{field}: the length is {length:g}; it must be above {MIN_AXIS_LENGTH:g} to give a direction"
         )
     return direction.x / length, direction.y / length, direction.z / length

@@ -11,7 +11,7 @@ from cobot.strict import shown
 
 def _require_printable(text: str) -> str:
     if not text.isprintable() or not text.strip():
-        raise ValueError(f"{shown(text)} has invisible characters, or no visible ones")
+        raise ValueError(f"{shown(text)} has invisible characters, or no visible characters")
     return text.strip()
 
 

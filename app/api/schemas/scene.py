@@ -171,7 +171,7 @@ class PutObject(Place):
             if missing or (name in given and name not in allowed and getattr(self, name) is not None):
                 problem = "is missing" if missing else "does not belong to it"
                 also = f", or {' and '.join(encoded)}" if encoded and name == wanted[0] else ""
-                raise ValueError(f"a {self.shape} has {' and '.join(wanted)}{also}: {name} {problem}")
+                raise ValueError(f"a {self.shape} needs {' and '.join(wanted)}{also}: {name} {problem}")
         return self
 
     def numbers(self) -> tuple[float, ...]:

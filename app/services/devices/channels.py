@@ -25,7 +25,7 @@ def checked_timeout(timeout_s: float) -> float:
     """Return the timeout, s. Raises LimitError if it is out of bounds."""
     shortest, longest = TIMEOUTS_S
     if not shortest <= timeout_s <= longest:
-        raise LimitError(f"a timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
+        raise LimitError(f"a timeout must be from {shortest} to {longest:g} s, got {timeout_s:g}")
     return timeout_s
 
 
@@ -68,7 +68,7 @@ class Channel:
 
     async def read_some(self, timeout_s: float) -> bytes:
         """Wait for the first byte, and return all bytes that have arrived."""
-        return await self._read(timeout_s, lambda: self._read_available(), "nothing came")
+        return await self._read(timeout_s, lambda: self._read_available(), "no byte arrived")
 
     async def read_exactly(self, count: int, timeout_s: float) -> bytes:
         """Read exactly `count` bytes, from 1 to `BUFFER_BYTES`."""
@@ -159,7 +159,7 @@ class Channels:
             InputError: the name is empty or too long.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self._open:
             raise ConflictError(f"the {self._kind} {shown(name)} is already open; close it first")
         if len(self._open) >= MAX_OPEN:

@@ -156,15 +156,15 @@ class GripperWorker:
         self._connected = False
         self._calling_since_s: float | None = None
         self._thread = DaemonThread("gripper")
-        self.reading = Reading(0, None, "it has not been read yet", link.clock.now_s())
+        self.reading = Reading(0, None, "the gripper has not been read yet", link.clock.now_s())
         self._task = asyncio.create_task(self._run(), name="gripper")
 
     @property
     def problem(self) -> str:
-        """Reason why the newest state is not the gripper's current state; "" if it is."""
+        """Reason why the newest state is not the gripper's current state; "" if the state is current."""
         since_s, now_s = self._calling_since_s, self._link.clock.now_s()
         if since_s is not None and now_s - since_s > HUNG_S:
-            return f"its driver has not returned for {now_s - since_s:.0f} s"
+            return f"the driver of the gripper has not returned for {now_s - since_s:.0f} s"
         return self.reading.problem
 
     def ask(self, start: Start) -> asyncio.Future[int]:
@@ -298,6 +298,6 @@ def _read_state(gripper: Gripper) -> GripperState:
     state = gripper.state()
     if not isinstance(state, GripperState):
         raise GripperError(
-            f"its driver's state() has returned {plain_text(type(state), 80)}, it must be a GripperState"
+            f"its driver's state() has returned {plain_text(type(state), 80)}; it must be a GripperState"
         )
     return replace(state, fault=plain_text(state.fault))

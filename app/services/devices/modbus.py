@@ -34,7 +34,7 @@ class Modbus:
         """
         host, port = _address(device)
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self._signals:
             raise ConflictError(f"the signal {shown(name)} exists already")
         if not UNITS[0] <= unit <= UNITS[1]:
@@ -126,7 +126,7 @@ class Modbus:
         signal = self.signal(name)
         least, most = FREQUENCIES_HZ
         if not least <= frequency_hz <= most:
-            raise LimitError(f"the frequency is from {least} to {most:g} Hz, got {frequency_hz:g}")
+            raise LimitError(f"the frequency must be from {least} to {most:g} Hz, got {frequency_hz:g}")
         signal.period_s, signal.due_s = 1.0 / frequency_hz, 0.0
         self._device(signal).read_soon()
 

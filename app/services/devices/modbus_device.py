@@ -48,7 +48,7 @@ class Signal:
 
     Attributes:
         value: the last value that was read.
-        problem: reason why the value is not current; "" if it is.
+        problem: reason why the value is not current; "" if it is current.
         due_s: time of the next reading, on the event loop's clock.
     """
 
@@ -58,7 +58,7 @@ class Signal:
     kind: SignalKind
     period_s: float = 1.0 / FREQUENCY_HZ
     value: int = 0
-    problem: str = "it has not been read yet"
+    problem: str = "the signal has not been read yet"
     due_s: float = 0.0
 
 

@@ -57,12 +57,12 @@ class Registers:
         """
         _checked(index)
         if kind == "int16" and not -INT16 - 1 <= value <= INT16:
-            raise LimitError(f"an int16 register holds numbers from {-INT16 - 1} to {INT16}, got {value}")
+            raise LimitError(f"an int16 register accepts numbers from {-INT16 - 1} to {INT16}, got {value}")
         if kind == "float":
             try:
                 (value,) = FLOAT.unpack(FLOAT.pack(value))
             except OverflowError as exc:
-                raise LimitError(f"a float register holds up to ±3.4e38, got {value:g}") from exc
+                raise LimitError(f"a float register accepts numbers up to ±3.4e38, got {value:g}") from exc
         self._banks[kind, bank][index] = value
 
 
@@ -74,7 +74,7 @@ def _checked(index: int) -> int:
 
 def _require_name(name: str) -> None:
     if not 1 <= len(name) <= MAX_NAME:
-        raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+        raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
 
 
 def _length(value: Value) -> int:
@@ -118,13 +118,13 @@ class Variables:
         """
         _require_name(name)
         if isinstance(value, str) and len(value) > MAX_STRING:
-            raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
+            raise LimitError(f"a variable accepts up to {MAX_STRING} characters, got {len(value)}")
         if name not in self._values and len(self._values) >= MAX_VARIABLES:
             raise LimitError(f"there are already {MAX_VARIABLES} variables, which is the maximum")
         characters = self._characters + _length(value) - _length(self._values.get(name, ("", 0))[1])
         if isinstance(value, str) and characters > MAX_CHARACTERS:
             raise LimitError(
-                f"all variables together would have {characters} characters, the maximum is {MAX_CHARACTERS}"
+                f"all variables together would have {characters} characters, allowed: {MAX_CHARACTERS}"
             )
         self._characters = characters
         self._values[name] = kind, value
@@ -175,7 +175,9 @@ class Variables:
         _require_name(name)
         shortest, longest = WATCHDOG_S
         if timeout_s and not shortest <= timeout_s <= longest:
-            raise LimitError(f"a watchdog's timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
+            raise LimitError(
+                f"a watchdog's timeout must be from {shortest} to {longest:g} s, got {timeout_s:g}"
+            )
         if name not in self._watchdogs and len(self._watchdogs) >= MAX_WATCHDOGS:
             raise LimitError(f"there are already {MAX_WATCHDOGS} watchdogs, which is the maximum")
         old = self._watchdogs.pop(name, None)

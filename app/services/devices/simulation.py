@@ -31,13 +31,13 @@ class SimulationService:
         link = self._link
         state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
-        if named is None:  # It may be a real arm, and its e-stop must stay latched.
+        if named is None:  # The arm may be real, and then its e-stop must stay latched.
             raise ConflictError(
                 "the capabilities of the robot's backend cannot be read: try again in a second"
             )
         if named[1].capabilities.hardware:
             raise NotSupportedError(
-                f"only a simulation can be reset, and the backend {named[0]} moves a real arm; POST "
+                f"only a simulation can be reset, but the backend {named[0]} moves a real arm; POST "
                 "/robot/reset leaves an e-stop or a fault"
             )
         self._ownership.require_free(None)

@@ -36,7 +36,7 @@ class Sockets(Channels):
             raise DeviceError(f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
-            # what an earlier call has left must be sent first, otherwise it would accumulate
+            # send the data of an earlier call first, otherwise they would accumulate
             await writer.drain()
             writer.write(data)
             await writer.drain()

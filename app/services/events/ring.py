@@ -33,7 +33,7 @@ TYPES = {
     "reset": "a client has reset an e-stop or a fault",
     "intervention": "the safety layer has intervened",
     "lease": "control of the robot was taken or has ended",
-    "motion": "a motion has begun, ended or got another goal",
+    "motion": "a motion has begun or ended, or its goal has changed",
     "action": "an action on the path of a motion has fired, or has not",
     "session": "a streaming session has begun or ended",
     "sequence": "a sequence or program has started, is moving to its next waypoint, or has ended",
@@ -192,8 +192,8 @@ class Events:
         run of the service.
 
         Args:
-            after: "EPOCH-NUMBER" of an event, or a number from this run. None: the listener gets only new
-                events.
+            after: "EPOCH-NUMBER" of an event, or a number from this run. None means that the listener gets
+                only new events.
 
         Raises:
             InputError: `after` is in a different form, or there is no such event yet.
@@ -207,7 +207,7 @@ class Events:
         if epoch and epoch != self.epoch:
             return 0, True
         if int(digits) > self.newest:
-            raise InputError(f"after: {digits} has not happened yet, the newest event is {self.newest}")
+            raise InputError(f"after: {digits} has not happened yet; the newest event is {self.newest}")
         return int(digits), False
 
     def of(self, robot: str) -> RobotEvents:

@@ -46,13 +46,13 @@ def _check_width(name: str, able: GripperCapabilities, width: float, *, grasps: 
     if not least - SLACK_M <= width <= most + SLACK_M:
         advice = unit_advice("width", width, most)
         raise LimitError(
-            f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m{advice}",
+            f"width is {width:g} m, but the gripper {name} allows {least:g} to {most:g} m{advice}",
             findings=[_beyond("width", width, able.width_m, "m")],
         )
     if not able.continuous and not grasps and min(width - least, most - width) > SLACK_M:
         raise LimitError(
-            f"width is {width:g} m, the gripper {name} has two positions: {least:g} m (closed) and "
-            f"{most:g} m (open)"
+            f"width is {width:g} m, but the gripper {name} has only two positions: {least:g} m (closed) "
+            f"and {most:g} m (open)"
         )
 
 
@@ -65,7 +65,8 @@ def _check_range(
         raise NotSupportedError(f"{what} is {value:g} {unit}, but the gripper {name} has no {what} control")
     if not bounds[0] <= value <= bounds[1]:
         raise LimitError(
-            f"{what} is {value:g} {unit}, the gripper {name} allows {bounds[0]:g} to {bounds[1]:g} {unit}",
+            f"{what} is {value:g} {unit}, but the gripper {name} allows {bounds[0]:g} to {bounds[1]:g} "
+            f"{unit}",
             findings=[_beyond(what, value, bounds, unit)],
         )
 

@@ -103,8 +103,8 @@ def shortfall(
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):
             return _failed(
-                f"the fingers hold something that is {state.width:.4f} m wide, expected {command.width:g} m "
-                f"(-{command.tolerance_inner:g}, +{command.tolerance_outer:g})",
+                f"the fingers hold something that is {state.width:.4f} m wide; the expected width is "
+                f"{command.width:g} m (-{command.tolerance_inner:g}, +{command.tolerance_outer:g})",
                 ReasonCode.GRIPPER_SIZE,
                 state.width,
                 math.nan if command.width is None else command.width,
@@ -115,8 +115,8 @@ def shortfall(
     if has_arrived(command.width, state, able):
         return None
     return _failed(
-        f"the fingers stopped at {state.width:.4f} m, commanded {command.width:g} m: something is in "
-        "their way; to hold an object use grasp",
+        f"the fingers stopped at {state.width:.4f} m instead of {command.width:g} m, because something "
+        "is in their way; to hold an object, use grasp",
         ReasonCode.GRIPPER_BLOCKED,
         state.width,
         command.width,

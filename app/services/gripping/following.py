@@ -41,7 +41,7 @@ async def follow(
             if running.interruption is not None:
                 raise running.interruption
             if caller.gone.is_set():
-                raise StopReason("the client went away", "client_left").error
+                raise StopReason("the client has disconnected", "client_left").error
             state = _ended(worker, asked, name)
             if state is not None:
                 return state

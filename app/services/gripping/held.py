@@ -179,7 +179,7 @@ class HeldService:
             self._attached = new
 
     def _touched(self, name: str, put: Sequence[Edit]) -> list[str]:
-        """List the bodies that the object touches where it is: the fingers, and the object's support.
+        """List the bodies that the object touches at its place: the fingers, and the object's support.
 
         Args:
             put: the changes that add the object to the scene.

@@ -53,8 +53,9 @@ STOP_S = 4.0
 OPEN_S = 10.0
 """Timeout for the fingers to open after a stop, if `on_stop` is `open`, s."""
 NONE_CONFIGURED = (
-    "this robot has no gripper: set robot.gripper in the settings, such as {type: robotiq, device: "
-    "/dev/ttyUSB0}; `cobot gripper list` shows the types, docs/grippers.md what each needs"
+    "this robot has no gripper: set robot.gripper in the settings, such as "
+    "{type: robotiq, device: /dev/ttyUSB0}; `cobot gripper list` shows the types, and docs/grippers.md "
+    "explains the options of each"
 )
 
 log = logging.getLogger("cobot.gripper")
@@ -201,8 +202,8 @@ class GripperService:
         await asyncio.wait({asked}, timeout=STOP_S)
         if not asked.done():
             raise DeviceError(
-                f"gripper {self.type}: it has not received the stop within {STOP_S:g} s: {worker.problem}; "
-                f"it receives the stop as soon as its driver returns"
+                f"gripper {self.type}: the driver has not accepted the stop within {STOP_S:g} s: "
+                f"{worker.problem}; it gets the stop as soon as the current call returns"
             )
         if (problem := asked.exception()) is not None:
             raise DeviceError(f"gripper {self.type}: {problem}") from problem
@@ -236,7 +237,7 @@ class GripperService:
         if self._ownership.stops != caller.stops:
             raise StopReason("a stop was requested while the request was being read", by="").error
         if isinstance(command, GripperRelease):
-            return  # a jammed object must come out in any case
+            return  # a jammed object must be released in any case
         if self._is_latched(False):
             state = self._link.state()
             raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")

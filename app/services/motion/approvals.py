@@ -77,7 +77,9 @@ class Approvals:
             PermissionDenied: an agent may not run the plan.
         """
         if self._execution == "off":
-            raise PermissionDenied("agents may not move this robot: mcp.execution is off in its settings")
+            raise PermissionDenied(
+                "agents may not move this robot, because mcp.execution is off in its settings"
+            )
         if plan.plan_id in self._by:
             return None
         if self._execution == "approved":
@@ -95,15 +97,15 @@ class Approvals:
         others = sorted(plan.planners - set(fence.planners))
         if others:
             allowed = ", ".join(fence.planners)
-            return f"its planner is {others[0]}, mcp.fence.planners has {allowed}"
+            return f"its planner is {others[0]}, but mcp.fence.planners allows {allowed}"
         if effects := plan.effects:
-            return f"it does more than move ({effects[0]}), but the fence permits only motions"
+            return f"it does more than move the arm ({effects[0]}), but the fence permits only motions"
         mass = self._robot.model.carried.mass
         if mass > fence.payload_kg:
-            return f"the arm carries {mass:g} kg, mcp.fence.payload_kg is {fence.payload_kg:g} kg"
+            return f"the arm carries {mass:g} kg, but mcp.fence.payload_kg is {fence.payload_kg:g} kg"
         now = time.strftime("%H:%M", time.localtime(self._clock.wall_ns() / 1e9))
         begin, end = fence.hours.split("-")
         if not (begin <= now <= end if begin <= end else now >= begin or now <= end):
-            return f"the time is {now}, mcp.fence.hours is {fence.hours}"
+            return f"the time is {now}, but mcp.fence.hours is {fence.hours}"
         trajectory = plan.forecast.trajectory
         return "" if trajectory is None else self._fence.breach(trajectory, self._robot.model.chain)

@@ -23,9 +23,8 @@ SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""Ratio of the number of cells in a row to the number of cells in the header. If it is larger, decimal commas
-must have split numbers.
-"""
+"""Maximum ratio of the number of cells in a row to the number of cells in the header. If the ratio is
+larger, decimal commas have probably split numbers."""
 NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
@@ -240,7 +239,7 @@ def _waypoint(row: list[str], number: int, columns: Columns, numbers: _Numbers) 
     if len(row) != len(columns.names):
         cut = len(row) >= DECIMAL_COMMAS * len(columns.names)
         raise InputError(
-            f"row {number}: has {len(row)} columns, the header has {len(columns.names)}"
+            f"row {number}: has {len(row)} columns, but the header has {len(columns.names)}"
             + (f"; {NO_DECIMAL_COMMA}" if cut else "")
         )
     values = [numbers.read(cell, number, index) for index, cell in enumerate(row)]

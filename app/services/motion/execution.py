@@ -257,12 +257,13 @@ class MotionService:
             waited = f"; it waited for {waits_for}" if waits_for else ""
             details = {**cause.details, **why, "share": share / 100.0}
             raise type(cause)(
-                f"{cause}: the arm came to rest {where} after {share:.0f} % of it{waited}", details=details
+                f"{cause}: the arm came to rest {where} after {share:.0f} % of the motion{waited}",
+                details=details,
             )
         if state.motion_result not in (MotionResult.ARRIVED, MotionResult.MET):
             raise ExecutionError(state.reason, details=state.reason.fields())
         if state.motion_result is MotionResult.ARRIVED and signals is not None and signals.is_missed:
-            raise ConditionNotMet(f"the arm is at its goal, and the condition was not met: {signals.until}")
+            raise ConditionNotMet(f"the arm is at its goal, but the condition was not met: {signals.until}")
 
     async def retract(
         self,
@@ -297,7 +298,7 @@ class MotionService:
             except (
                 PlanningError,
                 InputError,
-            ):  # no longer on the path, or in contact with an object of the scene
+            ):  # the TCP is no longer on the path, or is in contact with an object
                 motion = await self.plan(claim, direct, timeout_s)
         except (PlanningError, InputError) as exc:
             raise ExecutionError(f"stopped by its condition, but cannot move back: {exc}") from exc
@@ -335,7 +336,7 @@ class MotionService:
                 give_up_s = clock.now_s() + REST_TIMEOUT_S
             if clock.now_s() > give_up_s:
                 raise ExecutionError(
-                    f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
+                    f"{claim.interruption}; the arm has not stopped within {REST_TIMEOUT_S:.0f} s"
                 )
             await asyncio.sleep(POLL_S)
 

@@ -60,7 +60,7 @@ class ForceZero:
             state = await self._link.await_measured_state(timeout_s)
             if state.mode is not LoopMode.HOLD or np.abs(state.velocity).max() > STILL_RAD_S:
                 raise ConflictError(
-                    f"the arm moves (mode {state.mode.name}): the zero is measured at rest",
+                    f"the arm moves (mode {state.mode.name}); the zero can be measured only at rest",
                     details={"cause": "moving"},
                 )
             wrenches.append(state.wrench)
@@ -85,10 +85,11 @@ class ForceZero:
     def _from_zero(self, condition: Condition) -> Condition:
         found = self.zero
         if found is None:
-            raise ConflictError("until.relative_to: there is no zero; POST /robot/force/zero sets it")
+            raise ConflictError("until.relative_to: the zero is not set; set it with POST /robot/force/zero")
         if found.tool != self._robot.model.carried.version:
             raise ConflictError(
-                "until.relative_to: the tool has changed since the zero; POST /robot/force/zero again"
+                "until.relative_to: the tool has changed since the zero was set; set it again with "
+                "POST /robot/force/zero"
             )
         joint = condition.quantity is Quantity.JOINT
         zero = (float(found.torques[condition.joint]),) if joint else tuple(found.wrench.tolist())

@@ -39,7 +39,7 @@ class Frames:
             InputError, NotFoundError: the name is invalid, or the parent does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name == WORLD or name in self._frames:
             raise ConflictError(f"the frame {shown(name)} exists already", details={"cause": "name_taken"})
         if len(self._frames) >= MAX_FRAMES:
@@ -57,7 +57,7 @@ class Frames:
         frame = self._frame(name)
         self._require(parent)
         if name in self.way_up(parent):
-            raise ConflictError(f"{shown(parent)} is attached to {shown(name)}: that would be a cycle")
+            raise ConflictError(f"{shown(parent)} is attached to {shown(name)}, so this would be a cycle")
         frame.pose = self.between(name, parent)
         frame.parent = parent
 

@@ -144,6 +144,6 @@ def check_radii(goals: Sequence[MotionRequest], radii_m: Sequence[float]) -> Non
     """
     if radii_m and len(radii_m) != len(goals) - 1:
         raise InputError(
-            f"radii: {len(goals)} motions need {len(goals) - 1}, one for each but the last; "
-            f"got {len(radii_m)}"
+            f"radii: {len(goals)} motions need {len(goals) - 1}, one for each motion except the "
+            f"last; got {len(radii_m)}"
         )

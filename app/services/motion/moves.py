@@ -51,7 +51,7 @@ class JoinedMoves:
     """Several motions as one trajectory, with their actions and conditions.
 
     Attributes:
-        trajectory: None if the arm is already at the goal.
+        trajectory: the motion; None if the arm is already at the goal.
         signals: signals of each motion.
         ends_s: path time at which each motion ends.
         planned: rating of the plan; None for several motions.

@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def planned(self) -> Planned | None:
-        """How good the planned motion is; None for several motions and for gripper commands."""
+        """The quality of the planned motion; None for several motions and for gripper commands."""
         return None if self.goal is None else Planned.of(self.goal, self.found)
 
     @property
@@ -97,8 +97,8 @@ class Plan:
             for joint in np.flatnonzero(before != now)[:1]:
                 name = self.limits.names[int(joint)]
                 raise ConflictError(
-                    f"plan {self.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
-                    f"made and is {now[joint]:g} now; a plan requires the same value; plan again",
+                    f"plan {self.plan_id}: {quantity} of {name} was {before[joint]:g} when the plan was "
+                    f"made, but is {now[joint]:g} now; plan again",
                     details={"cause": "limits_changed"},
                 )
         for what, before, now in (
@@ -107,8 +107,8 @@ class Plan:
         ):
             if before != now:
                 raise ConflictError(
-                    f"plan {self.plan_id}: the {what} had version {before} when it was made and has version "
-                    f"{now} now; plan again",
+                    f"plan {self.plan_id}: the {what} had version {before} when the plan was made, but "
+                    f"has version {now} now; plan again",
                     details={"cause": f"{what}_changed"},
                 )
 
@@ -124,8 +124,9 @@ class Plan:
         if abs(off[worst]) > most_rad:
             unit = self.limits.unit(worst)
             raise ConflictError(
-                f"plan {self.plan_id}: {self.limits.names[worst]} {where} at {joints[worst]:.6f} {unit}, "
-                f"{abs(off[worst]):.3g} {unit} from {self.start[worst]:.6f} {unit} where the plan begins; "
-                f"allowed: {most_rad:g} {unit}; go there, or plan again",
+                f"plan {self.plan_id}: {self.limits.names[worst]} {where} at {joints[worst]:.6f} "
+                f"{unit}, {abs(off[worst]):.3g} {unit} away from the start of the plan at "
+                f"{self.start[worst]:.6f} {unit}, allowed: {most_rad:g} {unit}; move there first, or "
+                "plan again",
                 details={"cause": "not_at_start"},
             )

@@ -138,7 +138,7 @@ class PlanningService:
             except WorkerLost as exc:
                 lost += exc.begun
                 if lost == ATTEMPTS:
-                    raise PlanningError(f"the planning process {exc}, like the one before") from exc
+                    raise PlanningError(f"the planning process {exc}, like the previous one") from exc
                 log.warning("the planning process %s; its task is repeated", exc)
                 continue
             if chosen is (scene or self.scene) and tool is self.tool:

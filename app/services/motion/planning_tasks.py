@@ -174,7 +174,9 @@ def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> Rec
     found = read_path(path, samples)
     dof = found.joints.shape[1]
     if dof != robot.limits.dof:
-        raise InputError(f"{path.name}: the recorded arm has {dof} joints, this one has {robot.limits.dof}")
+        raise InputError(
+            f"{path.name}: the recorded arm has {dof} joints, but this arm has {robot.limits.dof}"
+        )
     return replace(found, poses=robot.model.poses(found.joints))
 
 

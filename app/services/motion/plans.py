@@ -168,7 +168,9 @@ class PlanService:
                 described = await attempt.compute(work)
         except TimeoutError as exc:
             raise PlanningTimeout.after(
-                timeout_s, f"plan {plan_id}: not improved within {timeout_s:g} s: other plans are being made"
+                timeout_s,
+                f"plan {plan_id}: not improved within {timeout_s:g} s, because other plans are being "
+                "made; try again",
             ) from exc
         planning_s = plan.planning_s + self._clock.now_s() - begun_s
         return await self._keep_one(plan.limits, versions, request, better, described, planning_s)
@@ -292,7 +294,8 @@ class PlanService:
                 await self._drawing.acquire()
         except TimeoutError:
             raise UnavailableError(
-                f"the plan could not be drawn within {DRAW_S:g} s: other plans are being drawn"
+                f"the plan could not be drawn within {DRAW_S:g} s, because other plans are being drawn; "
+                "try again"
             ) from None
         try:
             return await self._planning.compute(
@@ -319,8 +322,8 @@ class PlanService:
         plan = self._plans.get(plan_id)
         if plan is None:
             raise NotFoundError(
-                f"there is no plan {shown(plan_id)}: the newest {self._kept} are kept, for "
-                f"{self.lifetime_s:g} s and until the service restarts; plan again"
+                f"there is no plan {shown(plan_id)}; only the newest {self._kept} plans are kept, for "
+                f"{self.lifetime_s:g} s or until the service restarts; plan again"
             )
         return plan
 
@@ -378,7 +381,7 @@ class PlanService:
         try:
             await asyncio.wait({running, leaving}, return_when=asyncio.FIRST_COMPLETED)
             if not running.done():
-                raise StopReason("the client went away", "client_left").error
+                raise StopReason("the client has disconnected", "client_left").error
             return plan, await running
         finally:
             running.cancel()
@@ -392,7 +395,8 @@ class PlanService:
         except TimeoutError:
             raise PlanningTimeout.after(
                 timeout_s,
-                f"the plan could not be rehearsed within {timeout_s:g} s: other plans are being made",
+                f"the dry run did not begin within {timeout_s:g} s, because other plans are being made; "
+                "try again",
             ) from None
         try:
             left_s = timeout_s - (self._clock.now_s() - begun_s)

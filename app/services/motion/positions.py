@@ -77,7 +77,7 @@ class PositionService:
         """
         if name in self._robot.positions:
             raise ConflictError(
-                f"name: {shown(name)} is a position of the SRDF; take another name",
+                f"name: {shown(name)} is a position of the SRDF; choose another name",
                 details={"cause": "name_taken"},
             )
         if joints is None:
@@ -145,10 +145,10 @@ class PositionService:
     def _flaw(self, name: str, position: NamedPosition) -> str:
         dof = self._robot.limits.dof
         if len(position.joints) != dof:
-            return f"has {len(position.joints)} joints, this arm has {dof}"
+            return f"has {len(position.joints)} joints, but this arm has {dof}"
         if not all(map(math.isfinite, position.joints)):
             return f"has joints that are not numbers: {shown(position.joints)}"
-        return "" if position.name == name else f"has the other name {shown(position.name)} inside"
+        return "" if position.name == name else f"contains the different name {shown(position.name)}"
 
     def _set_aside(self, why: str) -> None:
         aside = next(
@@ -159,7 +159,7 @@ class PositionService:
         self._problem = f"taught positions: {self._file}: {why}"
         try:
             self._file.rename(aside)
-            self._problem += f"; it was set aside as {aside.name}: remove that file once you have checked it"
+            self._problem += f"; it was set aside as {aside.name}: check that file, then remove it"
             self._aside = aside
         except OSError as exc:
             self._problem += f"; it cannot be set aside: {exc.strerror}"
@@ -172,6 +172,6 @@ class PositionService:
         if found and self._aside is None:
             self._aside = found[-1]
             self._problem = (
-                f"taught positions: {self._aside} was set aside because it could not be read; the log of "
-                f"that start has the reason: remove it once you have checked it"
+                f"taught positions: {self._aside} was set aside because it could not be read; the log "
+                "of that start contains the reason; check that file, then remove it"
             )

@@ -163,7 +163,7 @@ class RetargetService:
         if job.state is JobState.PAUSED:
             raise ConflictError(f"job {job.id} is paused: resume it first, then change its goal")
         if job.state is not JobState.RUNNING:
-            raise ConflictError(f"job {job.id} is {job.state}, its motion has not begun{wait}")
+            raise ConflictError(f"job {job.id} is {job.state}, so its motion has not begun{wait}")
         claim = self._ownership.claim_of(job)
         if claim is None or claim.trajectory is None or claim.motion_id is None:
             raise ConflictError(f"job {job.id} belongs to the motion queue, whose goals are fixed{wait}")
@@ -188,8 +188,8 @@ class RetargetService:
                 claim.proceed()
                 if attempt == ATTEMPTS:
                     raise ConflictError(
-                        f"job {job.id}: the arm has passed the place of the change {ATTEMPTS} times before "
-                        f"the new motion was ready, and continues to its former goal: {exc}"
+                        f"job {job.id}: in {ATTEMPTS} attempts the arm passed the place of the change "
+                        f"before the new motion was ready, so it continues to its former goal: {exc}"
                     ) from exc
                 continue
             claim.goal = goal
@@ -226,7 +226,7 @@ class RetargetService:
                 is on.
         """
         if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
-            raise ConflictError(f"job {job.id} has ended while the way to the new goal was planned")
+            raise ConflictError(f"job {job.id} ended while the way to the new goal was being planned")
         await self._motion.replace(claim, found.trajectory, found.offset_s, planned_s)
         claim.proceed()
 
@@ -256,8 +256,8 @@ def _require_goal(goal: MotionRequest) -> None:
     """Raises InputError if the goal has no meaning for a moving arm."""
     if goal.is_relative:
         raise InputError(
-            "the goal is relative to where the arm is (frame_id tool, or an arc by an angle), but it moves; "
-            "give the goal in the base frame, or as joint angles"
+            "the goal is relative to the position of the arm (frame_id tool, or an arc by an angle), "
+            "but the arm moves; give the goal in the base frame, or as joint angles"
         )
     if goal.signals:
         raise InputError(

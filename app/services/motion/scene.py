@@ -142,7 +142,9 @@ class SceneService:
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             if name not in scene.objects and len(scene.objects) >= MAX_OBJECTS:
-                raise LimitError(f"objects: no more than {MAX_OBJECTS} are allowed: remove one first")
+                raise LimitError(
+                    f"objects: there are already {MAX_OBJECTS}, which is the maximum; remove one first"
+                )
             placed = replace(item, pose=self._placed(scene, item.pose, frame))
             return replace(scene, objects={**scene.objects, name: placed})
 
@@ -168,7 +170,9 @@ class SceneService:
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             if name not in scene.frames and len(scene.frames) >= MAX_FRAMES:
-                raise LimitError(f"frames: no more than {MAX_FRAMES} are allowed: remove one first")
+                raise LimitError(
+                    f"frames: there are already {MAX_FRAMES}, which is the maximum; remove one first"
+                )
             return replace(scene, frames={**scene.frames, name: self._placed(scene, pose, frame)})
 
         return edit
@@ -232,14 +236,14 @@ class SceneService:
             state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
-                    f"the arm moves (mode {state.mode.name}): objects can be attached and detached only "
-                    f"while it is at rest",
+                    f"the arm moves (mode {state.mode.name}); objects can be attached and detached only "
+                    "while it is at rest",
                     details={"cause": "moving"},
                 )
             if state.mode in STREAMING:
                 raise ConflictError(
-                    f"a streaming session is active (mode {state.mode.name}): "
-                    "change the scene before or after it",
+                    f"a streaming session is active (mode {state.mode.name}); change the scene before "
+                    "or after the session",
                     details={"cause": "moving"},
                 )
             hand = self._robot.model.forward(state.commanded_position)
@@ -271,7 +275,7 @@ class SceneService:
         """Apply a scene that changes the load of the arm. Nothing moves and nothing is planned meanwhile."""
         if state.mode not in RESTING:
             raise ConflictError(
-                f"the arm moves (mode {state.mode.name}): its load can be changed only while it is at rest",
+                f"the arm moves (mode {state.mode.name}); its load can be changed only while it is at rest",
                 details={"cause": "moving"},
             )
         caller = Caller(name, CLIENT.get().sequence, self._ownership.stops, math.inf, asyncio.Event())
@@ -387,7 +391,10 @@ class SceneService:
         if remaining.contact is None:
             return ""
         problem = await asyncio.to_thread(checker.refusal, remaining.left, remaining.contact)
-        why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {problem}"
+        why = (
+            f"the scene has changed (version {checker.scene.version}), and the remaining motion is no "
+            f"longer valid: {problem}"
+        )
         log.warning("motion %d is stopped: %s", remaining.handed_over[0], why)
         try:
             await self._stopping.stop_motion(StopReason(why, "scene"))
@@ -418,9 +425,11 @@ class SceneService:
 
     def _require_own_name(self, name: str) -> None:
         if name in self._robot.collision.tool.shapes:
-            raise InputError(f"name: {shown(name)} is a shape of the tool; take another one")
+            raise InputError(f"name: {shown(name)} is a shape of the tool; choose another name")
         if name in self._model_names:
-            raise InputError(f"name: {shown(name)} is a body, site or frame of the robot; take another one")
+            raise InputError(
+                f"name: {shown(name)} is a body, site or frame of the robot; choose another name"
+            )
 
     def _require_known(self, scene: Scene, names: Collection[str]) -> None:
         bodies = self._robot.collision.body_names

@@ -64,7 +64,7 @@ class SyncService:
             InputError: the list is empty, or a robot is listed twice or does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self.groups:
             raise ConflictError(f"the group {shown(name)} exists already")
         if len(self.groups) >= MAX_GROUPS:
@@ -111,7 +111,9 @@ class SyncService:
             if other == number and set(sync.robots) == set(names):
                 return
             if other == number or set(sync.robots) & set(names):
-                raise ConflictError(f"the synchronous motion {other} is on for {', '.join(sync.robots)}")
+                raise ConflictError(
+                    f"the synchronous motion {other} is already active for {', '.join(sync.robots)}"
+                )
         self._syncs[number] = _Sync(names)
 
     def end(self, number: int, *, undo: bool = False) -> None:

@@ -121,8 +121,8 @@ class ToolService:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
                 if state.mode not in RESTING:
                     raise ConflictError(
-                        f"the arm moves (mode {state.mode.name}): the tool can be changed only while it is "
-                        f"at rest",
+                        f"the arm moves (mode {state.mode.name}); the tool can be changed only while it "
+                        "is at rest",
                         details={"cause": "moving"},
                     )
                 tool = replace(edit(self.tool), version=self.tool.version + 1)
@@ -141,7 +141,7 @@ class ToolService:
             if name in taken:
                 raise InputError(
                     f"shapes: {shown(name)} is a body, site or frame of the robot, or an object of the "
-                    "scene; take another name"
+                    "scene; choose another name"
                 )
         model = self._robot.model
         held = [name for name, each in self._scene.scene.objects.items() if each.attached]
@@ -153,7 +153,7 @@ class ToolService:
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
     async def _apply(self, tool: Tool) -> ToolChanged:
-        checker, ours = [  # one of the two is for threads
+        checker, ours = [  # separate copies: one of the two is for threads
             await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
         ]
         before = self.tool

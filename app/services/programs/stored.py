@@ -180,7 +180,9 @@ class StoredPrograms:
             UnavailableError: the file cannot be written; the former version is unchanged.
         """
         if not _ID.fullmatch(program):
-            raise InputError(f"program: {shown(program)} is not an id; it has a-z, 0-9, _ and -, at most 64")
+            raise InputError(
+                f"program: {shown(program)} is not a valid id; use at most 64 characters of a-z, 0-9, _ and -"
+            )
         self._require_no_example(program)
         if saved.kind == "sequence":
             _require_object(saved.text)
@@ -208,8 +210,8 @@ class StoredPrograms:
     def _require_no_example(self, program: str) -> None:
         if program in self._examples:
             raise ConflictError(
-                f"program {shown(program)} is an example of the cell and cannot be changed; save yours "
-                f"under another id"
+                f"program {shown(program)} is an example of the cell and cannot be changed; save your "
+                "program under another id"
             )
 
     async def _one_at_a_time(self, work: Callable[[], Result]) -> Result:
@@ -258,8 +260,8 @@ class StoredPrograms:
         number = numbers[-1] if version is None else version
         if number not in numbers:
             raise NotFoundError(
-                f"version: program {shown(program)} has no version {number}; kept are "
-                f"{numbers[0]} to {numbers[-1]}"
+                f"version: program {shown(program)} has no version {number}; the versions {numbers[0]} "
+                f"to {numbers[-1]} are kept"
             )
         path = self._path(program, number)
         try:
@@ -316,8 +318,8 @@ class StoredPrograms:
             raise UnavailableError(f"{path}: cannot be read: {exc.strerror}") from exc
         except ValidationError as exc:
             raise UnavailableError(
-                f"{path}: is damaged, and has the versions of deleted programs; remove it if no client has a "
-                "deleted program open"
+                f"{path}: is damaged; it contains the versions of deleted programs; remove it if no "
+                "client has a deleted program open"
             ) from exc
 
     def _repeated_or_refused(
@@ -334,7 +336,7 @@ class StoredPrograms:
         based = f"yours is based on version {base}" if base else "yours is a new program"
         raise ChangedError(
             f"program {shown(there.saved.label)} ({program}): {there.author} saved version {newest} at "
-            f"{there.time}, and {based}; load theirs, or save yours under another name"
+            f"{there.time}, and {based}; load that version, or save yours under another name"
         )
 
     def _delete(self, program: str, base: int | None) -> ProgramVersion:
@@ -389,4 +391,4 @@ def _require_object(text: str) -> None:
     except (ValueError, RecursionError) as exc:
         raise InputError(f"text: is not JSON: {exc}") from exc
     if not isinstance(content, dict):
-        raise InputError(f"text: a sequence file is an object, got {shown(content)}")
+        raise InputError(f"text: a sequence file must be an object, got {shown(content)}")

@@ -179,7 +179,7 @@ class StudyService:
         used = self.files.total_bytes
         if used > MAX_TOTAL_BYTES - MIN_BYTES:
             raise ConflictError(
-                f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID",
+                f"studies take {used} bytes, allowed: {MAX_TOTAL_BYTES}; delete some with DELETE /studies/ID",
                 details={"cause": "full"},
             )
         copies = {"tool_file": json.dumps(asdict(tool_file(self._settings).read()))}

@@ -89,7 +89,7 @@ class StudyRun:
             while (line := await self.process.stdout.readline()) and await self._take(json.loads(line), keep):
                 pass
         except ValueError:  # a line longer than LINE_BYTES, or the last line of a killed process
-            self.error = self.error or ExecutionError("the answer of the study is too large, or was cut")
+            self.error = self.error or ExecutionError("the answer of the study is too large or incomplete")
         finally:
             self.kill()
             await self.process.wait()

@@ -151,7 +151,10 @@ class HealthService:
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             return [f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it", *starting]
         if state.measured_age_s > self._stale_s:
-            return [f"not measured for {state.measured_age_s:.1f} s: {state.reason}", *starting]
+            return [
+                f"the arm has not been measured for {state.measured_age_s:.1f} s: {state.reason}",
+                *starting,
+            ]
         return starting
 
     def _session(self, state: RobotState) -> dict[str, object] | None:

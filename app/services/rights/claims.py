@@ -109,7 +109,7 @@ class Claim:
     def time_out(self) -> None:
         """Interrupt the motion, because its timeout has passed."""
         done = "begun" if self.motion_id is None else "arrived"
-        self.interrupt(MotionTimeout(f"not {done} within {self.timeout_s:g} s"))
+        self.interrupt(MotionTimeout(f"the motion has not {done} within {self.timeout_s:g} s"))
 
     def proceed(self) -> None:
         """Raise the error of the interruption, if there was one.
@@ -179,7 +179,7 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(caller.gone.wait(), min(max(left_s(), 0.01), MAX_WAIT_S))
         if caller.gone.is_set():
-            claim.interrupt(StopReason("the client went away", "client_left").error)
+            claim.interrupt(StopReason("the client has disconnected", "client_left").error)
         else:
             claim.time_out()
 

@@ -252,5 +252,6 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
 def unknown(number: str) -> NotFoundError:
     """Make the error for an unknown job."""
     return NotFoundError(
-        f"there is no job {shown(number)}: the newest {KEPT} ended jobs are kept; GET /jobs lists them"
+        f"there is no job {shown(number)}; only the newest {KEPT} ended jobs are kept, and GET /jobs "
+        "lists them"
     )

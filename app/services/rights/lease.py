@@ -106,8 +106,8 @@ class ControlLease:
         if lease is not None and not self.holds(client):
             left_s = lease.until_s - self._clock.now_s()
             raise ConflictError(
-                f"{lease.client} has control of the robot, for {left_s:.0f} s if nothing moves: wait, or "
-                "take control: POST /robot/control with force",
+                f"{lease.client} has control of the robot, for {left_s:.0f} s if nothing moves; wait, "
+                "or take control with POST /robot/control and force",
                 details={"cause": "control", "by": str(lease.client)},
             )
 

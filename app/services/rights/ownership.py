@@ -192,7 +192,7 @@ class Ownership:
         own = self._sequence is not None and self._sequence.token == client.sequence
         if moving is not None and not own and not moving.client.same(client):
             raise ConflictError(
-                f"the robot is in use by {self.owner}, of {moving.client}: only that client can {what}",
+                f"the robot is in use by {self.owner} of {moving.client}, and only that client can {what}",
                 details={"cause": "mover", "by": str(moving.client)},
             )
 
@@ -271,7 +271,7 @@ class Ownership:
         clock, override, job = self._link.clock, self.speed_override, caller.job
         claim = Claim(caller.name, self._link.stops, override, clock, clock.now_s(), CLIENT.get(), job)
         if self.stops != caller.stops:
-            claim.interrupt(StopReason("a stop was requested while the request was being read", by="").error)
+            claim.interrupt(StopReason("a stop was requested while this request was being read", by="").error)
         self._claim = claim
         self.lease.renew()
         error: BaseException | None = None

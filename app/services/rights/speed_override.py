@@ -163,8 +163,8 @@ class SpeedOverride:
         known = self._link.device()
         if known is not None and known[1].capabilities.trajectories:
             raise NotSupportedError(
-                f"the backend {known[0]} executes whole motions itself: a motion can be stopped, but "
-                f"neither slowed down nor paused; use `speed` of the next motion, or POST /stop"
+                f"the backend {known[0]} executes whole motions itself, so a motion can be stopped, but "
+                "neither slowed down nor paused; use `speed` of the next motion, or POST /stop"
             )
 
     def reset(self) -> None:

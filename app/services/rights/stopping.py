@@ -240,7 +240,7 @@ class StopService:
             if state.stops_seen >= self._link.stops and _idle(state) and state.settled:
                 return state
             await asyncio.sleep(POLL_S)
-        problems.append(f"not at rest within {timeout_s:g} s")
+        problems.append(f"the arm is not at rest within {timeout_s:g} s")
         return state
 
 

@@ -200,8 +200,8 @@ class Commands:
                 await self._turn.acquire()
         except TimeoutError as exc:  # a reset may take much longer, and the client does not wait for it
             raise UnavailableError(
-                f"{name} is not set: rtloop has been busy with another command, for example a reset, for "
-                f"{ACKNOWLEDGE_S:g} s"
+                f"{name} is not set, because rtloop has been busy with another command, for example a "
+                f"reset, for {ACKNOWLEDGE_S:g} s; try again"
             ) from exc
         try:
             record = self._memory.output.data

@@ -26,8 +26,8 @@ async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
         return ""
     if not payload_checked and not link.tool_version:
         raise InputError(
-            "payload_checked: the arm's tool and load are not confirmed: set them with POST /robot/tool, or "
-            "send true if the arm carries nothing in addition to its model"
+            "payload_checked: the arm's tool and load are not confirmed; set them with POST "
+            "/robot/tool, or send true if the arm carries nothing in addition to its model"
         )
     await link.commands.acknowledge()
     return found

@@ -51,7 +51,8 @@ class IoService:
             backend, points = self.points()
             if points is None:
                 raise NotFoundError(
-                    f"there is no output {shown(name)}: the backend {backend} has no inputs and outputs"
+                    f"there is no output {shown(name)}, because the backend {backend} has no inputs and "
+                    "outputs"
                 )
             number = number_of(output_of(points, name), value)
             try:

@@ -289,7 +289,7 @@ class ForceService:
             wrench = self.external_wrench()
             for axis, value, threshold in zip(AXES, wrench.tolist(), self.settings.thresholds, strict=True):
                 if abs(value) > threshold:
-                    return f"{value:.1f} along or about {axis} are beyond the threshold of {threshold:g}"
+                    return f"{value:.1f} along or about {axis} exceed the threshold of {threshold:g}"
             if self._session is not None:
                 if self._session.over:
                     return self._session.over

@@ -200,7 +200,7 @@ class ForceMotionService:
         work = partial(plan_motion, request=self._goals.request(goal, start))
         path = await self._planning.compute(work, caller.timeout_s)
         if path is None:
-            raise InputError("motion: the TCP is already at the end; there is no path to follow")
+            raise InputError("motion: the TCP is already at the end, so there is no path to follow")
         return path
 
     def _require_able(self) -> None:

@@ -87,7 +87,7 @@ class ForceRun:
         self._paused_s = ownership.speed_override.paused_s
         self._before_s = link.clock.now_s()
         self._number = 0
-        self._missing_n = 0.0  # missing contact force, integrated over time
+        self._missing_n = 0.0  # missing contact force, integrated over time, N·s
         self._aim = Aim(push.start, 0.0)
 
     async def drive(self, session: StreamSession, stages: Stage) -> None:
@@ -175,7 +175,7 @@ class ForceRun:
             ExecutionError: rtloop has ended the session; the error gives the reason.
         """
         if self.caller.gone.is_set() and self.caller.job is not None:
-            gone = StopReason("the client went away", "client_left").error
+            gone = StopReason("the client has disconnected", "client_left").error
             self._ownership.cancel(self.caller.job, gone)
             raise gone
         if not session.over:

@@ -91,7 +91,7 @@ class Push:
         return float((pose.position - self.start.position) @ self.axis)
 
     def beside(self, position: Array) -> Array:
-        """Return a position moved along the axis to the height of the start, shape (3,)."""
+        """Return a position, moved along the axis to the height of the start, shape (3,)."""
         moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
         return moved
 
@@ -138,7 +138,7 @@ def approach(push: Push) -> Stage:
             raise NotMet(
                 "max_distance",
                 f"there is no contact within {push.max_distance_m:g} m: the TCP has felt "
-                f"{max(sample.force_n, 0.0):.1f} N, a contact begins at {push.contact_n:g} N",
+                f"{max(sample.force_n, 0.0):.1f} N, but a contact begins at {push.contact_n:g} N",
             )
 
 
@@ -221,7 +221,7 @@ def search(
     while True:
         offset = pattern.offset(way_m)
         if offset is None:
-            raise NotMet("pattern_end", f"the {body.pattern} has ended and nothing was found")
+            raise NotMet("pattern_end", f"the {body.pattern} has ended, but nothing was found")
         sample = yield Aim(push.shifted(offset), push.force_n)
         # A force above the commanded one has pressed the TCP into the surface, so this is not a hole.
         most_n = push.contact_n if settling_s > 0.0 else push.force_n

@@ -64,7 +64,7 @@ pushing.
 MAX_LEAD_RAD = 0.05
 """Maximum distance of a target from rtloop's command, which may lag behind it, rad or m."""
 OFF = "freedrive was switched off"
-SWITCHED_OFF = "robot.backend.freedrive is false: set it to true to guide this arm by hand"
+SWITCHED_OFF = "robot.backend.freedrive is false; set it to true to guide this arm by hand"
 NO_REASON = Reason("")
 
 
@@ -148,7 +148,7 @@ def _at_limit(name: str, value: float, limit: float, unit: str, where: str) -> R
 
 
 def outside(limits: JointLimits, position: Array) -> Reason:
-    """Describe the joint that is furthest outside its limits, and what to do; "" if all joints are within
+    """Describe the joint that is furthest outside its limits, and the remedy; "" if all joints are within
     their limits.
     """
     past = np.maximum(limits.min_position - position, position - limits.max_position)
@@ -253,7 +253,7 @@ class FreedriveService:
             ConflictError: freedrive is off, or another client has started it.
         """
         if self.state.session is None:
-            raise ConflictError("hand guiding is off: begin it first (POST /robot/freedrive)")
+            raise ConflictError("hand guiding is off; begin it first with POST /robot/freedrive")
         if not client.same(self._client):
             raise ConflictError(f"the arm is guided by {self._client}")
 
@@ -291,8 +291,8 @@ class FreedriveService:
         force = float(np.linalg.norm(state.wrench[:3]))
         if by_device and force > PUSHED_N:
             raise ConflictError(
-                f"freedrive: the TCP already feels {force:.1f} N, allowed: {PUSHED_N:g} N: let go of the "
-                "arm, and see that its tool is set (POST /robot/tool)",
+                f"freedrive: the TCP already feels {force:.1f} N, allowed: {PUSHED_N:g} N; let go of "
+                "the arm, and check that its tool is set (POST /robot/tool)",
                 details={"cause": "pushed"},
             )
         external = state.record["external_effort"]
@@ -301,8 +301,8 @@ class FreedriveService:
         if shares[joint] > PUSHED_SHARE:
             raise ConflictError(
                 f"freedrive: {limits.names[joint]} already feels {external[joint]:.1f} N·m, allowed: "
-                f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m: let go of the arm, and see that its "
-                "tool is set (POST /robot/tool)",
+                f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m; let go of the arm, and check that "
+                "its tool is set (POST /robot/tool)",
                 details={"cause": "pushed"},
             )
 

@@ -42,7 +42,7 @@ SMOOTHING_S = 0.15
 MAX_LEAD_RAD = 0.1
 """Maximum distance of the targets ahead of the arm, rad or m. Beyond it the targets wait for the arm."""
 LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)
-SILENT = Reason(f"no jog frame for {SILENCE_S:g} s: let go, then press again", ReasonCode.JOG_SILENT)
+SILENT = Reason(f"no jog frame for {SILENCE_S:g} s; let go, then press again", ReasonCode.JOG_SILENT)
 GONE = Reason("the connection to the client was lost", ReasonCode.CONNECTION_LOST)
 NOT_AT_REST = Reason("the arm must come to rest first", ReasonCode.NOT_AT_REST)
 

@@ -72,6 +72,6 @@ class Pulling:
         backend, device = named
         if device.capabilities.hardware:
             raise NotSupportedError(
-                f"only a simulated arm can be pulled with the mouse, and the backend {backend} moves a real "
-                "one: push it with your hand"
+                f"only a simulated arm can be pulled with the mouse, but the backend {backend} moves a "
+                "real arm; push it with your hand"
             )

@@ -59,7 +59,8 @@ class PointInverse:
         if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS,
-                "not tried: the inverse kinematics of the previous point has failed",
+                "the inverse kinematics of this point was not tried, because that of the previous "
+                "point has failed",
             )
         x, y, z, rx, ry, rz = point.position
         try:
@@ -115,7 +116,10 @@ class ServoPoints:
             joints = self._inverse.joints(point)
             if session is None:
                 if len(self._waiting) >= POINTS:
-                    raise BrokenRule(Refusal.OVERRUN, f"{POINTS} points wait for the session to begin")
+                    raise BrokenRule(
+                        Refusal.OVERRUN,
+                        f"{POINTS} points already wait for the session to begin, which is the maximum",
+                    )
                 self._waiting.append((joints, point))
             else:
                 self._put(joints, point, session)
@@ -136,4 +140,4 @@ class ServoPoints:
     def _put(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
         self._wrench.update(session)
         if not self._writer.put(joints, point.time_s, point.lookahead_s, point.gain):
-            raise BrokenRule(Refusal.OVERRUN, f"the buffer is full: {POINTS} points wait in it")
+            raise BrokenRule(Refusal.OVERRUN, f"the buffer is full, because {POINTS} points wait in it")

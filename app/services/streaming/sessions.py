@@ -111,7 +111,8 @@ class StreamSession:
         """Latch an e-stop, which stops the arm."""
         if self.ended.done():
             raise ConflictError(
-                "the session has ended: only the streaming client may request an e-stop here; use POST /stop"
+                "the session has ended, and only the streaming client may request an e-stop here; use "
+                "POST /stop"
             )
         self._writer.estop()
 
@@ -236,7 +237,7 @@ class StreamService:
         if last is not None and self._link.state().session != last.number:
             await asyncio.shield(
                 last.ended
-            )  # the client knows from rtloop that the session has ended; the service reads it a moment later
+            )  # the session has ended in rtloop, and the client knows this before the service
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(await self._ownership.claim_motion(caller))

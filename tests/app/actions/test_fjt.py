@@ -108,14 +108,14 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
         (
             goal([point(HERE, 1.0)], NAMES[:6]),
             FjtError.INVALID_JOINTS,
-            "joint_names must be joint1.* in any order: missing are 'joint7'$",
+            "joint_names must be joint1.* in any order: missing: 'joint7'$",
         ),
         (
             goal([point(HERE, 1.0)], [*NAMES[:6], "joint1"]),
             FjtError.INVALID_JOINTS,
-            "missing are 'joint7'; twice there are 'joint1'",
+            "missing: 'joint7'; listed twice: 'joint1'",
         ),
-        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), FjtError.INVALID_JOINTS, "unknown are 'joint8'"),
+        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), FjtError.INVALID_JOINTS, "unknown: 'joint8'"),
         (goal([point(HERE, 1.0)], []), FjtError.INVALID_JOINTS, "joint_names"),
         (
             goal([point(HERE[:6], 1.0)]),
@@ -129,11 +129,14 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
             FjtError.INVALID_GOAL,
             r"points\[1\] has no velocities, but points\[0\] has: give them at all points or at none",
         ),
-        (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations need velocities"),
+        (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations without velocities"),
         (
             goal([point(HERE, 1.0), point(HERE, 1.0)]),
             FjtError.INVALID_GOAL,
-            r"points\[1\]: time_from_start must increase strictly, it is 1 s after 1 s; leave the point out",
+            (
+                r"points\[1\]: time_from_start must increase strictly, but it is 1 s after 1 s; leave the "
+                r"point out"
+            ),
         ),
         (
             goal([point(HERE, 0.0)] * 2),

@@ -192,8 +192,8 @@ def test_a_command_over_rest_replaces_a_goal_and_its_reason_is_on_rosout(client:
 @pytest.mark.parametrize(
     ("action", "command", "words"),
     [
-        (GAP, {"position": 0.2}, "the width is 0.2 m, the gripper allows 0 to 0.1 m"),
-        (GAP, {"position": -0.01}, "position is -0.01, it must be a number from 0 on"),
+        (GAP, {"position": 0.2}, "the width is 0.2 m, but the gripper allows 0 to 0.1 m"),
+        (GAP, {"position": -0.01}, "position is -0.01; it must be a number from 0 on"),
         (GAP, {"position": None}, "position is nan"),
         (GAP, {"position": 0.02, "max_effort": None}, "effort is nan"),
         (GAP, {"position": 0.02, "max_effort": 0.001}, "the gripper needs at least"),

@@ -113,4 +113,4 @@ def test_whoever_takes_more_than_the_request_is_given_it(endpoint: Any) -> None:
 def test_a_number_without_end_is_refused_in_words_of_its_own() -> None:
     with pytest.raises(InputError) as refused:
         decoded(b"[" + b"1" * 4301 + b"]", "the body")
-    assert str(refused.value) == "the body: a whole number has 4301 characters, up to 4300 are read"
+    assert str(refused.value) == "the body: a whole number has 4301 characters, allowed: 4300"

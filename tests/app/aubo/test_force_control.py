@@ -170,7 +170,7 @@ def test_beyond_a_threshold_the_arm_stops_and_the_reason_is_told(bench: Bench) -
         await bench.until(lambda: not bench.force.settings.enabled)
         await bench.until(lambda: bench.rig.mode is LoopMode.HOLD)
         reason = await bench.ask("getFcEndReason")
-        assert "along or about x are beyond the threshold of 25" in reason
+        assert "along or about x exceed the threshold of 25" in reason
         assert any(reason in report for report in bench.reports)
         await bench.until(lambda: bench.ownership.owner is None)
 

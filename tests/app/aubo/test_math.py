@@ -133,4 +133,4 @@ def test_alpha_has_bounds() -> None:
     answer = asyncio.run(
         call(cast(Any, None), "Math", "interpolatePose", {"p1": [0] * 6, "p2": [1] * 6, "alpha": 1e300})
     )
-    assert (answer.code, answer.message) == (Code.LIMIT, "alpha is from -1000 to 1000, got 1e+300")
+    assert (answer.code, answer.message) == (Code.LIMIT, "alpha must be from -1000 to 1000, got 1e+300")

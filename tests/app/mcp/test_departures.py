@@ -102,7 +102,7 @@ def test_the_arm_stops_for_whom_nobody_waits_any_more(
     moving = Moving(cell, mode)
     leave(moving)
     job = cell.service.until(lambda: (job := moving.job())["state"] == "cancelled" and job)
-    assert "the client went away" in job["error"]["detail"]
+    assert "the client has disconnected" in job["error"]["detail"]
     at_rest = cell.joints()
     cell.service.sleep(1.0)
     assert cell.joints() == pytest.approx(at_rest, abs=2e-3)

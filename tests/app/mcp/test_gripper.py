@@ -50,7 +50,8 @@ def test_a_plan_moves_no_finger_until_an_operator_has_approved_it(cell: Cell) ->
     assert plan["signals"] == ["gripper move, width 0.02 m"]
     refused = cell.agent.refused("execute", plan_id=plan["plan_id"])
     assert (
-        "it does more than move (gripper move, width 0.02 m), but the fence permits only motions" in refused
+        "it does more than move the arm (gripper move, width 0.02 m), but the fence permits only motions"
+        in refused
     )
     assert DEVICES["toy"].target_m == STROKE_M
     cell.asks("/robot/approve", {"plan_id": plan["plan_id"]})
@@ -118,7 +119,7 @@ def test_a_plan_of_the_gripper_is_listed_rehearsed_and_drawn_but_not_queued(cell
 
 
 REFUSED: list[tuple[str, dict[str, Any], str]] = [
-    ("plan_gripper_move", {"width": 0.2}, "width is 0.2 m, the gripper"),
+    ("plan_gripper_move", {"width": 0.2}, "width is 0.2 m, but the gripper"),
     ("plan_gripper_move", {"width": 0.02, "force": 500.0}, "force is 500 N"),
     ("plan_gripper_move", {}, "plan_gripper_move: width: is missing"),
     ("plan_gripper_grasp", {"widht": 0.02}, "unknown key 'widht' (did you mean 'width'?)"),

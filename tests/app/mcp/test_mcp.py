@@ -209,7 +209,10 @@ def test_a_crowd_of_previews_takes_one_planning_process_and_does_not_wait_for_ev
     answers = [service.end(each).json()["result"] for each in crowd]
     assert drawn == [0, 1]
     assert [answer["isError"] for answer in answers] == [False, False, False, True, True]
-    assert "could not be drawn within 10 s: other plans are being drawn" in answers[-1]["content"][0]["text"]
+    assert (
+        "could not be drawn within 10 s, because other plans are being drawn"
+        in answers[-1]["content"][0]["text"]
+    )
 
 
 def test_off_is_off(service: VirtualService) -> None:

@@ -217,7 +217,7 @@ def test_latched_messages_are_bounded_and_given_back() -> None:
         assert one.got() == []
         one.take({**message, "topic": "/a1"}, 1)
         (refused,) = one.got()
-        assert f"{MAX_LATCHED} are kept already, and this one has 1" in refused["msg"]
+        assert f"{MAX_LATCHED} are already stored, and this one has 1" in refused["msg"]
         publisher, _ = one._publishers["/a0", None]
         assert publisher.last == {"data": "first"}
         one.ask("unadvertise", topic="/a0")
@@ -372,7 +372,7 @@ def test_calls_under_way_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         graph.add_service("/slow", "std_srvs/srv/Empty", slow, owner=0)
         for number in range(4):
             one.ask("call_service", service="/slow", id=number)
-        assert "this client has 3 calls in progress, no more are allowed" in errors(one)[0]
+        assert "this client has 3 calls in progress, which is the maximum" in errors(one)[0]
         go.set()
         await asyncio.sleep(0.01)
         assert [message["id"] for message in one.got()] == [0, 1, 2]

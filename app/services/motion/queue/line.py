@@ -46,7 +46,7 @@ class QueueLine:
         self._planned: deque[QueuedMove] = deque()
         self._loose: deque[QueuedMove] = deque()
         self._planning: asyncio.Task[QueuedMove] | None = None
-        # how often `end` has changed to a position that is not the end of the last planned move
+        # how often `end` was set to a position other than the end of the last planned move
         self._cuts = 0
 
     def __bool__(self) -> bool:
@@ -139,7 +139,9 @@ class QueueLine:
                 found: QueuedMove | None = move
                 if not (move.legs and np.array_equal(move.legs[0].motion.start, self.end)):
                     if not move.request.anywhere:
-                        raise ConflictError(f"{move.name}: it is relative to its start, which has changed")
+                        raise ConflictError(
+                            f"{move.name}: its goal is relative to its start, which has changed"
+                        )
                     found = await self._plan_from_end(claim, move.number, move.request)
             except CobotError as exc:
                 if claim.interruption is None:

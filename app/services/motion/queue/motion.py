@@ -67,9 +67,9 @@ class QueueMotion:
         self._jobs = jobs
         self.moves: list[QueuedMove] = []
         self._phase = _Phase.NONE
-        self._joining: list[QueuedMove] = []  # moves on their way to rtloop
+        self._joining: list[QueuedMove] = []  # moves that are being sent to rtloop
         self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
-        self._planning: asyncio.Task[Stretch] | None = None  # of moves that will extend the motion
+        self._planning: asyncio.Task[Stretch] | None = None  # moves with which the motion will be extended
         self._runs = Runs(link)
         self._signals = QueueSignals(motion, lambda: self.moves)
         self._lead_s = FIRST_LEAD_S

@@ -37,7 +37,8 @@ class QueueRequest:
     Attributes:
         name: displayed name.
         parts: one function for each motion of the move. It is called with the start of the motion, and
-            returns the request to the planner or the planned motion; None if the arm is already at the goal.
+            returns the request to the planner or the planned motion; None means that the arm is already at
+            the goal.
         radius_m: blend radius at the end, m, if another move follows in time.
         inner_radii_m: blend radius at the end of each part except the last, m.
         job: the job of the move; None for the vendor services, whose moves together are one job.
@@ -256,7 +257,7 @@ class MovePlanner:
             try:
                 await self._motion.require_free_since(move.since_s, each.motion)
             except CollisionError as exc:
-                raise exc.with_message(f"the scene has changed since it was queued: {exc}") from exc
+                raise exc.with_message(f"the scene has changed since the move was queued: {exc}") from exc
 
     async def begin_stretch(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
         """See `planning_tasks.begin_stretch`; raises the errors of `PlanningService.compute`."""

@@ -252,7 +252,7 @@ def test_the_websocket_says_the_same(run: VirtualService) -> None:
         ("state_hz=101", 422, "less than or equal to 100, got '101'"),
         ("state_hz=-1e309", 422, "state_hz: "),
         ("state_hz=fast", 422, "state_hz: "),
-        ("after=99999999999999999999", 422, "has not happened yet, the newest event is "),
+        ("after=99999999999999999999", 422, "has not happened yet; the newest event is "),
         ("after=99999999999999999999999999999999", 422, "is neither EPOCH-NUMBER nor a number"),
         ("after=-1", 422, "is neither EPOCH-NUMBER nor a number"),
         ("after=", 422, "is neither EPOCH-NUMBER nor a number"),

@@ -146,7 +146,7 @@ def test_a_sequence_is_planned_as_it_moves(service: VirtualService) -> None:
     moved = service.post("/robot/move/sequence", json={"motions": motions, "radii": [0.1]}).json()
     assert moved["duration_s"] == pytest.approx(done["duration_s"], abs=0.05)
     refusal = service.post("/robot/plan/sequence", json={"motions": motions, "radii": [0.1, 0.1]})
-    assert refusal.json()["detail"] == "radii: 2 motions need 1, one for each but the last; got 2"
+    assert refusal.json()["detail"] == "radii: 2 motions need 1, one for each motion except the last; got 2"
 
 
 def test_where_a_line_cannot_end_in_the_joints_that_are_asked_for_any_end_works(

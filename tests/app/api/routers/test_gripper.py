@@ -152,7 +152,7 @@ def test_an_object_of_another_width_is_an_error_that_names_both(run: Run) -> Non
     run.toy.object_m = 0.03
     answer = run.ask("grasp", {"width": 0.01, "tolerance_outer": 0.002}).json()
     assert not answer["success"]
-    assert "something that is 0.0300 m wide, expected 0.01 m" in answer["message"]
+    assert "something that is 0.0300 m wide; the expected width is 0.01 m" in answer["message"]
     assert (answer["object"], answer["held"]) == ("held_inside", None)
 
 
@@ -301,7 +301,10 @@ def test_a_stop_while_the_driver_does_not_return_is_an_error_and_follows(
         run.service.sleep(1.0)
         answer = run.ask("stop")
         assert answer.status_code == 502, answer.text
-        assert "not received the stop within 4 s: its driver has not returned for" in answer.json()["detail"]
+        assert (
+            "not accepted the stop within 4 s: the driver of the gripper has not returned for"
+            in answer.json()["detail"]
+        )
         assert run.state_of(job)[0] == "cancelled"
         back.set()
         run.service.until(lambda: run.client.gripper.state()["connected"])

@@ -115,7 +115,7 @@ def test_corners_are_round_beside_constraints_too(service: VirtualService) -> No
         ),
         (
             {"motions": MOTIONS, "radii": [0.1, 0.1]},
-            "radii: 2 motions need 1, one for each but the last; got 2",
+            "radii: 2 motions need 1, one for each motion except the last; got 2",
         ),
         ({"motions": [{"joints": HOME, "sped": 1}]}, "motions[0]: unknown key 'sped'"),
     ],

@@ -534,7 +534,7 @@ def test_an_improvement_ends_in_time_while_other_plans_are_made(
     answer = post(walled, path, {"budget_s": 0.75})
     assert answer.status_code == 422
     assert answer.json()["code"] == "planning_timeout"
-    assert "not improved within 20 s: other plans are being made" in answer.text
+    assert "not improved within 20 s, because other plans are being made" in answer.text
     assert walled.clock.now_s() - begun_s == pytest.approx(20.0, abs=0.1)
     begun_s = walled.clock.now_s()
     assert post(walled, path, {"budget_s": 0.75}).json()["plan_id"] == first["plan_id"]

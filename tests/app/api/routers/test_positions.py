@@ -160,11 +160,11 @@ GOOD = f'"good": {{"name": "good", "group": "taught", "joints": {HOME}, "descrip
         ('{"beside": 3}', "beside: ", []),
         ("{" + GOOD, "invalid JSON", []),
         ("", "invalid JSON", []),
-        (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0')}}}", "'bad' has 6 joints, this arm has 7", ["good"]),
+        (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0')}}}", "'bad' has 6 joints, but this arm has 7", ["good"]),
         (f"{{{GOOD}, {entry('NaN, 0, 0, 0, 0, 0, 0')}}}", "'bad' has joints that are not numbers", ["good"]),
         (
             f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0, 0', 'else')}}}",
-            "'bad' has the other name 'else' inside",
+            "'bad' contains the different name 'else'",
             ["good"],
         ),
     ],
@@ -178,7 +178,7 @@ def test_a_spoilt_file_is_set_aside_and_what_is_good_in_it_stays(
     made = again(run, kept)
     assert [each.name for each in made.all() if each.group == "taught"] == left
     assert said in made.problem
-    assert "it was set aside as arm.positions.json.spoilt-2: remove that" in made.problem
+    assert "it was set aside as arm.positions.json.spoilt-2: check that file" in made.problem
     assert (tmp_path / "arm.positions.json.spoilt-2").read_text() == content
     once_more = again(run, kept)
     assert [each.name for each in once_more.all() if each.group == "taught"] == left

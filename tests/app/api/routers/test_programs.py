@@ -74,7 +74,7 @@ def test_the_second_of_two_saves_is_refused_with_names_and_the_way_out(run: Virt
     save(run, "a", 1, by="Anna", label="Anna's").raise_for_status()
     late = save(run, "a", 1, label="mine")
     assert (late.status_code, late.json()["code"]) == (412, "changed")
-    for part in ("Anna", "version 2", "version 1", "load theirs, or save yours under another name"):
+    for part in ("Anna", "version 2", "version 1", "load that version, or save yours under another name"):
         assert part in late.json()["detail"]
     blind = save(run, "a", label="mine")
     assert blind.status_code == 412
@@ -168,7 +168,7 @@ def test_a_damaged_list_of_deleted_programs_is_named_and_nothing_is_written_over
         ("a", {"label": "x" * 101}, "label"),
         ("a", {"text": "{"}, "text: is not JSON"),
         ("a", {"text": "[" * 100_000}, "text: is not JSON"),
-        ("a", {"text": "[]"}, "text: a sequence file is an object"),
+        ("a", {"text": "[]"}, "text: a sequence file must be an object"),
         ("a", {"kind": "python"}, "kind"),
     ],
 )

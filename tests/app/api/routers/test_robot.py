@@ -153,7 +153,7 @@ def test_a_tool_stays_upright_over_http(service: VirtualService) -> None:
         ),
         (
             {"box": {"min": {"x": 1, "y": 0, "z": 0}, "max": {"x": 1, "y": 1, "z": 1}}},
-            "min.x is 1 m, it must be below",
+            "min.x is 1 m; it must be below",
         ),
         ({"box": {"min": {"x": 1, "y": 0, "z": 0}}}, "constraints.box.max"),
         ({"joints": {"elbow": [0, 1]}}, "there is no such joint; valid are: joint1"),

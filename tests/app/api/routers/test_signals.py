@@ -144,7 +144,7 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
             "until.force.direction: the length",
         ),
         ({"until": {"torque": {"joint": "elbow"}}}, 422, "until.torque.joint: there is no joint 'elbow'"),
-        ({"until": {"force": {}, "relative_to": "zero"}}, 409, "POST /robot/force/zero sets it"),
+        ({"until": {"force": {}, "relative_to": "zero"}}, 409, "set it with POST /robot/force/zero"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_moves(
@@ -306,7 +306,7 @@ def test_a_motion_ends_at_contact_and_goes_back(run: WiredService) -> None:
 
 def test_a_goal_without_contact_is_an_error_or_a_success(run: WiredService, robot: Client) -> None:
     run.post("/robot/move/pose", START).raise_for_status()
-    with pytest.raises(ConditionNotMet, match="the arm is at its goal, and the condition was not met"):
+    with pytest.raises(ConditionNotMet, match="the arm is at its goal, but the condition was not met"):
         robot.move_pose(**DOWN, until={"force": {}})
     run.post("/robot/move/pose", START).raise_for_status()
     answer = robot.move_pose(**DOWN, until={"force": {}, "if_not_met": "success"})
@@ -352,6 +352,6 @@ def test_the_zero_is_measured_at_rest_alone(run: WiredService) -> None:
     run.sleep(0.5)
     answer = run.post("/robot/force/zero")
     assert answer.status_code == 409
-    assert "the zero is measured at rest" in answer.json()["detail"]
+    assert "the zero can be measured only at rest" in answer.json()["detail"]
     run.post("/stop")
     run.end(moving)

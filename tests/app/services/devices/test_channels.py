@@ -132,7 +132,7 @@ def test_a_device_that_is_gone_and_one_without_line_ends_are_errors() -> None:
 @pytest.mark.parametrize("timeout_s", [0.0, -1.0, 61.0, float("nan"), float("inf")])
 def test_a_timeout_has_bounds(timeout_s: float) -> None:
     async def test() -> None:
-        with pytest.raises(LimitError, match=r"a timeout is from 0\.001 to 60 s"):
+        with pytest.raises(LimitError, match=r"a timeout must be from 0\.001 to 60 s"):
             await Line().channel.read_some(timeout_s)
         with pytest.raises(InputError, match="number must be from 1 to"):
             await Line().channel.read_exactly(0, LONG_S)
@@ -160,7 +160,7 @@ def test_channels_are_found_by_name_and_closed_once() -> None:
         with pytest.raises(ConflictError, match=f"{MAX_OPEN} of the kind socket are already open"):
             channels.require_place("one more")
         for name in ("", "x" * 201):
-            with pytest.raises(InputError, match="a name has from 1 to 200 characters"):
+            with pytest.raises(InputError, match="a name must have from 1 to 200 characters"):
                 channels.require_place(name)
 
     run(test)

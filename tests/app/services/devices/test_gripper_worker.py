@@ -113,4 +113,4 @@ def test_a_disconnect_that_does_not_return_is_reported() -> None:
             worker.close()
 
     problem = asyncio.run(asyncio.wait_for(work(), 60.0))
-    assert problem == "its driver has not returned for 20 s"
+    assert problem == "the driver of the gripper has not returned for 20 s"

@@ -18,7 +18,7 @@ def test_all_texts_together_are_bounded_and_give_their_room_back() -> None:
     for number in range(room):
         variables.set(f"text {number}", "string", text)
     with pytest.raises(
-        LimitError, match=f"would have {MAX_CHARACTERS + 1} characters, the maximum is {MAX_CHARACTERS}"
+        LimitError, match=f"would have {MAX_CHARACTERS + 1} characters, allowed: {MAX_CHARACTERS}"
     ):
         variables.set("one more", "string", "x")
     assert variables.kind("one more") == ""

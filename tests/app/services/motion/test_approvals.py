@@ -91,7 +91,7 @@ def test_outside_of_its_hours_an_agent_runs_nothing(
     if permitted:
         assert approvals.permit(world.plan) is not None
         return
-    with pytest.raises(PermissionDenied, match=f"the time is {clock[:5]}, mcp.fence.hours is {hours}"):
+    with pytest.raises(PermissionDenied, match=f"the time is {clock[:5]}, but mcp.fence.hours is {hours}"):
         approvals.permit(world.plan)
 
 
@@ -102,7 +102,7 @@ def test_with_more_than_its_payload_an_agent_runs_nothing(world: World, mass: fl
     if permitted:
         assert approvals.permit(world.plan) is not None
         return
-    with pytest.raises(PermissionDenied, match=r"the arm carries 3.01 kg, mcp.fence.payload_kg is 3 kg"):
+    with pytest.raises(PermissionDenied, match=r"the arm carries 3.01 kg, but mcp.fence.payload_kg is 3 kg"):
         approvals.permit(world.plan)
 
 

@@ -273,7 +273,7 @@ def test_no_bytes_do_anything_but_be_refused_when_the_separator_is_looked_for(co
 @pytest.mark.parametrize("cells", [7, 9])
 def test_a_ragged_row_is_named_with_both_counts(cells: int) -> None:
     message = refusal(f"{HEADER}\n{ROW}\n{','.join(['0'] * cells)}\n")
-    assert message == f"row 3: has {cells} columns, the header has 8"
+    assert message == f"row 3: has {cells} columns, but the header has 8"
 
 
 @pytest.mark.parametrize("blank", ["", "   ", ",,,,,,,", '""'])

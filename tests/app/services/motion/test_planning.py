@@ -247,7 +247,7 @@ def test_what_ends_every_worker_is_given_up_after_two(
     replaced = planning.status.replaced
 
     async def check() -> None:
-        with pytest.raises(PlanningError, match=r"SIGSEGV, like the one before"):
+        with pytest.raises(PlanningError, match=r"SIGSEGV, like the previous one"):
             await planning.compute(light_planner.end, WAIT_S)
         await until(lambda: planning.warm)
 

@@ -268,7 +268,7 @@ def test_all_attempts_together_keep_the_timeout(
     run: VirtualService, slow_planning: Callable[[float], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def too_late(*_: Any) -> None:
-        raise ExecutionError("the arm has passed the place of the change")
+        raise ExecutionError("the arm passed the place of the change")
 
     job = moving(run)
     run.post("/robot/speed_override", {"fraction": 0.02}).raise_for_status()

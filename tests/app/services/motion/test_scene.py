@@ -367,7 +367,7 @@ def test_a_voxel_in_the_way_is_planned_around_and_a_gap_of_the_voxels_is_free(ro
         (
             encoded([[0, np.inf, 0]]),
             0.01,
-            "point 0 is [0, inf, 0], allowed are finite numbers from -100 to 100 m",
+            "point 0 is [0, inf, 0], allowed: finite numbers from -100 to 100 m",
         ),
         (encoded([[0, 0, 0], [0, 0, 1e4]]), 0.01, "point 1 is [0, 0, 10000], allowed"),
         (encoded(np.zeros((0, 3))), 0.01, "objects.cloud: points_base64: has 0 bytes; each point has 12"),

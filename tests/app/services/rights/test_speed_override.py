@@ -238,6 +238,8 @@ def test_a_device_that_moves_by_itself_is_neither_slowed_down_nor_paused(bench: 
     device.publish()
     override = bench.ownership.speed_override
     for asked in (override.set_fraction(0.5), override.pause()):
-        with pytest.raises(NotSupportedError, match="executes whole motions itself: a motion can be stopped"):
+        with pytest.raises(
+            NotSupportedError, match="executes whole motions itself, so a motion can be stopped"
+        ):
             asyncio.run(asked)
     assert (override.fraction, override.paused) == (1.0, False)

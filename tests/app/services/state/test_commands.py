@@ -98,7 +98,7 @@ def test_an_output_that_waits_for_a_long_reset_is_not_set_later(
     async def refused() -> None:
         reset = asyncio.ensure_future(link.commands.reset(STALE_S))
         await asyncio.sleep(0)
-        with pytest.raises(UnavailableError, match="suction is not set: rtloop has been busy"):
+        with pytest.raises(UnavailableError, match="suction is not set, because rtloop has been busy"):
             await link.commands.set_output("suction", 1.0)
         while not reset.done():
             rig.step()

@@ -247,7 +247,7 @@ def test_freedrive_that_the_settings_switch_off_is_refused_with_the_setting(run:
     link: Any = SimpleNamespace(device=lambda: ("ur", backend))
     streams: Any = None
     service = FreedriveService(run.rig.robot, link, streams, is_switched_off=True)
-    with pytest.raises(NotSupportedError, match=r"robot\.backend\.freedrive is false: set it to true"):
+    with pytest.raises(NotSupportedError, match=r"robot\.backend\.freedrive is false; set it to true"):
         asyncio.run(service.begin("Ada", 1.0, 1.0))
 
 

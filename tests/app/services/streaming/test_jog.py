@@ -272,7 +272,7 @@ def test_all_that_is_asked_for_is_slowed_down_to_what_people_may_be_near(
         ({"joints": [0.1]}, "joints must have 7 numbers"),
         ({"joints": [float("nan")] * 7}, "finite"),
         ({"twist": [0.1]}, "twist"),
-        ({"joints": [0.1] * 7, "twist": [0.1] * 6}, "do not go together"),
+        ({"joints": [0.1] * 7, "twist": [0.1] * 6}, "cannot be combined; give one of them"),
         ({"joints": [0.1] * 7, "frame": "tool"}, "frame"),
         ({"twist": [0.1] * 6, "frame": "world"}, "frame"),
         ({"rate": 1.0}, "unknown key 'rate'"),

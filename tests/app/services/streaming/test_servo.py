@@ -235,7 +235,7 @@ def test_more_points_than_the_buffer_holds_are_refused_and_counted(run: Run) -> 
             bench.point(bench.rig.home, time=0.1)
         values = bench.servo.feedback()
         assert (values["points_accepted"], values["overruns"]) == (1024, 76)
-        assert values["last_refusal"] == "the buffer is full: 1024 points wait in it"
+        assert values["last_refusal"] == "the buffer is full, because 1024 points wait in it"
         await bench.cycles(300)
         bench.point(bench.rig.home)  # the numbers of the refused ones do not count
         assert bench.servo.feedback()["points_accepted"] == 1025

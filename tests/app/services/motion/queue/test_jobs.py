@@ -551,7 +551,9 @@ def test_of_a_sequence_that_cannot_be_it_is_said_which_motion(run: VirtualServic
     assert refused.status_code == 422
     assert refused.json()["detail"].startswith("motion 2: ")
     radii = asked(run, {"motions": motions, "radii": [0.1, 0.1]}, "/robot/move/sequence")
-    assert radii.json()["detail"] == "radii: 2 motions need 1, one for each but the last; got 2"
+    assert (
+        radii.json()["detail"] == "radii: 2 motions need 1, one for each motion except the last; got 2"
+    )
     until(run, queued(run, {"joints": HOME}))
     assert states(run, first) == ["finished"]
 
@@ -648,7 +650,7 @@ def test_what_the_scene_has_made_impossible_fails_in_its_turn(run: VirtualServic
     assert states(run, first, into) == ["finished", "failed"]
     error = seen(run, into)["error"]
     assert error["code"] == "collision"
-    assert error["detail"].startswith("the scene has changed since it was queued: ")
+    assert error["detail"].startswith("the scene has changed since the move was queued: ")
     assert "ball" in error["detail"]
     assert "the move before it failed" in seen(run, behind)["error"]["detail"]
     np.testing.assert_allclose(run.joints(), place(j0=0.3), atol=1e-3)
