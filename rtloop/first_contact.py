@@ -53,7 +53,8 @@ def _beyond(model: RobotModel, position: Array) -> list[str]:
     limits = model.limits
     return [
         f"{name} is outside the model's range of {_said(model, index, limits.min_position[index])} to "
-        f"{_said(model, index, limits.max_position[index])}: are model and zero position those of this arm?"
+        f"{_said(model, index, limits.max_position[index])}; check that the model and the zero position "
+        "belong to this arm"
         for index, name in enumerate(_names(model))
         if not limits.min_position[index] <= position[index] <= limits.max_position[index]
     ]

@@ -179,5 +179,5 @@ def _flaw(time_s: float, limits: JointLimits, share: Array, apart: Array, new: A
     joint = int(apart.argmax())
     what = Intervention(int(kinds[0])).name
     name, unit, off = limits.names[joint], limits.unit(joint), float(apart[joint])
-    words = f"the safety layer intervenes ({what}); it is {off:.4g} {unit} from its command"
+    words = f"the safety layer intervenes ({what}); the joint is {off:.4g} {unit} from its command"
     return Flaw(time_s, name, Reason(words, ReasonCode.SAFETY_LAYER, (name,), off, unit=unit))

@@ -40,10 +40,11 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
     if off_m <= OFF_M and off_rad <= OFF_RAD:
         return ACCEPTED
     return Rejected(
-        f"the device reports its flange at {_said(flange)} m, the model of robot.model has it at "
-        f"{_said(ours)} m with the same joints: {fixed(1e3 * off_m, 1)} mm and {np.degrees(off_rad):.1f} "
-        f"degrees apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Arm, zero "
-        f"position or base differ; robot.backend.check_pose: false disables this check"
+        f"the device reports its flange at {_said(flange)} m, but for the same joints the model of "
+        f"robot.model has it at {_said(ours)} m: {fixed(1e3 * off_m, 1)} mm and "
+        f"{np.degrees(off_rad):.1f} degrees apart, allowed: {1e3 * OFF_M:g} mm and "
+        f"{np.degrees(OFF_RAD):.1f} degrees are allowed. Arm, zero position or base differ; "
+        "robot.backend.check_pose: false disables this check"
     )
 
 

@@ -496,8 +496,9 @@ def capabilities_of(backend: object) -> Capabilities:
     if not isinstance(capabilities, Capabilities):
         kind = backend if isinstance(backend, type) else type(backend)
         raise ConfigError(
-            f"robot.backend: {kind.__name__}.capabilities is {capabilities!r}, it must be a Capabilities: "
-            "without one a backend would count as a simulation that measures everything"
+            f"robot.backend: {kind.__name__}.capabilities is {capabilities!r}; it must be a "
+            "Capabilities, because without one a backend would count as a simulation that measures "
+            "everything"
         )
     if isinstance(backend, TrajectoryDevice):
         return replace(capabilities, trajectories=True)

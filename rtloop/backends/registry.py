@@ -90,7 +90,7 @@ def _no_cell(name: str, settings: Settings) -> str:
     if settings.robot.cell is None:
         what, instead = "robot.gripper", "name the real gripper, or set robot.gripper to null"
     return (
-        f"{what}: hand and cell are simulated, and the backend {name!r} drives a real arm; {instead}. If the "
-        "device is a simulator on this computer, set robot.backend.simulator to true: the cell is then "
-        "simulated next to it"
+        f"{what}: hand and cell are simulated, but the backend {name!r} drives a real arm; {instead}. "
+        "If the device is a simulator on this computer, set robot.backend.simulator to true: the cell "
+        "is then simulated next to it"
     )

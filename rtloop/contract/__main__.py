@@ -57,8 +57,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     test.add_argument("--json", action="store_true", help="print JSON, for programs")
     files = commands.add_parser("files", help="write the files that its robot controller needs")
-    files.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
-    files.add_argument("folder", type=Path, metavar="FOLDER", help="to be made")
+    files.add_argument("name", metavar="NAME", help="a name from `list`, or package.module:Class")
+    files.add_argument("folder", type=Path, metavar="FOLDER", help="folder to create")
     files.add_argument("--config", type=Path, metavar="FILE", help="settings with the arm and its options")
     return parser
 
@@ -79,7 +79,7 @@ def _list(chosen: argparse.Namespace) -> int:
 
 def _new(chosen: argparse.Namespace) -> int:
     folder = write_backend(chosen.name, chosen.dir, trajectory=chosen.trajectory)
-    print(f"{folder} has been made.")
+    print(f"{folder} has been created.")
     print(f"Then: pip install -e {folder} and cobot backend test {chosen.name}")
     return EXIT_OK
 
@@ -91,8 +91,8 @@ def _files(chosen: argparse.Namespace) -> int:
         raise ConfigError(f"the backend {chosen.name} does not provide files for a robot controller")
     if settings.robot.backend.type != chosen.name:
         raise ConfigError(
-            f"robot.backend is {settings.robot.backend.type}, not {chosen.name}: name settings with its "
-            "options by --config, because the files depend on them"
+            f"robot.backend is {settings.robot.backend.type}, not {chosen.name}; name the settings with "
+            "its options with --config, because the files depend on them"
         )
     files = write(settings, load_robot(settings).limits)
     write_package(chosen.folder, files)

@@ -53,7 +53,7 @@ def beat(cell: CheckedBackend) -> str:
             beaten = bool(backend.wait(period_s))
             beats += beaten
             if pace.early_ns(time.monotonic_ns(), beaten):
-                said = f"{beats} packets in {time.monotonic() - begun:.3f} s, and a period is {period_s:g} s"
+                said = f"{beats} packets in {time.monotonic() - begun:.3f} s, but a period is {period_s:g} s"
                 raise ContractError(f"wait() returns packets too fast: {said}")
     finally:
         backend.close()

@@ -158,8 +158,8 @@ def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
     if hook is None:
         if capabilities_of(kind).hardware:
             raise ConfigError(
-                f"robot.backend: {name} moves a real arm, and its class has no contract_rig(settings, "
-                "limits) that returns a simulated device: the contract does not run on a real robot"
+                f"robot.backend: {name} moves a real arm, but its class has no contract_rig(settings, "
+                "limits) that returns a simulated device; the contract does not run on a real robot"
             )
         return PlainRig(kind, settings, limits)
     rig: ContractRig = hook(settings, limits)

@@ -86,7 +86,7 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
         raise RefusedError("the trajectory slot is inconsistent")
     segments, found = int(slot.head.data["segments"]), int(slot.head.data["motion_id"])
     if found != motion_id:
-        raise RefusedError(f"the slot holds motion {found}, not {motion_id}")
+        raise RefusedError(f"the slot contains motion {found}, not {motion_id}")
     if not 1 <= segments <= len(path.coefficients):
         raise RefusedError(f"the trajectory has {segments} segments, allowed: 1 to {len(path.coefficients)}")
     return segments

@@ -467,7 +467,7 @@ def test_a_bundle_is_rolled_out_watched_for_drift_and_rolled_back(
     [
         ("programs/slow.json", "{", "program slow: "),
         ("programs/seam.lua", "move_named('home'", "program seam: "),
-        ("positions.json", '{"seam": [0.1]}', "position seam: has 1 joints, this robot has 7"),
+        ("positions.json", '{"seam": [0.1]}', "position seam: has 1 joints, but this robot has 7"),
         ("positions.json", '{"seam": [9, 0, 0, 0, 0, 0, 0]}', "position seam"),
         ("positions.json", '{"home": [0, 0, 0, 0, 0, 0, 0]}', "is part of the robot's SRDF"),
     ],
@@ -526,7 +526,10 @@ def test_settings_are_rolled_out_and_back(
     limit, own = velocity_limit(client), cell.config.read_text()
     configuration = hub.robot("one")["configuration"]
     assert roll_out(with_settings) == 1
-    assert "accepts from admin (fleet.accept.settings), but the role is operator" in capsys.readouterr().out
+    assert (
+        "accepts settings from admin (fleet.accept.settings), but the role is operator"
+        in capsys.readouterr().out
+    )
     assert velocity_limit(client) == limit
     assert roll_out(with_settings, "eve") == 0, capsys.readouterr()
     said = capsys.readouterr().out
@@ -539,7 +542,7 @@ def test_settings_are_rolled_out_and_back(
     assert client.reload()["taken_over"] == [], "a reload of the cell keeps them"
     name = hub.http.get("/roll-outs").json()["roll_outs"][-1]["bundle"]
     refused = order(hub, "roll_back", action={"bundle": name})
-    assert "accepts from admin" in refused["text"]
+    assert "accepts settings from admin" in refused["text"]
     eve = {"Authorization": f"Bearer {tokens['eve']}"}
     assert "rolled back seams 1.4" in order(hub, "roll_back", action={"bundle": name}, headers=eve)["text"]
     assert velocity_limit(client) == limit

@@ -367,7 +367,7 @@ def test_numbers_that_are_none_are_refused(rig: Rig, poison: float) -> None:
     ("fields", "reason"),
     [
         ({"slot": 2}, "there is no slot 2"),
-        ({"slot": 0, "motion_id": 9}, "the slot holds motion 1, not 9"),
+        ({"slot": 0, "motion_id": 9}, "the slot contains motion 1, not 9"),
         ({"kind": 77}, "there is no command 77"),
         ({"kind": Command.SET_RATE, "value": 0.5}, "no motion is running, the arm is in mode HOLD"),
     ],

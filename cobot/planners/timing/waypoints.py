@@ -127,7 +127,7 @@ def _within_efforts(
         return motion
     if slower is None:
         raise LimitError(
-            f"{excess}; slowing down does not help, because already holding the arm needs too much effort"
+            f"{excess}; slowing down does not help, because even holding the arm needs too much effort"
         ) from excess
     raise _with_advice(excess, asked_s, slower, request) from excess
 

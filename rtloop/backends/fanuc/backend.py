@@ -79,7 +79,7 @@ class FanucBackend:
     ) -> None:
         """Create the backend. The optional arguments replace the network and its clock in tests."""
         if limits.dof > AXES:
-            raise BackendError(f"Stream Motion has {AXES} axes, this robot has {limits.dof}")
+            raise BackendError(f"Stream Motion has {AXES} axes, but this robot has {limits.dof}")
         options = settings.backend_options(FanucOptions)
         self._options = options = options if options is not None else FanucOptions()
         self._limits, self._robot, self._period_s = limits, settings.robot, settings.rt.period_s
@@ -111,7 +111,7 @@ class FanucBackend:
     def open(self, initial_position: Array) -> None:
         options = self._options
         if options.address is None and self._channel is None:
-            raise BackendError("robot.backend.address is missing: the address of the controller")
+            raise BackendError("robot.backend.address is missing: set it to the address of the controller")
         self._worker.begin(self._rmi.connect).result()
         if self._channel is None:
             self._channel = UdpClient(str(options.address), options.stream_port)
@@ -122,8 +122,8 @@ class FanucBackend:
         self._version = found.version
         if round(self._period_s * 1e3, 6) != found.period_ms:
             raise BackendError(
-                f"the controller sends every {found.period_ms} ms, rt.period_s is {self._period_s:g} s: set "
-                f"it to {found.period_ms * 1e-3:g}"
+                f"the controller sends every {found.period_ms} ms, but rt.period_s is "
+                f"{self._period_s:g} s: set it to {found.period_ms * 1e-3:g}"
             )
         if options.limits == "table":
             self._table = handshake.limits(found.version, self._limits.dof)
@@ -365,8 +365,8 @@ class FanucBackend:
         if not off[joint] <= self._options.entry_rad:
             return (
                 f"the first command of {self._limits.names[joint]} is {off[joint]:.4f} "
-                f"{self._limits.unit(joint)} from its position, {self._options.entry_rad} are "
-                "allowed (robot.backend.entry_rad)"
+                f"{self._limits.unit(joint)} from its position, allowed: {self._options.entry_rad} "
+                "(robot.backend.entry_rad)"
             )
         self._transition.begin(here, command)
         return ""
@@ -414,8 +414,8 @@ class FanucBackend:
     def _take(self, packet: StatusPacket) -> None:
         if packet.version != self._version:
             self._refused = (
-                f"a status packet of version {packet.version} in a session of version {self._version}: was "
-                "the controller updated or replaced?"
+                f"the status packet has version {packet.version}, but the session has version "
+                f"{self._version}: was the controller updated or replaced?"
             )
             self._refused_s = self._clock()
         elif self._beat.take(packet, packet.sequence, self._units.to_model(packet.joints)):

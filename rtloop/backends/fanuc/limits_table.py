@@ -83,8 +83,8 @@ class LimitsTable:
                 with_2 = f" together with {limits.names[J2]}" if units.horizon and joint == J3 else ""
                 allowed = _floored(least[rate] / units.per_unit)[joint]
                 excess.append(
-                    f"{NAMES[rate]} of {limits.names[joint]}{with_2} is {used[joint]:.6g}, the table allows "
-                    f"{allowed:.5g} {limits.unit(joint, rate + 1)}"
+                    f"{NAMES[rate]} of {limits.names[joint]}{with_2} is {used[joint]:.6g}, but the "
+                    f"table allows {allowed:.5g} {limits.unit(joint, rate + 1)}"
                 )
         if not excess:
             return ACCEPTED

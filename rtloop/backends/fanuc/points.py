@@ -95,8 +95,8 @@ def blocks_of(names: Sequence[str]) -> tuple[IoBlock, ...]:
     sizes = [layout_of(found, kind).size for kind in (IoBlockKind.STATE, IoBlockKind.COMMAND)]
     if len(found) > 32 or max(sizes) > IO_BYTES:
         raise BackendError(
-            f"robot.backend.io: the {len(points)} points need {len(found)} blocks, at most 32 are possible: "
-            "choose consecutive numbers, or fewer points"
+            f"robot.backend.io: the {len(points)} points need {len(found)} blocks, allowed: 32; choose "
+            "consecutive numbers, or fewer points"
         )
     return tuple(found)
 

@@ -216,9 +216,7 @@ class RmiClient:
                 raise BackendError(f"the controller cannot {what}: it does not know {request[kind]}")
         else:
             self.drop()
-            raise BackendError(
-                f"the controller does not answer a request to {what}: it sends different lines instead"
-            )
+            raise BackendError(f"the controller does not answer a request to {what}, but sends other lines")
         error = reply.get("ErrorID", 0)
         if error != 0:
             number = error if type(error) is int else -1

@@ -117,8 +117,9 @@ class Handshake:
             )
         if not MIN_VERSION <= found.version <= NEWEST_VERSION:
             raise BackendError(
-                f"the controller speaks Stream Motion {found.version}, at least {MIN_VERSION} is needed: "
-                "update its software to V9.40P/81 (R-30iB Mini Plus P/77, R-50iA V10.10P/26) or later"
+                f"the controller speaks Stream Motion {found.version}; version {MIN_VERSION} or later "
+                "is needed: update its software to V9.40P/81 (R-30iB Mini Plus P/77, R-50iA "
+                "V10.10P/26) or later"
             )
         return found
 

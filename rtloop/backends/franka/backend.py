@@ -68,10 +68,10 @@ class FrankaBackend:
     ) -> None:
         """Create the backend. `library` and `knock` replace pylibfranka and the connection check in tests."""
         if limits.dof != DOF:
-            raise BackendError(f"a Franka has {DOF} joints, this robot has {limits.dof}")
+            raise BackendError(f"a Franka has {DOF} joints, but this robot has {limits.dof}")
         options = settings.backend_options(FrankaOptions)
         if options is None:
-            raise BackendError("robot.backend: franka needs its address")
+            raise BackendError("robot.backend: franka needs address, the address of the robot's control unit")
         self._link = Link(options.address, options.realtime, library, knock)
         self._franka = self._link.library
         self._options = options
@@ -274,7 +274,7 @@ class FrankaBackend:
         with self._link.in_words():
             if controlled:
                 if np.abs(np.array(self._state.dq)).max() > REST_RAD_S:
-                    raise BackendError("the arm moves: this is possible only at rest")
+                    raise BackendError("the arm is moving; this is possible only at rest")
                 self._end()
             yield
             if controlled:

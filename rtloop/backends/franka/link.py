@@ -60,7 +60,7 @@ class Knock:
             if time.monotonic() < self._until_s:
                 return False
             self._socket.close()
-            raise self._no_answer(f"it has not answered within {CONNECT_S:g} s")
+            raise self._no_answer(f"the robot has not answered within {CONNECT_S:g} s")
         error = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         self._socket.close()
         if error:

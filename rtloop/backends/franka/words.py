@@ -28,7 +28,9 @@ REFLEXES = {
     "joint_motion_generator_velocity_limits_violation": "a commanded velocity is beyond a joint's limit",
     "joint_move_in_wrong_direction": "a joint beyond its limit was moved further beyond it",
     "joint_position_limits_violation": f"a joint is beyond its limit: {MOVE_BACK}",
-    "joint_position_motion_generator_start_pose_invalid": "the motion did not begin where the arm is",
+    "joint_position_motion_generator_start_pose_invalid": (
+        "the motion did not begin at the position of the arm"
+    ),
     "joint_reflex": "something pushed a joint harder than the collision thresholds allow",
     "joint_velocity_violation": "a joint was too fast",
     "max_goal_pose_deviation_violation": "the arm was pushed too far from its goal",

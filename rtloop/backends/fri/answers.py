@@ -63,7 +63,7 @@ class Answers:
         if not off[joint] <= self._options.entry_rad:
             return Rejected(
                 f"{self._names[joint]} is commanded {off[joint]:.4f} rad from the controller's "
-                f"interpolator, {self._options.entry_rad} rad are allowed (robot.backend.entry_rad)"
+                f"interpolator, allowed: {self._options.entry_rad} rad (robot.backend.entry_rad)"
             )
         self._entry.begin(here, command)
         return ACCEPTED

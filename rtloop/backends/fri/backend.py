@@ -358,7 +358,8 @@ class FriBackend:
         message = decode_monitoring(packet)
         if isinstance(message, MonitoringMessage) and len(message.measured_position) != self._limits.dof:
             message = (
-                f"a robot with {len(message.measured_position)} joints, the model has {self._limits.dof}"
+                f"the controller's robot has {len(message.measured_position)} joints, but the model has "
+                f"{self._limits.dof}"
             )
         if isinstance(message, MonitoringMessage) and self._is_other_version(message):
             message = (

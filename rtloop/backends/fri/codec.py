@@ -64,7 +64,7 @@ def _decode(
     try:
         packet, framed = unframe(packet)
         if len(packet) > MAX_BYTES:
-            return f"a packet of {len(packet)} bytes, a {name} message has at most {MAX_BYTES}"
+            return f"the packet has {len(packet)} bytes; a {name} message has at most {MAX_BYTES}"
         header = _header(packet)
         if header.identifier != wanted:
             return (

@@ -66,13 +66,14 @@ def check_settings(message: MonitoringMessage, options: FriOptions, period_s: fl
     """Check whether this controller can be driven with these settings."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return Rejected(
-            f"the controller uses FRI {message.version}, robot.backend.version is {options.version}: "
-            "set it to the controller's version or to auto"
+            f"the controller uses FRI {message.version}, but robot.backend.version is "
+            f"{options.version}: set it to the controller's version or to auto"
         )
     if round(period_s * 1e3, 6) != message.send_period_ms:
         return Rejected(
-            f"the controller sends every {message.send_period_ms} ms, rt.period_s is {period_s:g} s: set it "
-            f"to {message.send_period_ms * 1e-3:g}, or the send period in the controller's program"
+            f"the controller sends every {message.send_period_ms} ms, but rt.period_s is {period_s:g} "
+            f"s: set it to {message.send_period_ms * 1e-3:g}, or the send period in the controller's "
+            "program"
         )
     return ACCEPTED
 
@@ -85,7 +86,9 @@ def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accep
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
         return ACCEPTED
     taken = message.command_mode.name
-    return Rejected(f"the controller's motion accepts {taken}, robot.backend.overlay is {options.overlay}")
+    return Rejected(
+        f"the controller's motion accepts {taken}, but robot.backend.overlay is {options.overlay}"
+    )
 
 
 def check_entry(
@@ -100,14 +103,14 @@ def check_entry(
     joint = int(off.argmax())
     if not off[joint] <= options.entry_rad:
         return Rejected(
-            f"{names[joint]} is {off[joint]:.6g} rad from the controller's interpolator, "
-            f"{options.entry_rad} rad are allowed (robot.backend.entry_rad)"
+            f"{names[joint]} is {off[joint]:.6g} rad from the controller's interpolator, allowed: "
+            f"{options.entry_rad} rad (robot.backend.entry_rad)"
         )
     tracking = message.tracking_performance
     if tracking is not None and not tracking >= options.min_tracking:
         return Rejected(
-            f"the arm follows with a tracking performance of {tracking:.6g}, "
-            f"{options.min_tracking} is needed (robot.backend.min_tracking)"
+            f"the tracking performance of the arm is {tracking:.6g}; at least {options.min_tracking} is "
+            "needed (robot.backend.min_tracking)"
         )
     return ACCEPTED
 

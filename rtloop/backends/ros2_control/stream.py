@@ -108,9 +108,10 @@ class Ros2ControlStream(ControllerClient):
         self._await()
         if self._facts.rate_hz < self._needed_hz:
             raise BackendError(
-                f"the rate of {self._expected.topic} is {self._facts.rate_hz:.0f} Hz, the minimum for a "
-                f"stream is {self._needed_hz:.0f} Hz ({MIN_STATES:g} joint states within rt.frozen_after_s): "
-                "raise update_rate of the controller manager, or use the backend ros2_control"
+                f"the rate of {self._expected.topic} is {self._facts.rate_hz:.0f} Hz; the minimum for a "
+                f"stream is {self._needed_hz:.0f} Hz ({MIN_STATES:g} joint states within "
+                "rt.frozen_after_s): raise update_rate of the controller manager, or use the backend "
+                "ros2_control"
             )
         self._problem = ""
         if self._stream.threaded:

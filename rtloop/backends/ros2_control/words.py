@@ -31,7 +31,7 @@ DISAGREE_RAD = 0.1
 """Maximum difference between the recent positions in the joint states and those of the controller, rad."""
 FRESH_S = 0.1
 """Maximum age of positions that are compared, s."""
-AS_IF = "are they in degrees, or in another order? robot.backend.joints has the order"
+AS_IF = "check whether they are in degrees or in another order; robot.backend.joints defines the order"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
         return silence_of(topic, facts.age_s, expected.timeout_s)
     if 0.0 < facts.rate_hz < expected.min_rate_hz:
         return (
-            f"the rate of {topic} is {facts.rate_hz:.1f} Hz, the minimum is {expected.min_rate_hz:g} Hz "
+            f"the rate of {topic} is {facts.rate_hz:.1f} Hz; the minimum is {expected.min_rate_hz:g} Hz "
             "(robot.backend.min_rate_hz): raise the publishing rate of the driver"
         )
     for row in ("position", *expected.measured):
@@ -153,7 +153,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
     joint = int(np.nanargmax(beyond))
     if beyond[joint] > BEYOND_RAD:
         return (
-            f"{topic}: {names[joint]} is at {position[joint]:.3f} rad, its limits are "
+            f"{topic}: {names[joint]} is at {position[joint]:.3f} rad, but its limits are "
             f"{expected.low[joint]:.3f} to {expected.high[joint]:.3f} rad: {AS_IF}"
         )
     return ""
@@ -162,7 +162,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
 def silence_of(topic: str, age_s: float, timeout_s: float) -> str:
     """Return the error message for joint states that no longer arrive."""
     return (
-        f"the last joint state on {topic} is {age_s:.2f} s old, the maximum is {timeout_s:g} s "
+        f"the last joint state on {topic} is {age_s:.2f} s old; the maximum is {timeout_s:g} s "
         "(robot.backend.state_timeout_s): check that the driver still runs"
     )
 
@@ -197,7 +197,7 @@ def disagreement(facts: Facts, names: list[str], topic: str) -> str:
     if not apart[joint] > DISAGREE_RAD:
         return ""
     return (
-        f"{topic} has {names[joint]} at {facts.position[joint]:.3f} rad, its controller at "
+        f"{topic} has {names[joint]} at {facts.position[joint]:.3f} rad, but its controller has it at "
         f"{facts.held[joint]:.3f} rad: {AS_IF}"
     )
 

@@ -396,7 +396,7 @@ class RsiBackend:
         self._outputs.clear()
         if not is_first:
             self._end(
-                Rejected("the controller's program has started RSI again, its corrections begin at zero")
+                Rejected("the controller's program has started RSI again, so its corrections begin at zero")
             )
 
     def _find_loss(self, state: RobState, unanswered: int) -> bool:

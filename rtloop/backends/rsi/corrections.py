@@ -143,9 +143,10 @@ class Corrections:
         axis = self._layout.axes[joint]
         unit = "mm" if self._layout.scale[joint] == 1e3 else "degrees"
         return Rejected(
-            f"{axis} is {self.sent[joint] / MICRO:.3f} {unit} from where RSI was started and moves on, "
-            f"{self._most[joint] / MICRO:g} {unit} are allowed (robot.backend.max_correction, and the limits "
-            "of AXISCORR in the RSI context): move back, or raise both"
+            f"{axis} is {self.sent[joint] / MICRO:.3f} {unit} away from the position at which RSI was "
+            f"started and moves on, allowed: {self._most[joint] / MICRO:g} {unit} "
+            "(robot.backend.max_correction, and the limits of AXISCORR in the RSI context): move back, "
+            "or raise both"
         )
 
     def settle(self, state: RobState) -> None:
@@ -213,7 +214,7 @@ class FollowWatch:
                 "robot.backend.correction is absolute: change one of them"
             )
         return Rejected(
-            f"{reason}, {allowed:g} are allowed (robot.backend.follow_rad): something holds the arm, "
-            "a limit of the RSI context is reached, or axes, tags or the mode of RSI_ON differ from "
+            f"{reason}, allowed: {allowed:g} (robot.backend.follow_rad): something holds the arm, a "
+            "limit of the RSI context is reached, or axes, tags or the mode of RSI_ON differ from "
             "robot.backend"
         )

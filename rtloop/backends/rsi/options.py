@@ -99,12 +99,13 @@ class RsiOptions(BackendOptions):
         axes, allowed = self.axes_of(limits), self.limits_of(limits)
         if len(axes) != limits.dof:
             return Rejected(
-                f"robot.backend.axes has {len(axes)} axes, the model has {limits.dof} joints: name one axis "
-                f"(A1 to A6, E1 to E6) for each of {', '.join(limits.names)}"
+                f"robot.backend.axes has {len(axes)} axes, but the model has {limits.dof} joints: name "
+                f"one axis (A1 to A6, E1 to E6) for each of {', '.join(limits.names)}"
             )
         if len(allowed) != limits.dof:
             return Rejected(
-                f"robot.backend.max_correction has {len(allowed)} values, the model has {limits.dof} joints"
+                f"robot.backend.max_correction has {len(allowed)} values, but the model has "
+                f"{limits.dof} joints"
             )
         for axis, name, slides in zip(axes, limits.names, limits.slides, strict=False):
             if slides and axis in ROBOT_AXES:

@@ -34,7 +34,7 @@ def check_readiness(state: RobState) -> Accepted | Rejected:
     if state.is_ready is False:
         switch = state.operation_mode in HAND_GUARDED
         return Rejected(
-            f"the drives are off ($PERI_RDY), the operation mode is {state.operation_mode}"
+            f"the drives are off ($PERI_RDY); the operation mode is {state.operation_mode}"
             + (": press the enabling switch" if switch else "")
             + " and start the program again"
         )
@@ -53,13 +53,15 @@ def check_settings(
     if step_ms and step_ms != wanted_ms:
         mode = PERIODS_S.get(step_ms * 1e-3, "a mode that RSI does not have")
         return Rejected(
-            f"the controller's IPOC grows by {step_ms} ms ({mode}), rt.period_s is {period_s:g} s "
-            f"({PERIODS_S[period_s]}): change rt.period_s, or the second argument of RSI_ON in its program"
+            f"the controller's IPOC grows by {step_ms} ms ({mode}), but rt.period_s is {period_s:g} s "
+            f"({PERIODS_S[period_s]}): change rt.period_s, or the second argument of RSI_ON in its "
+            "program"
         )
     if state.mode and state.mode != options.correction:
         return Rejected(
-            f"the controller's program says that its corrections are {state.mode}, robot.backend.correction "
-            f"is {options.correction}: change one of them, and the argument of RSI_ON with it"
+            f"the controller's program says that its corrections are {state.mode}, but "
+            f"robot.backend.correction is {options.correction}: change one of them, and the argument of "
+            "RSI_ON with it"
         )
     if not state.correction and state.delay is None:
         return Rejected(
@@ -86,9 +88,9 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
         each[joint] * layout.scale[joint] for each in (limits.min_position, limits.max_position, position)
     )
     return Rejected(
-        f"{layout.axes[joint]} ({limits.names[joint]}) is reported at {here:.2f} {unit}, the model's limits "
-        f"are {low:.2f} and {high:.2f} {unit}: another robot, another order in robot.backend.axes, "
-        "or other units"
+        f"{layout.axes[joint]} ({limits.names[joint]}) is reported at {here:.2f} {unit}, but the "
+        f"model's limits are {low:.2f} and {high:.2f} {unit}: this is another robot, robot.backend.axes "
+        "has another order, or the units differ"
     )
 
 
@@ -104,7 +106,7 @@ def check_entry(
         return ACCEPTED
     return Rejected(
         f"{layout.axes[joint]} is {off[joint]:.4f} rad (or m) from the controller's set position, "
-        f"{options.entry_rad:g} are allowed (robot.backend.entry_rad)"
+        f"allowed: {options.entry_rad:g} (robot.backend.entry_rad)"
     )
 
 

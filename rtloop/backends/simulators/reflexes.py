@@ -45,15 +45,15 @@ def check_command(
     joint = int(outside.argmax())
     if outside[joint] > LIMIT_RAD:
         return Rejected(
-            f"{limits.names[joint]} is commanded to {position[joint]:.6g} rad, its limits are "
+            f"{limits.names[joint]} is commanded to {position[joint]:.6g} rad, but its limits are "
             f"{limits.min_position[joint]:.3f} and {limits.max_position[joint]:.3f} rad"
         )
     speed = np.abs(velocity) / limits.max_velocity
     joint = int(speed.argmax())
     if speed[joint] > VELOCITY_SHARE:
         return Rejected(
-            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.6g} rad/s, its limit is "
-            f"{limits.max_velocity[joint]:.3f} rad/s"
+            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.6g} rad/s, but its limit "
+            f"is {limits.max_velocity[joint]:.3f} rad/s"
         )
     change = np.abs(velocity - last_velocity)
     joint = int(change.argmax())
@@ -63,5 +63,5 @@ def check_command(
             f"in {time_s * 1e3:.0f} ms"
         )
     if in_t1 and (tcp := arm.speed_at(velocity)) > T1_M_S:
-        return Rejected(f"the TCP is commanded to move at {tcp:.3f} m/s, in T1 {T1_M_S} m/s are allowed")
+        return Rejected(f"the TCP is commanded to move at {tcp:.3f} m/s; in T1 the maximum is {T1_M_S} m/s")
     return ACCEPTED

@@ -125,7 +125,7 @@ class UrBackend:
         """
         if limits.dof != AXES:
             raise BackendError(
-                f"an arm of Universal Robots has {AXES} joints, this robot has {limits.dof}: select "
+                f"an arm of Universal Robots has {AXES} joints, but this robot has {limits.dof}: select "
                 "the configuration of your arm with --config"
             )
         options = settings.backend_options(UrOptions)
@@ -361,8 +361,8 @@ class UrBackend:
     def _make_torques(self, settings: Settings) -> ExertedTorques:
         if self._period_s != TORQUE_PERIOD_S:
             raise BackendError(
-                f"robot.backend.torque needs the period of the controller: rt.period_s is "
-                f"{self._period_s:g} s, set it to {TORQUE_PERIOD_S:g}"
+                "robot.backend.torque needs the period of the controller; rt.period_s is "
+                f"{self._period_s:g} s; set it to {TORQUE_PERIOD_S:g}"
             )
         torques = ExertedTorques(settings, self._limits)
         self.set_impedance = self._set_impedance
@@ -381,8 +381,8 @@ class UrBackend:
             speed = float(np.abs(self._newest["actual_qd"]).max())
             if not (torques.is_on or speed <= REST_RAD_S):
                 raise BackendError(
-                    f"the arm moves at {speed:.3g} rad/s, the maximum is {REST_RAD_S} rad/s: torques begin "
-                    "only at rest; wait until the arm stands still"
+                    f"the arm moves at {speed:.3g} rad/s, allowed: {REST_RAD_S} rad/s; torques begin "
+                    "only at rest, so wait until the arm has stopped"
                 )
             torques.begin(impedance)
             self._transition.forget()
@@ -462,9 +462,9 @@ class UrBackend:
 
     def _far(self, joint: int, what: str, off_rad: float) -> Rejected:
         return Rejected(
-            f"{self._limits.names[joint]} {what} {off_rad:.6g} rad from where the controller holds it, "
-            f"the maximum is {self._options.entry_rad} rad (robot.backend.entry_rad): check the payload, "
-            "and that nothing pulls at the arm"
+            f"{self._limits.names[joint]} {what} {off_rad:.6g} rad away from the position at which the "
+            f"controller holds it, allowed: {self._options.entry_rad} rad (robot.backend.entry_rad); "
+            "check the payload, and that nothing pulls at the arm"
         )
 
     def _checks_of_a_command(self, data: Mapping[str, Any]) -> Iterator[Accepted | Rejected]:
@@ -486,7 +486,7 @@ class UrBackend:
         runtime = data["runtime_state"]
         if runtime != RuntimeState.PLAYING:
             name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)
-            yield Rejected(f"the program on the controller is {name}, not playing: reset")
+            yield Rejected(f"the program on the controller is {name}, not playing; reset the robot")
 
     def _causes_of_its_own(self) -> str:
         """Why cobot's program ends by itself."""
@@ -502,7 +502,7 @@ class UrBackend:
         if version is not None and version[0] <= CB3 and self._period_s != CB3_PERIOD_S:
             return Rejected(
                 f"the controller is a CB3 (software {self._link.version_text}), which sends every "
-                f"{CB3_PERIOD_S} s, rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
+                f"{CB3_PERIOD_S} s, but rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
             )
         return ACCEPTED
 

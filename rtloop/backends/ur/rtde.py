@@ -76,9 +76,11 @@ class Splitter:
         while len(self._buffer) - begin >= _HEADER.size:
             length, kind = _HEADER.unpack_from(self._buffer, begin)
             if length < _HEADER.size:
-                raise RtdeError(f"a package has {length} bytes, the shortest possible has {_HEADER.size}")
+                raise RtdeError(
+                    f"a package has {length} bytes; the shortest possible package has {_HEADER.size}"
+                )
             if kind not in _KINDS:
-                raise RtdeError(f"a package of unknown type {kind}")
+                raise RtdeError(f"a package has the unknown type {kind}")
             if len(self._buffer) - begin < length:
                 break
             found.append(Package(kind, bytes(self._buffer[begin + _HEADER.size : begin + length])))

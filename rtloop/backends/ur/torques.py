@@ -40,13 +40,11 @@ MAX_REPEATED = 5
 frozen.
 """
 MAX_CONSTANT = 10
-"""Number of packages with the same values, motor currents too, after which those of an arm at rest count as
-frozen. The noise of measured currents never repeats.
-"""
+"""Number of packages with the same values and motor currents after which the values of an arm at rest
+count as frozen. The noise of measured currents never repeats."""
 STIFFNESS_SHARE = 0.09
-"""Share of the simulation's maximum stiffness, so that the stiffest springs have 30 rad/s, because several
-milliseconds pass between measuring and exerting.
-"""
+"""Stiffness as a share of the simulation's maximum stiffness. The stiffest springs then have 30 rad/s,
+because several milliseconds pass between measuring and exerting a torque."""
 
 
 def torque_rate(limits: JointLimits) -> Array:

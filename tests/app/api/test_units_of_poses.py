@@ -130,19 +130,19 @@ def test_a_calculation_takes_any_unit(run: VirtualService) -> None:
 @pytest.mark.parametrize(
     ("path", "body", "advice"),
     [
-        ("/robot/control", {"timeout_s": 60000}, "timeout_s: ...; milliseconds, 60000 ms are 60 s"),
-        ("/robot/freedrive", {"timeout_s": 3000}, "timeout_s: ...; milliseconds, 3000 ms are 3 s"),
+        ("/robot/control", {"timeout_s": 60000}, "timeout_s: ...; milliseconds: 60000 ms are 60 s"),
+        ("/robot/freedrive", {"timeout_s": 3000}, "timeout_s: ...; milliseconds: 3000 ms are 3 s"),
         (
             "/robot/move/pose",
             {**DOWN, "planner": "polyline", "through": [DOWN], "radius": 50},
-            "radius: ...; millimetres, 50 mm are 0.05 m",
+            "radius: ...; millimetres: 50 mm are 0.05 m",
         ),
         (
             "/robot/move/sequence",
             {"motions": [{"name": "work"}, {"name": "home"}], "radii": [50]},
-            "radii[0]: ...; millimetres, 50 mm are 0.05 m",
+            "radii[0]: ...; millimetres: 50 mm are 0.05 m",
         ),
-        ("/robot/force/insert", {"force": 10, "depth": 20}, "depth: ...; millimetres, 20 mm are 0.02 m"),
+        ("/robot/force/insert", {"force": 10, "depth": 20}, "depth: ...; millimetres: 20 mm are 0.02 m"),
     ],
 )
 def test_milliseconds_and_millimetres_are_named_where_a_limit_is_exceeded(

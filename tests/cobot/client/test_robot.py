@@ -56,7 +56,9 @@ def test_a_first_target_that_is_too_far_away_is_an_error_once(
     with joint_control(robot, inner_control_hz=30, interpolation=kind) as control:
         control.set_target_joints([0.8, *HOME[1:]])
         service.sleep(1 / 30)
-        with pytest.raises(InputError, match=r"joint1 is at 0.000, the target has 0.800: 0.800 apart. A str"):
+        with pytest.raises(
+            InputError, match=r"joint1 is at 0.000, but the target is at 0.800: 0.800 apart. A str"
+        ):
             control.set_target_joints([0.8, *HOME[1:]])
         for _ in range(30):
             control.set_target_joints([0.8, *HOME[1:]])

@@ -62,7 +62,10 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Callable[[Answer], tuple[UrIo, li
     ("answer", "problem"),
     [
         (silent, "digital_out/16 cannot be set: the service /io/set_io has not answered within 0.05 s"),
-        (rejecting, "digital_out/16 cannot be set: the service /io/set_io has rejected it; see the driver's"),
+        (
+            rejecting,
+            "digital_out/16 cannot be set: the service /io/set_io has rejected the request; see the driver's",
+        ),
         (unreadable, "digital_out/16 cannot be set: the service /io/set_io: ur_msgs/srv/SetIO_Response: is"),
     ],
 )

@@ -127,7 +127,7 @@ def test_settings_are_rolled_back_only_with_the_role_that_may_change_them(
     """Else an operator could take back limits that an administrator has rolled out."""
     name = service.send("1", settings=workers(3))
     roll_out(own, name)
-    with pytest.raises(PermissionDenied, match="accepts from admin"):
+    with pytest.raises(PermissionDenied, match="accepts settings from admin"):
         own.roll_back(name, Role.OPERATOR)
     assert service.workers == 3
     own.roll_back(name, Role.ADMIN)

@@ -147,7 +147,7 @@ def test_a_retry_with_a_later_deadline_is_answered_as_the_first_try(clock: Clock
 def test_another_command_with_a_used_id_is_not_executed(clock: Clock, book: CommandBook) -> None:
     assert book.run(command(clock), lambda: "at rest").code == "ok"
     answer = book.run(command(clock, who="eve"), lambda: pytest.fail("executed"))
-    assert "had this id already" in answer.text
+    assert "already used this id" in answer.text
 
 
 def test_the_round_trip_counts_against_a_command_that_may_be_late(clock: Clock) -> None:

@@ -155,7 +155,7 @@ def test_an_error_of_the_hub_ends_it_visibly(outs: RollOuts, cells: Cells) -> No
 
 def test_it_can_be_cancelled_and_another_one_waits_for_its_end(outs: RollOuts, cells: Cells) -> None:
     name = begin(outs, cells, watch_s=600.0)
-    with pytest.raises(BusyError, match=f"the roll-out {name} of welding 1.4 runs"):
+    with pytest.raises(BusyError, match=f"the roll-out {name} of welding 1.4 is running"):
         begin(outs, cells, 0.0)
     until(lambda: order_of(cells, "activate"))
     with pytest.raises(

@@ -168,7 +168,9 @@ def test_a_trajectory_that_does_not_fit_is_refused(robot: str) -> None:
     slot = create(robot).slots[0]
     times = np.arange(CAPACITY + 2.0)
     long = from_hermite(times, *np.zeros((3, len(times), DOF)))
-    with pytest.raises(InputError, match=r"the motion has 51 segments, rt\.trajectory_capacity is 50"):
+    with pytest.raises(
+        InputError, match=r"the motion has 51 segments, allowed: 50 \(rt\.trajectory_capacity\)"
+    ):
         slot.write(1, long)
     with pytest.raises(SharedMemoryError, match="the motion has 6 joints, but the robot has 7"):
         slot.write(1, from_hermite(times[:3], *np.zeros((3, 3, DOF - 1))))

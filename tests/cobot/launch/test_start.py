@@ -73,7 +73,7 @@ def started(folder: Path, robot: str, text: str, capsys: pytest.CaptureFixture[s
         ("rt: {period_s: 1}\n", r".*/mine\.yaml: rt\.period_s: "),
         (
             "robots: [{name: a}, {name: a}]\n",
-            r".*/mine\.yaml: robots\[1\]: the name 'a' is that",
+            r".*/mine\.yaml: robots\[1\]: robots\[0\] already has the name 'a'",
         ),
     ],
 )

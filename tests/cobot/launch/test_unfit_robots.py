@@ -105,7 +105,7 @@ def test_a_urdf_that_is_the_model_itself_says_how_fast_its_joints_may_be(
         (made / "joint_limits.yaml").read_text().replace("max_velocity: 1.5", f"max_velocity: {velocity}")
     )
     (made / "joint_limits.yaml").write_text(limits)
-    said = "max_velocity of a0 is 1.6 rad/s, arm.urdf allows 1.5 rad/s: set max_velocity to 1.5 or less"
+    said = "max_velocity of a0 is 1.6 rad/s, but arm.urdf allows 1.5 rad/s: set max_velocity to 1.5 or less"
     assert (said in _found(made)) == refused
 
 

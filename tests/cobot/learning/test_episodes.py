@@ -161,7 +161,7 @@ def test_pictures_that_are_small_alone_are_bounded_together(
     assert path.stat().st_size < 100_000
     monkeypatch.setattr(bounds.os, "sysconf", {"SC_PAGE_SIZE": 1, "SC_PHYS_PAGES": 30_000_000}.__getitem__)
     with pytest.raises(
-        InputError, match="the pictures of the file claim 18000000 bytes uncompressed, allowed"
+        InputError, match="the pictures of the file claim 18000000 bytes uncompressed, but only 15000000 fit"
     ):
         read_episode(path)
 

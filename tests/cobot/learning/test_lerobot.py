@@ -116,7 +116,9 @@ def test_what_keeps_it_from_the_arm_is_said(plugin: ModuleType, tmp_path: Path) 
     with virtual_service(tmp_path) as service:
         local = partial(Robot, service.name, clock=service.clock, client=service.client)
         two = plugin.CobotRobotConfig(joints=["a", "b"])
-        with pytest.raises(DeviceNotConnectedError, match="names 2 joints, http://localhost:8007 has 7"):
+        with pytest.raises(
+            DeviceNotConnectedError, match="names 2 joints, but the robot of http://localhost:8007 has 7"
+        ):
             plugin.CobotRobot(two, connect=lambda url, token: local()).connect()
         robot = plugin.CobotRobot(plugin.CobotRobotConfig(), connect=lambda url, token: local())
         robot.connect()
@@ -265,7 +267,11 @@ def test_an_arm_that_cannot_be_connected_leaves_the_other_one_free(
         robot = two_arms(plugin, pair)
         robot.config.right_arm_config.joints = ["a"]
         robot = plugin.BiCobotRobot(robot.config, robot._arms["left_"]._connect)
-        with pytest.raises(DeviceNotConnectedError, match=rf"names 1 joints, {pair.names[1]} has 7"):
+        with pytest.raises(
+            DeviceNotConnectedError,
+            match=r"names 1 joints, but the robot of "
+            rf"{pair.names[1]} has 7",
+        ):
             robot.connect()
         assert not any(camera.is_connected for camera in robot.cameras.values())
         two_arms(plugin, pair).connect()

@@ -223,7 +223,7 @@ def test_a_policy_that_is_always_too_late_ends_with_a_sentence(
 ) -> None:
     policy = Swing(simulation, home, 0.6)
     runner = PolicyRunner(simulation.robot, control, policy, PERIOD_S, clock=simulation.clock)
-    with pytest.raises(ExecutionError, match=f"takes 0.6.. s for {LENGTH} actions of .* s: {PATIENCE} "):
+    with pytest.raises(ExecutionError, match=f"takes 0.6.. s for {LENGTH} actions of .* s; {PATIENCE} "):
         runner.run(10.0)
     assert runner.sent == []
 

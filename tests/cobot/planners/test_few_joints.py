@@ -203,7 +203,11 @@ def test_a_path_that_ends_at_a_limit_names_the_joint_and_its_limit(limit_rad: fl
 
 def test_a_goal_that_only_a_limit_keeps_from_being_reached_names_the_joint() -> None:
     robot = few_joint_arms.robot_of(SCARA, 1.0)
-    with pytest.raises(UnreachableError, match=r"joint3 would have to go to 1\.2 rad, its limit is 1 rad"):
+    with pytest.raises(
+        UnreachableError,
+        match=r"joint3 would have to go to 1\.2 rad, "
+        r"but its limit is 1 rad",
+    ):
         plan(
             robot,
             MotionRequest(np.zeros(3), pose_at(SCARA, np.array([0.5, 0.9, 1.2])), PlannerName.PTP, FULL),

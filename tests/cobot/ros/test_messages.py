@@ -166,7 +166,7 @@ def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
         (
             "sensor_msgs/msg/JointState",
             {"header": {"stamp": {"sec": 2**31}}},
-            "header.stamp.sec: int32 is from",
+            "header.stamp.sec: int32 must be from",
         ),
         (
             "sensor_msgs/msg/JointState",
@@ -178,7 +178,7 @@ def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
         ("std_msgs/msg/String", {"data": 3}, "data: must be a text, got 3"),
         ("std_msgs/msg/String", {"data": "\ud800"}, "data: is not valid Unicode"),
         ("std_msgs/msg/Bool", {"data": 1}, "data: must be true or false, got 1"),
-        ("std_msgs/msg/UInt8", {"data": -1}, "data: uint8 is from 0 to 255, got -1"),
+        ("std_msgs/msg/UInt8", {"data": -1}, "data: uint8 must be from 0 to 255, got -1"),
         ("std_msgs/msg/UInt8", {"data": 1.5}, "data: must be an integer, got 1.5"),
         ("std_msgs/msg/Int8", {"data": True}, "data: must be an integer, got true"),
         ("std_msgs/msg/Int32", {"data": None}, "data: must be an integer, got null"),
@@ -188,7 +188,7 @@ def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
         (f"{SERVICE}_Request", {"name": "äöü"}, "name: has 6 bytes, allowed: 5"),
         (f"{ACTION}_Feedback", {"octets": "AAAA"}, "octets: must have 4 items, got 3"),
         (f"{ACTION}_Feedback", {"octets": "A!"}, "octets: must be base64"),
-        (f"{ACTION}_Feedback", {"octets": [1, 2, 3, 256]}, r"octets\[3\]: uint8 is from 0 to 255"),
+        (f"{ACTION}_Feedback", {"octets": [1, 2, 3, 256]}, r"octets\[3\]: uint8 must be from 0 to 255"),
         (f"{ACTION}_Feedback", {"octets": None}, "octets: must be base64"),
         (f"{ACTION}_Feedback", {"few": [1, 2, 3]}, "few: must have no more than 2 items, got 3"),
         (f"{ACTION}_Goal", {"part": {"x": {}}}, "part.x: must be a number, got {}"),

@@ -147,7 +147,10 @@ def test_what_one_refuses_the_other_refuses_too(
     ("waypoints", "words"),
     [
         ([JOINTS, {**JOINTS, "radius": 0.1}], "waypoints[1].radius: the last waypoint has a radius"),
-        ([{**JOINTS, "radius": 0.1}] * 50 + [JOINTS], "waypoints[0] to [50] are 51 without a stop, allowed"),
+        (
+            [{**JOINTS, "radius": 0.1}] * 50 + [JOINTS],
+            ("waypoints[0] to [50] are 51 targets without a stop, allowed"),
+        ),
     ],
 )
 def test_a_sequence_comes_to_rest_at_its_end_and_now_and_then(

@@ -162,7 +162,7 @@ def test_a_task_that_kills_its_workers_is_found_and_the_others_go_on(tmp_path: P
 def test_a_folder_keeps_the_results_of_one_study(tmp_path: Path) -> None:
     run_study(function_study(tmp_path), tmp_path / "out", executor=ThreadPoolExecutor(1))
     with pytest.raises(
-        ConflictError, match=r"another study \(seed was null and is 4\); give another --output"
+        ConflictError, match=r"another study \(seed was null and is now 4\); give another --output"
     ):
         run_study(function_study(tmp_path, seed=4), tmp_path / "out", executor=ThreadPoolExecutor(1))
     with (tmp_path / "functions.py").open("a") as file:
@@ -245,7 +245,7 @@ def test_files_that_are_not_of_a_study_are_not_replaced(name: str, tmp_path: Pat
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir()
     foreign.write_text("{}")
-    with pytest.raises(CobotError, match=f"out/{name}: is not "):
+    with pytest.raises(CobotError, match=f"out/{name}: does not belong to a study"):
         run_study(function_study(tmp_path), foreign.parent, executor=ThreadPoolExecutor(1))
     assert foreign.read_text() == "{}"
     if name != "manifest.json":
@@ -261,7 +261,7 @@ def test_a_folder_without_results_is_an_error_with_advice(tmp_path: Path) -> Non
     with pytest.raises(CobotError, match=r"manifest.json: there is no such file; give a folder"):
         ResultsFolder(tmp_path).study()
     (tmp_path / "manifest.json").write_text(json.dumps({"format": 99}))
-    with pytest.raises(CobotError, match="has format 99, but this cobot reads 1"):
+    with pytest.raises(CobotError, match="has format 99, but this cobot reads the format 1"):
         ResultsFolder(tmp_path).study()
 
 

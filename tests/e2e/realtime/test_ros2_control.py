@@ -239,8 +239,8 @@ def test_a_fault_in_a_motion_is_named_and_a_reset_ends_it(
 @pytest.mark.parametrize(
     ("mode", "words"),
     [
-        ("degrees", "is at -?[0-9]+.* rad, its limits are .*are they in degrees"),
-        ("slow", "the rate of /left/joint_states is .* Hz, the minimum is 4 Hz"),
+        ("degrees", "is at -?[0-9]+.* rad, but its limits are .*whether they are in degrees"),
+        ("slow", "the rate of /left/joint_states is .* Hz; the minimum is 4 Hz"),
         ("inactive", "the controller joint_trajectory_controller is inactive: activate it with"),
         ("forward", "the controller joint_trajectory_controller is inactive"),
         ("missing", "has no joint ur_joint7"),
@@ -280,7 +280,7 @@ def test_swapped_joints_are_found_at_rest(arm: Ros2ControlArm, double: Double) -
     """
     place = double.seen()["position"]
     double.be("swapped")
-    with pytest.raises(BackendError, match=r"ur_joint[24] at .* its controller at .*another order"):
+    with pytest.raises(BackendError, match=r"ur_joint[24] at .* its controller has it at .*another order"):
         raise BackendError(fails(arm))
     new = double.arm(connect_s=20.0)
     try:

@@ -118,7 +118,7 @@ def test_capabilities_of_another_type_are_refused(
 ) -> None:
     chosen = with_backend(settings, f"own_arm:{kind.__name__}")
     with pytest.raises(
-        ConfigError, match=rf"{kind.__name__}.capabilities is .*, it must be a Capabilities: "
+        ConfigError, match=rf"{kind.__name__}.capabilities is .*; it must be a Capabilities, because "
     ):
         make_backend(chosen, robot.limits)
     with pytest.raises(ConfigError, match="capabilities is"):

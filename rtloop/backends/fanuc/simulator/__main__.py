@@ -85,21 +85,21 @@ def _parser() -> argparse.ArgumentParser:
         type=port,
         default=PORT,
         metavar="P",
-        help=f"UDP port of the stream; default {PORT}, 0: a free one",
+        help=f"UDP port of the stream; default {PORT}; 0 picks a free port",
     )
     add(
         "--rmi-port",
         type=port,
         default=RMI_PORT,
         metavar="P",
-        help=f"TCP port of the Remote Motion Interface; default {RMI_PORT}, 0: a free one",
+        help=f"TCP port of the Remote Motion Interface; default {RMI_PORT}; 0 picks a free port",
     )
     add(
         "--control-port",
         type=port,
         default=0,
         metavar="P",
-        help="port of the control interface; 0: a free one",
+        help="port of the control interface; 0 picks a free port",
     )
     add(
         "--period",

@@ -263,10 +263,10 @@ class FanucController:
         for name in self._outputs.places:
             self.io[name] = self._outputs.read(packet.io, name)
         if not (packet.moves and self.motion_possible):
-            self._note_once("a command while no program accepts it")
+            self._note_once("a command has arrived while no program accepts commands")
             return
         if packet.style != JOINT_STYLE:
-            self.alarm(f"MOTN-625 the data style is {packet.style}, that of joints is {JOINT_STYLE}")
+            self.alarm(f"MOTN-625 the data style is {packet.style}; for joints it must be {JOINT_STYLE}")
             return
         if packet.sequence <= self._answered:
             self._note(f"command {packet.sequence} comes after command {self._answered}")

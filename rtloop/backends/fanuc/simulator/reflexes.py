@@ -88,7 +88,7 @@ class Reflexes:
         numbers = [number for number, _ in known]
         passed = numbers[-1] - numbers[-2]
         if passed <= 0:
-            return Rejected(f"the number of a command is {sequence}, the last one was {numbers[-2]}")
+            return Rejected(f"the number of a command is {sequence}; the previous number was {numbers[-2]}")
         whole = np.diff(numbers)[::-1] == 1
         column = self._column(tcp_m_s)
         places = np.array([self._units.to_device(place) for _, place in known]) / self._units.per_unit
@@ -106,8 +106,8 @@ class Reflexes:
             joint = int(share.argmax())
             if share[joint] > SLACK:
                 return Rejected(
-                    f"the {WORDS[rate]} of {self._limits.names[joint]} is {share[joint]:.2f} of its limit at "
-                    f"{1e3 * tcp_m_s:.0f} mm/s"
+                    f"the {WORDS[rate]} of {self._limits.names[joint]} is {share[joint]:.2f} times its "
+                    f"limit at {1e3 * tcp_m_s:.0f} mm/s"
                 )
         return ACCEPTED
 

@@ -117,7 +117,7 @@ def _parser() -> argparse.ArgumentParser:
         type=port,
         default=0,
         metavar="P",
-        help="port of the control interface; 0: a free one",
+        help="port of the control interface; 0 picks a free port",
     )
     add(
         "--period",

@@ -131,8 +131,8 @@ class Cabinet:
         command = decode_command(packet)
         if not isinstance(command, str) and command.framed != self._frames:
             command = (
-                f"a command {'with' if command.framed else 'without'} the frame of FRI {FRAMED_VERSION}, "
-                f"this cabinet uses FRI {self.options.version}"
+                f"a command {'with' if command.framed else 'without'} the frame of FRI "
+                f"{FRAMED_VERSION}, but this cabinet uses FRI {self.options.version}"
             )
         if isinstance(command, str):
             self.malformed += 1

@@ -35,7 +35,7 @@ def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Reje
         return Rejected("the client commands a wrench that is not finite")
     most = max(command.wrench, key=abs)
     if abs(most) > MAX_WRENCH:
-        return Rejected(f"the client commands a wrench of {most:.6g}, {MAX_WRENCH:g} N or N·m are allowed")
+        return Rejected(f"the client commands a wrench of {most:.6g}, allowed: {MAX_WRENCH:g} N or N·m")
     return ACCEPTED
 
 
@@ -48,6 +48,6 @@ def check_echo(arm: ControllerArm, position: Array) -> Accepted | Rejected:
     if off[joint] > ECHO_RAD:
         return Rejected(
             f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad from the interpolator, "
-            f"{ECHO_RAD} rad are allowed while the motion waits"
+            f"allowed: {ECHO_RAD} rad while the motion waits"
         )
     return ACCEPTED

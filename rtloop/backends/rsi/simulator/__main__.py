@@ -99,13 +99,19 @@ def _parser() -> argparse.ArgumentParser:
         metavar="IPV4",
         help="address from which packets are sent; default 127.0.0.1",
     )
-    add("--port", type=port, default=0, metavar="P", help="port from which packets are sent; 0: a free one")
+    add(
+        "--port",
+        type=port,
+        default=0,
+        metavar="P",
+        help="port from which packets are sent; 0 picks a free port",
+    )
     add(
         "--control-port",
         type=port,
         default=0,
         metavar="P",
-        help="port of the control interface; 0: a free one",
+        help="port of the control interface; 0 picks a free port",
     )
     add(
         "--period",

@@ -209,7 +209,7 @@ class RsiController:
         self.counters.late += 1
         counted = session.row if self.options.in_a_row else session.delay
         if counted > self.options.timeout:
-            self.switch_off(f"{counted} answers were late, {self.options.timeout} are allowed (Timeout)")
+            self.switch_off(f"{counted} answers were late, allowed: {self.options.timeout} (Timeout)")
             return
         if self.options.relative and self.options.hold_on:
             self._correct(session)

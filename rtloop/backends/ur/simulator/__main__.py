@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
         type=within(int, 0, MAX_PORT),
         default=0,
         metavar="P",
-        help="port of the control interface; 0: a free one",
+        help="port of the control interface; 0 picks a free port",
     )
     patience = within(float, 0, MAX_PATIENCE_S)
     add("--patience", type=patience, default=0.0, metavar="S", help="maximum wait for a late command")

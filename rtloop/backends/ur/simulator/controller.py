@@ -55,7 +55,9 @@ class UrController:
 
     def __init__(self, arm: ControllerArm, options: UrControllerOptions, transport: UrTransport) -> None:
         if arm.limits.dof != AXES:
-            raise ValueError(f"an arm of Universal Robots has {AXES} joints, the model has {arm.limits.dof}")
+            raise ValueError(
+                f"an arm of Universal Robots has {AXES} joints, but the model has {arm.limits.dof}"
+            )
         self.arm, self.options, self.transport = arm, options, transport
         self.period_s = options.period_s
         self.steps = 0
@@ -242,8 +244,8 @@ class UrController:
         if over[joint] > 1.0 + 1e-9:
             self.set_safety(
                 SafetyMode.PROTECTIVE_STOP,
-                f"{limits.names[joint]} is commanded a torque of {torque[joint]:.6g} N·m, its limit is "
-                f"{limits.max_effort[joint]:g} N·m",
+                f"{limits.names[joint]} is commanded a torque of {torque[joint]:.6g} N·m, but its limit "
+                f"is {limits.max_effort[joint]:g} N·m",
             )
             torque = np.zeros(AXES)
         self.arm.exert(torque, round(1e3 * self.period_s))

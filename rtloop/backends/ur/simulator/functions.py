@@ -167,7 +167,7 @@ class ProgramContext:
                 f"got {len(q)}, {lookahead_time:g} and {gain:g}"
             )
         if self.is_guided:
-            raise ValueError("servoj: the arm is in freedrive, end it with end_freedrive_mode() first")
+            raise ValueError("servoj: the arm is in freedrive; end it with end_freedrive_mode() first")
         begin, goal = self._controller.arm.setpoint.copy(), np.array(q, dtype=float)
         cycles = max(1, round(t / self._controller.period_s))
         for cycle in range(1, cycles + 1):
@@ -185,7 +185,7 @@ class ProgramContext:
         if len(torque) != AXES or not all(map(math.isfinite, torque)):
             raise ValueError(f"direct_torque: {AXES} torques are needed, got {torque}")
         if self.is_guided:
-            raise ValueError("direct_torque: the arm is in freedrive, end it with end_freedrive_mode() first")
+            raise ValueError("direct_torque: the arm is in freedrive; end it with end_freedrive_mode() first")
         self.torque = np.array(torque, dtype=float)
         yield
 

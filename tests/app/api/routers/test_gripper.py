@@ -259,7 +259,7 @@ def test_a_fault_of_the_device_is_the_reason_of_a_failed_command(run: Run) -> No
     ("garbage", "words"),
     [
         ({"width": float("nan")}, "width is NaN"),
-        ({"width": "abc"}, "width is 'abc', must be a number"),
+        ({"width": "abc"}, "width is 'abc'; it must be a number"),
         ({"commanded_width": True}, "commanded_width is true"),
         ({"force": 10**400}, "force is 1000"),
         ({"temperature": float("-inf")}, "temperature is -Infinity"),

@@ -471,5 +471,5 @@ def test_a_chunk_of_poses_is_for_nobody(client: Frames) -> None:
     chunk = np.zeros((), chunk_dtype(7))
     chunk["count"] = 1
     client.binary(4, 1, chunk.tobytes())
-    assert "a cartesian stream takes no chunks" in client.answer()["detail"]
+    assert "a cartesian stream does not accept chunks" in client.answer()["detail"]
     client.ended()

@@ -313,7 +313,7 @@ def test_studies_are_bounded_in_number_and_size(tmp_path: Path, monkeypatch: pyt
                 await made.start(REACH | {"seed": 5})
             assert (await made.wait(await made.start(REACH))).id == status.id
             monkeypatch.setattr(studies, "MAX_TOTAL_BYTES", studies.MIN_BYTES)
-            with pytest.raises(ConflictError, match="allowed: .*; delete some"):
+            with pytest.raises(ConflictError, match=r"allowed: .*; delete some"):
                 await made.start(REACH)
 
     asyncio.run(scenario())

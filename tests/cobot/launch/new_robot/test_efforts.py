@@ -61,7 +61,10 @@ def test_an_arm_that_fails_in_few_postures_only_is_not_said_to_be_held_in_all(
 ) -> None:
     """The shoulder needs 24.525 N·m stretched out level, and has nearly that."""
     folder, said = made(tmp_path, swinging_arm((50.0, 24.5, 50.0)))
-    assert "motions into postures that cannot be held are rejected; more than 99 % can be held" in said
+    assert (
+        "motions into postures that cannot be held are rejected; more than 99 % of the postures can be held"
+        in said
+    )
     efforts = checked(folder, capsys)["efforts"]
     assert "the drives hold the arm in more than 99 % of its postures: at joints " in efforts
     assert "100 %" not in efforts

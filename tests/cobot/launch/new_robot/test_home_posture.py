@@ -130,7 +130,7 @@ def test_of_an_arm_without_a_simple_free_posture_the_pair_is_named_that_touches_
     said: list[str] = []
     found = home_posture.positions(Path("arm.urdf"), robot.model, Touching(), "base_link", {}, said)
     assert 0.1 < found["home"][0] < 0.7
-    told = said[0].partition("; of 500 positions, these touch: ")[2].partition("; if they may")[0]
+    told = said[0].partition("; of 500 positions, these touch: ")[2].partition("; if these links may")[0]
     named = {each.rpartition(" in ")[0] for each in told.split(", ")}
     assert named == {"base_link and cover", "link0 and cover"}
     assert "disable the pairs in an SRDF (--srdf)" in said[0]

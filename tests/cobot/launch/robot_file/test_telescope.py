@@ -63,7 +63,7 @@ def test_stages_that_follow_the_first_are_one_joint_with_all_their_travel(
     text = lift(FIRST, SECOND, THIRD)
     robot, said = made_of(tmp_path / "lift.urdf", text, **options)
     assert robot.limits.names == NAMES
-    assert "telescope found: lower_joint moves upper_joint, top_joint too" in said
+    assert "telescope found: lower_joint also moves upper_joint, top_joint" in said
     assert "joints that stay" not in said
     model = pinocchio.buildModelFromXML(text)
     data, base = model.createData(), model.getFrameId(robot.base_frame)

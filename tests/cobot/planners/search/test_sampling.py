@@ -205,9 +205,9 @@ def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_p
     monkeypatch.setattr(sampling, "find_path", find_none)
     with pytest.raises(PlanningError) as caught:
         planned(wall(robot, tmp_path), "chomp", *sides(robot))
-    pattern = r"chomp found no free path near the straight line: .* still at -?\d+ mm; try ompl"
+    pattern = r"chomp found no free path near the straight line: .* still at a distance of -?\d+ mm; try ompl"
     assert re.match(pattern, str(caught.value))
-    assert re.search(r"after \d+ % of the path link\d and post still at", str(caught.value))
+    assert re.search(r"after \d+ % of the path link\d and post are still at", str(caught.value))
 
 
 def test_chomp_that_finds_nothing_near_the_straight_path_starts_from_one_of_ompls_and_says_so(

@@ -129,7 +129,7 @@ def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(rob
     course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.3))
     course[0].positions[3] -= 0.05  # type: ignore[index]
     message = (
-        "point 1: starts with joint4 at -1.6200 rad, but it is at -1.5700 rad: 0.0500 rad apart, "
+        "point 1: starts with joint4 at -1.6200 rad, but the arm is at -1.5700 rad: 0.0500 rad apart, "
         "allowed: 0.01 rad; move there first, or send move_to_start=true (on the command line: "
         "--move-to-start)"
     )
@@ -173,7 +173,7 @@ def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: RobotDescr
             "point 2: time_from_start is 0.0 s; it must be later than the 0.0 s of point 1",
         ),
         ([-1.0, 0.0, 1.0, 2.0], "point 1: time_from_start is -1.0 s; it must not be negative"),
-        ([0.0, 1.0, 2.0, 1.3e308], "point 4: time_from_start is 1.3e+308 s, may be up to 1e+06 s"),
+        ([0.0, 1.0, 2.0, 1.3e308], "point 4: time_from_start is 1.3e+308 s, allowed: up to 1e+06 s"),
         ([0.0, 1.0, 1.0 + 2e-10, 2.0], "must be later than the 1.0 s of point 2, by at least 1e-09 s"),
         ([0.0, 5e-324, 1.0, 2.0], "point 2: time_from_start is 5e-324 s; it must be later than the 0.0 s"),
         ([5e-324, 1.0, 2.0, 3.0], "point 1: time_from_start is 5e-324 s; it must be 0 or at least 1e-09 s"),
@@ -354,7 +354,7 @@ def test_what_a_load_makes_too_heavy_for_a_drive_is_slowed_down_by_just_so_much(
     assert motion.changes.slowed_s == (0.0, 0.8)
     shares = np.linspace(0.0, 1.0, 50)
     assert motion.sample(shares * motion.duration_s) == pytest.approx(light.sample(shares * 0.8), abs=1e-9)
-    message = r"after 7\d % of the motion \(0.6\d+ s\) joint6 needs 45.*, its limit is 40 N·m; "
+    message = r"after 7\d % of the motion \(0.6\d+ s\) joint6 needs 45.*, but its limit is 40 N·m; "
     with pytest.raises(LimitError, match=message + r"retime=true .* \(1.37\d s instead of 0.800 s\)"):
         plan_waypoints(heavy, replace(asked, retime=False))
     with pytest.raises(LimitError, match=message + r"within the limits it takes .*, and up to 1.0"):
@@ -375,7 +375,7 @@ def test_a_load_that_cannot_even_be_held_on_the_way_is_refused_at_any_speed() ->
     asked = WaypointRequest(home(of.robot), points_at([2.0], [end.tolist()]), 0.01, retime=True)
     assert plan_waypoints(of.robot, asked).duration_s == 2.0
     with pytest.raises(
-        LimitError, match=r"joint6 needs 42.\d+ N·m, its limit is 40 N·m; slowing down does not help"
+        LimitError, match=r"joint6 needs 42.\d+ N·m, but its limit is 40 N·m; slowing down does not help"
     ):
         plan_waypoints(carrying(of.robot, TOOL), asked)
 

@@ -80,7 +80,7 @@ def test_a_mesh_that_is_missing_or_huge_is_named(tmp_path: Path) -> None:
         found.read_mesh(0)
     with (tmp_path / "a.glb").open("wb") as file:
         file.truncate(MAX_MESH_BYTES + 1)
-    with pytest.raises(NotFoundError, match=f"at most {MAX_MESH_BYTES}"):
+    with pytest.raises(NotFoundError, match=f"allowed: {MAX_MESH_BYTES}"):
         found.read_mesh(0)
     with pytest.raises(NotFoundError, match="there is no mesh -1; the robot has 1"):
         found.read_mesh(-1)

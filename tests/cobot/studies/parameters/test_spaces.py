@@ -86,11 +86,11 @@ def test_a_bad_space_names_the_parameter(more: dict[str, Any], message: str, tmp
         ({"space": {"a": {"uniform": [0, 1]}}}, "samples: is missing, but a is random"),
         (
             {"space": {"a": {"uniform": [0, 1]}}, "samples": 100, "design": "sobol"},
-            "is 100, .* such as 64 or 128",
+            "is 100; .* such as 64 or 128",
         ),
         (
             {"space": {n: {"low": 0, "high": 1, "count": 99_999} for n in "ab"}},
-            "space: has 9999800001 points, at most 100000000",
+            "space: has 9999800001 points, allowed: 100000000",
         ),
     ],
 )

@@ -72,7 +72,7 @@ def test_every_period_that_it_says(made: Made, arm: RobotDescription, period_ms:
 
 
 def test_another_period_is_named(made: Made, arm: RobotDescription) -> None:
-    with pytest.raises(BackendError, match=r"sends every 4 ms, rt.period_s is 0.008 s: set it to 0.004"):
+    with pytest.raises(BackendError, match=r"sends every 4 ms, but rt.period_s is 0.008 s: set it to 0.004"):
         Driven(made(8), arm, FanucControllerOptions(period_ms=4)).open()
 
 
@@ -92,7 +92,10 @@ def test_version_4_moves_the_arm(made: Made, arm: RobotDescription) -> None:
 def test_a_state_of_another_version_is_refused_by_name(made: Made, arm: RobotDescription) -> None:
     driven = Driven(made(), arm).open().enable()
     driven.controller.version = 4
-    with pytest.raises(BackendError, match="version 4 in a session of version 3: was the controller updated"):
+    with pytest.raises(
+        BackendError,
+        match="the status packet has version 4, but the session has version 3: was the controller updated",
+    ):
         driven.listen(40)
 
 
@@ -122,7 +125,7 @@ def test_the_wrong_one_is_refused_with_the_right_one(
     made: Made, arm: RobotDescription, horizon: bool, asked: str
 ) -> None:
     right = "horizon" if horizon else "relative"
-    with pytest.raises(BackendError, match=rf"degrees are allowed.* With robot.backend.j3: {right} they"):
+    with pytest.raises(BackendError, match=rf"allowed: .* degrees.* With robot.backend.j3: {right} they"):
         Driven(made(j3=asked), arm, FanucControllerOptions(horizon=horizon, table_share=2.0)).open()
 
 

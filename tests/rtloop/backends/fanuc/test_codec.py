@@ -179,7 +179,7 @@ def test_damaged_bytes_never_raise(packet: StatusPacket, cut: int, flip: int) ->
 def test_an_old_version_is_named() -> None:
     data = bytearray(encode_status(StatusPacket(3, 1, 0, 0, 0, 0, (0.0,) * 9, (0.0,) * 9)))
     data[4:8] = struct.pack(">I", 1)
-    assert "version 1, the oldest that is supported is 3" in str(decode_received(bytes(data)))
+    assert "version 1; the oldest supported version is 3" in str(decode_received(bytes(data)))
 
 
 def test_values_that_are_no_numbers_come_through() -> None:

@@ -80,5 +80,7 @@ def test_an_axis_3_from_the_horizon_is_as_fast_as_two_joints(arm: RobotDescripti
     faster = replace(arm.limits, max_velocity=1.01 * arm.limits.max_velocity)
     result = found.check(faster, units, None)
     assert isinstance(result, Rejected)
-    assert "max_velocity of joint3 together with joint2 is 5.28835, the table allows 5.2534" in result.reason
+    assert (
+        "max_velocity of joint3 together with joint2 is 5.28835, but the table allows 5.2534"
+    ) in result.reason
     assert found.check(faster, JointUnits(arm.limits), None) is ACCEPTED

@@ -71,7 +71,7 @@ def test_what_is_no_output_is_not_set() -> None:
 
 
 def test_too_many_blocks_are_refused() -> None:
-    with pytest.raises(BackendError, match="need 40 blocks, at most 32 are possible"):
+    with pytest.raises(BackendError, match="need 40 blocks, allowed: 32"):
         Points([f"DO[{2 * number}]" for number in range(1, 21)])
 
 

@@ -117,7 +117,7 @@ def test_a_session_that_is_not_accepted_is_another_clients() -> None:
         (None, "does not answer a request to report its status: timed out"),
         (b'{"Command": "Unknown", "ErrorID": 1}', "it does not know FRC_GetStatus"),
         (b'{"Command": "FRC_GetStatus", "ErrorID": 2556935}', "the arm's servos are off"),
-        (b'{"Communication": "FRC_SystemFault"}\n' * 200, "it sends different lines instead"),
+        (b'{"Communication": "FRC_SystemFault"}\n' * 200, "but sends other lines"),
     ],
 )
 def test_a_reply_that_is_none_is_named(said: bytes | None, sentence: str) -> None:

@@ -165,13 +165,13 @@ def test_takes_every_period_that_it_says(make: Make, period_ms: int) -> None:
 def test_a_wrong_period_is_named(settings: Settings, robot: RobotDescription) -> None:
     _, channel = joined(settings, robot, CabinetOptions(period_ms=4))
     backend = FriBackend(fri_settings(settings, 5), robot.limits, channel=channel, clock=channel.clock)
-    with pytest.raises(BackendError, match=r"sends every 4 ms, rt.period_s is 0.005 s: set it to 0.004"):
+    with pytest.raises(BackendError, match=r"sends every 4 ms, but rt.period_s is 0.005 s: set it to 0.004"):
         backend.open(np.zeros(7))
 
 
 @pytest.mark.parametrize(("spoken", "asked"), [("1.x", "2"), ("2.x", "1"), ("2.7", "1"), ("2.x", "2.7")])
 def test_the_other_version_is_named(make: Make, spoken: str, asked: str) -> None:
-    with pytest.raises(BackendError, match=f"uses FRI {spoken}, robot.backend.version is {asked}"):
+    with pytest.raises(BackendError, match=f"uses FRI {spoken}, but robot.backend.version is {asked}"):
         make(CabinetOptions(version=spoken), version=asked)
 
 
@@ -195,7 +195,9 @@ def test_answers_are_framed_as_the_controllers_messages_are(make: Make) -> None:
     assert all(isinstance(each, CommandMessage) and each.framed for each in answers)
     plain = encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, driven.cabinet.sequence), (0.0,) * 7))
     driven.cabinet.answer(plain)
-    assert driven.cabinet.events[-1] == ("a command without the frame of FRI 2.7, this cabinet uses FRI 2.7")
+    assert driven.cabinet.events[-1] == (
+        "a command without the frame of FRI 2.7, but this cabinet uses FRI 2.7"
+    )
 
 
 def test_a_message_of_another_version_in_a_session_is_refused_by_name(make: Make) -> None:
@@ -247,7 +249,7 @@ def test_commands_begin_where_the_interpolator_is(make: Make) -> None:
 def test_an_arm_beside_its_interpolator_is_not_enabled(make: Make) -> None:
     driven = make(entry_rad=0.001)
     driven.cabinet.arm.push[:] = [0.0, 0.0, -140.0, 0.0, 0.0, 0.0]
-    with pytest.raises(BackendError, match=r"from the controller's interpolator, 0.001 rad are allowed"):
+    with pytest.raises(BackendError, match=r"from the controller's interpolator, allowed: 0.001 rad"):
         driven.enable()
 
 
@@ -267,7 +269,7 @@ def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
 
 def test_another_overlay_is_named(make: Make) -> None:
     driven = make(CabinetOptions(command_mode=CommandMode.TORQUE))
-    with pytest.raises(BackendError, match=r"accepts TORQUE, robot.backend.overlay is position"):
+    with pytest.raises(BackendError, match=r"accepts TORQUE, but robot.backend.overlay is position"):
         driven.enable()
 
 
@@ -546,7 +548,7 @@ def test_packets_that_are_refused_are_not_called_silence(make: Make) -> None:
     packet = driven.cabinet.packet
     driven.cabinet.packet = lambda: packet() and encode_monitoring(six)
     driven.until(lambda: len(driven.problems) > problems)
-    said = "the last one was rejected: a robot with 6 joints, the model has 7"
+    said = "the last one was rejected: the controller's robot has 6 joints, but the model has 7"
     assert said in driven.problems[-1]
     assert "network" not in driven.problems[-1]
     assert said in driven.backend.status().text
@@ -597,7 +599,7 @@ def test_an_arm_that_is_not_where_the_model_has_it_is_refused(
         pose = channel.controller.arm.pose()
         channel.controller.arm.pose = lambda pose=pose, off_mm=off_mm: (pose[0] + off_mm, *pose[1:])
         if refused:
-            with pytest.raises(BackendError, match=r"with the same joints: 8.0 mm and 0.0 degrees apart"):
+            with pytest.raises(BackendError, match=r": 8.0 mm and 0.0 degrees apart"):
                 backend.open(np.zeros(7))
             backend, other = joined(settings, robot, cell, check_pose=False)
             other.controller.arm.pose = channel.controller.arm.pose

@@ -137,5 +137,5 @@ def test_joint_states_that_are_too_slow_for_a_stream_are_refused(rig: StreamRig)
     settings = settings_with(connect_s=0.1)
     settings = settings.model_copy(update={"rt": settings.rt.model_copy(update={"frozen_after_s": 0.015})})
     arm = Ros2ControlStream(settings, load_robot(load_settings()).limits, RigStream(rig))
-    with pytest.raises(BackendError, match="is 101 Hz, the minimum for a stream is 133 Hz"):
+    with pytest.raises(BackendError, match="is 101 Hz; the minimum for a stream is 133 Hz"):
         arm.open(np.zeros(7))

@@ -97,7 +97,7 @@ def test_the_largest_correction_is_named_and_never_exceeded(make: Make) -> None:
     driven.swing(400, np.array([0.2, 0, 0, 0, 0, 0, 0]), 1.0)
     (problem,) = driven.problems
     assert "A1 is " in problem
-    assert "5 degrees are allowed (robot.backend.max_correction" in problem
+    assert "allowed: 5 degrees (robot.backend.max_correction" in problem
     largest = max(abs(values[0]) for values in driven.corrections())
     assert Decimal("4.9") < largest <= Decimal(5)
     assert driven.controller.is_on, list(driven.controller.events)
@@ -137,7 +137,12 @@ def test_a_controller_that_takes_relative_corrections_as_absolute_does_not_move(
 @pytest.mark.parametrize(
     ("cell", "ours", "theirs", "reason"),
     [
-        (RELATIVE, {}, None, "says that its corrections are relative, robot.backend.correction is absolute"),
+        (
+            RELATIVE,
+            {},
+            None,
+            ("says that its corrections are relative, but robot.backend.correction is absolute"),
+        ),
         (ControllerOptions(), {"sen_type": "ImFree"}, {}, "RSI has ended"),
         (ControllerOptions(), {"axis_tag": "AKorr"}, {}, "RSI has ended"),
     ],
@@ -161,7 +166,11 @@ def test_another_period_is_named_with_both_values(settings: Settings, robot: Rob
     driven = Driven(settings, robot, ControllerOptions(period_ms=12))
     other = Driven(settings, robot)
     other.channel.controller = driven.controller
-    with pytest.raises(BackendError, match=r"grows by 12 ms \(#IPO\), rt.period_s is 0.004 s \(#IPO_FAST\)"):
+    with pytest.raises(
+        BackendError,
+        match=r"grows by 12 ms \(#IPO\), but rt\.period_s "
+        r"is 0.004 s \(#IPO_FAST\)",
+    ):
         other.opened()
 
 
@@ -182,7 +191,10 @@ def spoiled(driven: Driven, monkeypatch: pytest.MonkeyPatch, change: Callable[[R
         (lambda s: replace(s, delay=None, correction=()), "neither AxisCorrMon nor Delay"),
         (
             lambda s: replace(s, position=tuple(DEGREES * np.array(s.position))),
-            "the model's limits are .* another robot, another order in robot.backend.axes, or other units",
+            (
+                "the model's limits are .* another robot, robot.backend.axes has another order, or the "
+                "units differ"
+            ),
         ),
         (
             lambda s: replace(s, position=tuple(np.array(s.position) / DEGREES)),
@@ -333,7 +345,7 @@ def test_automatic_external_is_an_automatic_mode(make: Make) -> None:
         ({"is_stopped": True}, r"\$ALARM_STOP"),
         (
             {"is_ready": False},
-            r"the drives are off \(\$PERI_RDY\), the operation mode is T1: press the enabling",
+            r"the drives are off \(\$PERI_RDY\); the operation mode is T1: press the enabling",
         ),
     ],
 )
@@ -386,9 +398,9 @@ def test_external_axes_may_be_any_joints(make: Make) -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"axes": ["A1", "A2"]}, "robot.backend.axes has 2 axes, the model has 7 joints"),
+        ({"axes": ["A1", "A2"]}, "robot.backend.axes has 2 axes, but the model has 7 joints"),
         ({"axes": ["A1", "A1", "A2", "A3", "A4", "A5", "A6"]}, "A1 is listed twice"),
-        ({"max_correction": [5.0]}, "robot.backend.max_correction has 1 values, the model has 7 joints"),
+        ({"max_correction": [5.0]}, "robot.backend.max_correction has 1 values, but the model has 7 joints"),
         ({"max_correction": 0.0}, "max_correction"),
         ({"axis_tag": "A K"}, "axis_tag"),
         ({"sen_type": '"><x'}, "sen_type"),

@@ -548,7 +548,7 @@ def test_a_stranger_at_the_port_is_named(connect: Joined, monkeypatch: pytest.Mo
     monkeypatch.setattr(
         rtde_session.RtdeSession, "feed", lambda self, received: self.out.extend(b"HTTP/1.1 400 Bad Request")
     )
-    with pytest.raises(BackendError, match="are not valid RTDE: a package of unknown type 84"):
+    with pytest.raises(BackendError, match="are not valid RTDE: a package has the unknown type 84"):
         backend.open(np.zeros(6))
 
 
@@ -588,7 +588,7 @@ def test_a_half_open_connection_is_given_up(connect: Joined) -> None:
 
 def test_a_cb3_needs_its_own_period(connect: Joined) -> None:
     backend, _ = connect(UrControllerOptions(series="cb3"), period_ms=2)
-    with pytest.raises(BackendError, match=r"sends every 0\.008 s, rt\.period_s is 0\.002 s"):
+    with pytest.raises(BackendError, match=r"sends every 0\.008 s, but rt\.period_s is 0\.002 s"):
         backend.open(np.zeros(6))
 
 
@@ -690,7 +690,7 @@ def test_an_arm_with_other_joints_is_rejected(
     from cobot.robot.description import load_robot
 
     limits = load_robot(settings).limits
-    with pytest.raises(BackendError, match="has 6 joints, this robot has 7"):
+    with pytest.raises(BackendError, match="has 6 joints, but this robot has 7"):
         UrBackend(with_options(settings), limits, transport=joined(ur, arm.limits))
 
 

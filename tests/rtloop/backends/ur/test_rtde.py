@@ -79,7 +79,7 @@ def test_other_data_packages_are_rejected(payload: bytes, found: str) -> None:
 
 
 def test_a_package_that_cannot_exist_is_an_error() -> None:
-    with pytest.raises(RtdeError, match="a package has 2 bytes, the shortest possible has 3"):
+    with pytest.raises(RtdeError, match="a package has 2 bytes; the shortest possible package has 3"):
         Splitter().split(b"\x00\x02U")
 
 

@@ -477,7 +477,7 @@ def test_the_first_versions_with_direct_torque_are_accepted(
 
 
 def test_another_period_is_rejected(connect: Joined) -> None:
-    with pytest.raises(BackendError, match=r"rt\.period_s is 0\.004 s, set it to 0\.002"):
+    with pytest.raises(BackendError, match=r"rt\.period_s is 0\.004 s; set it to 0\.002"):
         connect(ON, 4, torque=True)
 
 

@@ -551,9 +551,7 @@ def test_of_a_sequence_that_cannot_be_it_is_said_which_motion(run: VirtualServic
     assert refused.status_code == 422
     assert refused.json()["detail"].startswith("motion 2: ")
     radii = asked(run, {"motions": motions, "radii": [0.1, 0.1]}, "/robot/move/sequence")
-    assert (
-        radii.json()["detail"] == "radii: 2 motions need 1, one for each motion except the last; got 2"
-    )
+    assert radii.json()["detail"] == "radii: 2 motions need 1, one for each motion except the last; got 2"
     until(run, queued(run, {"joints": HOME}))
     assert states(run, first) == ["finished"]
 

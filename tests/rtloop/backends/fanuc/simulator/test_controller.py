@@ -125,7 +125,7 @@ def test_it_stops_at_commands_beyond_them(
 @pytest.mark.parametrize(
     ("packet", "said"),
     [
-        ({"style": 0}, "MOTN-625 the data style is 0, that of joints is 65535"),
+        ({"style": 0}, "MOTN-625 the data style is 0; for joints it must be 65535"),
         ({"position": (np.nan,) * 6}, "a position that is not finite"),
         ({"position": (0.0,) * 6}, "the first command of joint5 is 0.698 away"),
         ({"version": 4}, "HOST-380 System error 0x19,0x0"),

@@ -101,7 +101,7 @@ def test_late_answers_end_it_beyond_the_budget(make: Make, in_a_row: bool, late:
         controller.packet()
     assert not controller.is_on
     assert controller.counters.late == late
-    assert "answers were late, 10 are allowed (Timeout)" in controller.events[-1]
+    assert "answers were late, allowed: 10 (Timeout)" in controller.events[-1]
 
 
 @pytest.mark.parametrize(
