@@ -75,7 +75,7 @@ class Reason(str):
     Attributes:
         code: a `ReasonCode`, or the cause of a stop (`app.services.rights.stop_reason.StopCause`).
         of: names of the joint, the links or other things that are concerned.
-        value, limit: measured value and its limit in `unit`; NaN if there is none.
+        value, limit: measured value and its limit in `unit`; NaN for a reason without a number.
     """
 
     __slots__ = ("code", "limit", "of", "unit", "value")

@@ -173,7 +173,7 @@ class Trajectory:
 
     def first_excess(self, derivative: int, low: Array, high: Array) -> tuple[int, int, float] | None:
         """The first segment and joint whose extremum leaves the range from `low` to `high`, shape (dof,)
-        each, and the value; None if there is none.
+        each, and the value; None if all extrema are within the range.
         """
         segments, joints, values = self.excesses(derivative, low, high)
         return (int(segments[0]), int(joints[0]), float(values[0])) if len(segments) else None

@@ -34,8 +34,8 @@ ACCEPTED, LATER = Accepted(), Later()
 
 
 def first_rejection(results: Iterable[Accepted | Rejected]) -> Accepted | Rejected:
-    """Return the first rejection, or `ACCEPTED` if there is none. If `results` is a generator, the checks
-    after the first rejection do not run.
+    """Return the first rejection, or `ACCEPTED` if all results are accepted. If `results` is a generator, the
+    checks after the first rejection do not run.
     """
     return next((result for result in results if isinstance(result, Rejected)), ACCEPTED)
 

@@ -58,7 +58,7 @@ class TrajectoryRun:
     """A goal from its acceptance to its end.
 
     Attributes:
-        cause: the reason to end early; None if there is none.
+        cause: the reason to end early; None while the goal may continue.
         ended: event that is set when the arm is at rest, or moves for another client.
     """
 

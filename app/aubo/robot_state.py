@@ -198,7 +198,7 @@ async def get_mode_reason(robot: Services) -> str:
     """The reason for a fault or an emergency stop, or for the early end of the last motion.
 
     Returns:
-        The reason as a sentence; empty if there is none.
+        The reason as a sentence; empty without a fault, an emergency stop or an early end.
     """
     return (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).reason
 

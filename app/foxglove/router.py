@@ -177,7 +177,8 @@ class _Client:
     def _take(self, text: str | None) -> None:
         """Handle a message from the client.
 
-        Raises: InputError, PayloadError: this server does not understand the message.
+        Raises:
+            InputError, PayloadError: this server does not understand the message.
         """
         if text is None:
             raise InputError(

@@ -48,7 +48,7 @@ class StoredAnswer:
 
     Attributes:
         type: media type.
-        location: header `Location`; None if there is none.
+        location: header `Location`; None if the answer does not have it.
     """
 
     status: int

@@ -17,7 +17,7 @@ class Transport(Protocol):
 
     Attributes:
         robot: name of the robot.
-        url: URL of the robot's service; "" if it has none.
+        url: URL of the robot's service; "" for a robot without a service.
         dof: number of joints.
         clock: the robot's clock.
     """

@@ -113,7 +113,7 @@ class RobotBundles:
 
     @property
     def title(self) -> str:
-        """Name, version and hash of the latest bundle; "" if there is none."""
+        """Name, version and hash of the latest bundle; "" before the first bundle."""
         found = self.installed
         return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
 

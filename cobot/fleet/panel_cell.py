@@ -66,7 +66,7 @@ class CellPanel:
 
     Args:
         fleet, cell: the names of the fleet and of this cell.
-        url: URL of the cell's service; "" if it has none.
+        url: URL of the cell's service; "" for a cell without a service.
         token: token of this process for the service.
         record: function that adds a request that changes something to the audit. Its arguments are the
             person, the request, the outcome and the id.

@@ -230,7 +230,7 @@ def _all(
             `counted`.
 
     Returns:
-        The first problem; "" if there is none.
+        The first problem; "" if all robots have succeeded.
     """
     problem = ""
     with ThreadPoolExecutor(min(32, len(robots))) as pool:

@@ -212,7 +212,7 @@ def _efforts(robot: RobotDescription, settings: Settings) -> str:
     load = f" with {carried:g} kg" if carried else ""
     if failing := holding.failing:
         raise ConfigError(
-            f"the drives hold the arm{load} in only {holding.percent} of its postures: "
+            f"the drives hold the arm{load} in {holding.percent} of its postures: "
             f"{'; '.join(hold.placed() for hold in failing)}. Correct max_effort or the masses of the "
             "model, or narrow the position limits"
         )

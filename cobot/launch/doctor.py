@@ -74,7 +74,7 @@ class Machine:
         return self._root / name.lstrip("/")
 
     def read(self, name: str) -> str:
-        """The text of a file, "" if there is none."""
+        """The text of a file; "" if the file cannot be read."""
         try:
             return self.path(name).read_text(encoding="utf-8", errors="replace").strip()
         except OSError:

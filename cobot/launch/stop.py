@@ -40,7 +40,7 @@ class StopRequest:
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
-        moving: the motion that the stop ends, as text for people; "" if there is none.
+        moving: the motion that the stop ends, as text for people; "" if no motion was running.
         followed: number of the service's heartbeat after which the service has handled the stop.
         followed_s: time until which to wait for that heartbeat. The wait is limited because the service may
             not be running.
@@ -54,7 +54,7 @@ class StopRequest:
 
 
 def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
-    """Stop these robots, or all robots on this computer if none is named, and report the result.
+    """Stop these robots, or all robots on this computer if the list is empty, and report the result.
 
     Args:
         latched: whether this is an e-stop, after which nothing moves until a reset.
@@ -133,7 +133,7 @@ def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, o
 
 
 def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
-    """Wait until the arm is at rest. Returns the reason why it is not known to be at rest; "" if it is."""
+    """Wait until the arm is at rest. Returns "", or the reason why the arm is not known to be at rest."""
     problem = "rtloop has not started yet"
     while time.monotonic() < deadline_s:
         state = _state(stop.memory)
@@ -180,7 +180,7 @@ def _state(memory: RobotMemory) -> np.ndarray | None:
 
 
 def _moving(state: np.ndarray) -> str:
-    """The current motion of the arm as text for people; "" if there is none."""
+    """The current motion of the arm as text for people; "" if the arm is at rest."""
     if int(state["session"]):
         return f"session {int(state['session'])}"
     if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:

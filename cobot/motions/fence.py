@@ -57,7 +57,7 @@ class Fence:
 
     def beyond(self, place: Array, speed_m_s: float) -> str:
         """A sentence that reports a violation of the fence by a TCP position, shape (3,), m, or by a speed;
-        "" if there is none.
+        "" if nothing violates the fence.
         """
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:

@@ -45,7 +45,7 @@ class Action:
         field: the action's field in the request, for errors.
         output, value: the output to set, and its value; "" if the action sets none.
         event: the text of the event; "" if the action reports none.
-        gripper: the gripper command as in the request; None if there is none.
+        gripper: the gripper command as in the request; None if the action commands no gripper.
         stops_on_failure: whether the motion stops if the device rejects it.
     """
 

@@ -25,7 +25,7 @@ class Writing:
         run: name that the files of the recording share, without part and suffix.
         first, last: first and last cycle; `last` is None for a recording without an end.
         next: next cycle to write.
-        trigger: cycle of the fault or e-stop that is recorded; 0 if there is none.
+        trigger: cycle of the fault or e-stop that is recorded; 0 for a continuous recording.
         waiting: answers that must be set when the recording is complete.
         wrote_s: time at which cycles were last written, on the monotonic clock.
 

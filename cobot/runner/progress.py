@@ -23,7 +23,7 @@ class Progress:
         answers: descriptor from which answers are read; None if the runner must not wait for answers.
 
     Attributes:
-        behind: number of the latest step of the outermost list that was completed; 0 if there is none.
+        behind: number of the latest step of the outermost list that was completed; 0 before the first one.
     """
 
     def __init__(self, told: int | None, answers: int | None) -> None:

@@ -68,7 +68,7 @@ class Point:
 
     Attributes:
         cartesian: whether the position is x, y, z, rx, ry, rz (m, rad, fixed axes) instead of joints (rad).
-        lookahead_s, gain: parameters of the servo law; both are 0 if none is used.
+        lookahead_s, gain: parameters of the servo law; both are 0 without a servo law.
     """
 
     session_id: int | None

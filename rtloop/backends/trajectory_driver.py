@@ -77,7 +77,7 @@ class PollAnswer:
     Attributes:
         values: the measured values, in the form of `Measured.values`.
         motion: number of the motion whose progress is `done_s`, in path time.
-        halted: number of the last motion for which a stop was sent before this poll; 0 if there is none.
+        halted: number of the last motion for which a stop was sent before this poll; 0 before the first stop.
         result: ACCEPTED, or the reason why the answer cannot be used.
         time_s: time of the answer, on this computer's clock.
     """

@@ -171,7 +171,7 @@ def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") 
     """Make a Swagger UI page that is served entirely by this service.
 
     Args:
-        first: the group that is shown open; "" if none is.
+        first: the group that is shown open; "" if all groups are closed.
     """
     page = get_swagger_ui_html(
         openapi_url=schema,

@@ -169,9 +169,9 @@ class PutObject(Place):
         for name in SHAPE_FIELDS:
             missing = name in wanted and getattr(self, name) is None
             if missing or (name in given and name not in allowed and getattr(self, name) is not None):
-                problem = "is missing" if missing else "does not belong to it"
+                problem = "is missing" if missing else "is not allowed"
                 also = f", or {' and '.join(encoded)}" if encoded and name == wanted[0] else ""
-                raise ValueError(f"a {self.shape} needs {' and '.join(wanted)}{also}: {name} {problem}")
+                raise ValueError(f"{name} {problem}; a {self.shape} needs {' and '.join(wanted)}{also}")
         return self
 
     def numbers(self) -> tuple[float, ...]:

@@ -152,7 +152,7 @@ class ModbusDevice:
             await asyncio.wait_for(self._more.wait(), max(0.0, next_s - loop.time()))
 
     async def _read(self, signal: Signal) -> str:
-        """Read a signal. Return the problem, or "" if there is none."""
+        """Read a signal. Return the problem; "" after success."""
         try:
             signal.value = await self._client.read(signal.unit, READS[signal.kind], signal.address)
         except DeviceError as exc:

@@ -132,7 +132,7 @@ class Events:
 
     @property
     def oldest(self) -> int:
-        """Number of the oldest event that is kept; number of the next event if none is kept."""
+        """Number of the oldest event that is kept; if the ring is empty, the number of the next event."""
         return self.newest + 1 - len(self._kept)
 
     def publish(self, kind: str, robot: str = "", /, **data: Any) -> None:

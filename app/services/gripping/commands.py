@@ -62,7 +62,7 @@ class GripperReport:
     """A report about the gripper.
 
     Attributes:
-        command: name of the running command; "" if none is running.
+        command: name of the running command; "" while no command is running.
         held: the scene object that is attached to the gripper.
         age_s: age of the state, s.
     """

@@ -39,7 +39,7 @@ class HeldService:
     """Attaches and detaches the held object of one gripper; see the module.
 
     Args:
-        cell: the simulated cell; None if there is none.
+        cell: the simulated cell; None for a robot without a simulated cell.
 
     Attributes:
         name: name of the held object or part; None if nothing is held.

@@ -50,7 +50,7 @@ class StudyRun:
     Attributes:
         known: event that is set once the folder is known. It is also set if the study fails earlier, so that
             the next study may start.
-        error: reason of a failure; None if there is none.
+        error: reason of a failure; None unless the study has failed.
         cancelled: reason of a cancellation.
     """
 

@@ -32,7 +32,7 @@ class RecorderStatus:
 
     Attributes:
         alive: whether the recorder has updated its heartbeat in the last few seconds.
-        recording: name of the running continuous recording; "" if there is none.
+        recording: name of the running continuous recording; "" while no continuous recording runs.
         lost: number of cycles that are missing in the recordings, because the recorder was too slow.
         files, bytes: number and total size of all recordings.
         problem: reason why nothing can be recorded; "" if recording is possible.

@@ -105,7 +105,7 @@ class JobRecord:
         note: see `Trajectory`.
         started_at: time when its first motion began.
         actions: results of the actions, for the newest motion that has actions.
-        waits_for: the condition for which the motion waits, in words; "" if there is none.
+        waits_for: the condition for which the motion waits, in words; "" if the motion does not wait.
         stopped_by, contact: see `SignalResults`.
     """
 
@@ -186,7 +186,7 @@ class Job:
 
     @property
     def signals(self) -> SignalResults | None:
-        """The results of the job's actions and conditions; None if it has none."""
+        """The results of the job's actions and conditions; None for a job without actions and conditions."""
         return None if self._signals is None else self._signals()
 
     def begin(self, override: SpeedOverride) -> None:

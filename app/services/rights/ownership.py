@@ -300,7 +300,7 @@ class Ownership:
 
     def stop(self, reason: StopReason | None = None) -> Claim | None:
         """Interrupt the motion that is being read, planned or executed. Returns the claim that will end; None
-        if there is none.
+        if nothing was to be interrupted.
         """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()

@@ -61,8 +61,8 @@ class SignalResults:
     """All results of one motion.
 
     Attributes:
-        waits_for: the condition for which the motion waits, in words; "" if there is none.
-        stopped_by: the condition that has ended the motion; "" if none has.
+        waits_for: the condition for which the motion waits, in words; "" if the motion does not wait.
+        stopped_by: the condition that has ended the motion; "" if the motion was not ended by a condition.
     """
 
     actions: tuple[ActionOutcome, ...] = ()

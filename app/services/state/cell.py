@@ -23,7 +23,9 @@ class CellService:
         self._link = link
 
     def require(self) -> Cell:
-        """Return the cell. Raises NotFoundError if there is none; the error states what to do."""
+        """Return the simulated cell. Raises NotFoundError, with the remedy, if the robot has no simulated
+        cell.
+        """
         if self.cell is None:
             raise NotFoundError(
                 "this robot has no simulated cell; start it with cobot run --cell FILE, or set robot.cell"

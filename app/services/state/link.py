@@ -153,7 +153,9 @@ class RobotLink:
             return 0
 
     def sessions(self) -> int | None:
-        """Return the number of streaming sessions that were requested so far; None if it cannot be read."""
+        """Return the number of streaming sessions that were requested so far; None if rtloop's state cannot
+        be read.
+        """
         try:
             return int(self.memory.session.read()["number"])
         except TornReadError:
@@ -265,7 +267,7 @@ class RobotLink:
             return None
 
     def io(self) -> IoReport | None:
-        """Return the device's report of its inputs and outputs; None if it cannot be read."""
+        """Return the device's report of its inputs and outputs; None if the report cannot be read."""
         if self.memory.io.sequence == 0:
             return None
         try:
@@ -279,7 +281,9 @@ class RobotLink:
         self.memory.gripper.publish()
 
     def signals(self) -> SignalReport | None:
-        """Return rtloop's report of the actions and conditions of the motion; None if it cannot be read."""
+        """Return rtloop's report of the actions and conditions of the motion; None if the report cannot be
+        read.
+        """
         block = self.memory.signals
         if block.sequence == 0 or not block.try_read():
             return None
@@ -304,12 +308,12 @@ class RobotLink:
 
     @property
     def tool_version(self) -> int | None:
-        """Version of the tool that rtloop uses; None if it cannot be read."""
+        """Version of the tool that rtloop uses; None if the version cannot be read."""
         return self._version("tool_version")
 
     @property
     def scene_version(self) -> int | None:
-        """Version of the scene that rtloop last received; None if it cannot be read."""
+        """Version of the scene that rtloop last received; None if the version cannot be read."""
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:

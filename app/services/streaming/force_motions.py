@@ -97,7 +97,7 @@ class ForceMotionService:
 
         Args:
             goal: goal of the path, for a `FollowMotion`; otherwise None.
-            until: condition on an input that ends a search; None if there is none.
+            until: condition on an input that ends a search; None for a search without a condition.
 
         Raises:
             InputError: the length of the path is zero, or the fields of the request are invalid.

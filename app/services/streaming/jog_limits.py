@@ -166,8 +166,8 @@ class JogLimits:
         return float(shares[pair]), self._distance(pair, here)
 
     def nearest(self, position: Array, velocity: Array, within_m: float) -> Reason:
-        """Describe the nearest pair of parts that approach each other, and their distance; "" if there is
-        none.
+        """Describe the nearest pair of parts that approach each other, and their distance; "" if no pair
+        approaches within this distance.
         """
         here, closing = self._approach(position, velocity, within_m)
         distances = np.where(closing > APPROACH_M_S, here, np.inf)

@@ -59,8 +59,8 @@ class PointInverse:
         if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS,
-                "the inverse kinematics of this point was not tried, because that of the previous "
-                "point has failed",
+                "the inverse kinematics of this point was not tried, because it failed for "
+                "the previous point",
             )
         x, y, z, rx, ry, rz = point.position
         try:

@@ -142,7 +142,7 @@ class StreamService:
     """Starts sessions and monitors each one until it ends, even if its client dies.
 
     Attributes:
-        session: the current session; None if there is none.
+        session: the current session; None while no session runs.
     """
 
     def __init__(

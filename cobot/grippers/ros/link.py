@@ -56,7 +56,7 @@ class DriverState:
         goal: the latest goal. A new goal is a new object, so that a result that arrives in the same moment
             is not taken for its result.
         earlier: values of the last result from before this link was opened.
-        problem: the reason why no more data arrive; "" if there is none.
+        problem: the reason why no more data arrive; "" while data arrive.
     """
 
     ready: bool = False

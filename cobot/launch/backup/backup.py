@@ -87,7 +87,7 @@ def make_backup(settings: Settings, source: Path | None) -> bytes:
 
     Args:
         settings: settings of all robots.
-        source: the user's settings file; None if there is none.
+        source: the user's settings file; None if the user has no settings file.
 
     Raises:
         ConfigError: a file cannot be read.

@@ -51,7 +51,7 @@ def _provide_packages(file: Path, packages: Sequence[Path]) -> None:
 
 
 def _known_arguments(file: Path) -> str:
-    """The arguments that a file declares, as a hint; "" if it has none."""
+    """The arguments that a file declares, as a hint; "" if it declares no arguments."""
     try:
         declared = parse(str(file)).getElementsByTagName("xacro:arg")
     except (ExpatError, OSError, ValueError):  # it has already been reported

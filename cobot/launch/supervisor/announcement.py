@@ -20,7 +20,7 @@ def announce(settings: Settings, url: str, access: str, memories: Mapping[str, R
     """Log the address of the service, the clients that may use it, and the robots that are running.
 
     Args:
-        url: URL of the service; "" if there is none.
+        url: URL of the service; "" if no service runs.
         access: the clients that may use the service, as a text for people.
         memories: shared memory of the robots whose cycles have begun.
     """

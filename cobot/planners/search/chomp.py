@@ -98,8 +98,8 @@ def _starts(
 def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`; if none is found, None
-    and the obstacle.
+    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`. If the search fails,
+    None and the obstacle.
 
     Raises:
         PlanningTimeout: see `plan_chomp`.

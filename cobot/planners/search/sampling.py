@@ -91,7 +91,9 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
 def _search(
     robot: RobotDescription, start: Array, goals: Array, request: MotionRequest, distance_m: float
 ) -> Array | None:
-    """The corners of a polyline that keeps this distance; None if none is found within the request's time."""
+    """The corners of a polyline that keeps this distance; None if the request's time ends before one is
+    found.
+    """
     with robot.collision.keeping(distance_m) as clearance:
         if request.algorithm == RRT_CONNECT:
             return _connect(robot, clearance, start, goals, request)

@@ -156,8 +156,8 @@ def _six_axis(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
 
 
 def _first_three(axes: Axes) -> str:
-    """The kind of closed form for the position of the wrist, selected from the first three axes; "" if there
-    is none.
+    """The kind of closed form for the position of the wrist, selected from the first three axes; "" if no
+    closed form is known.
     """
     kinds: Sequence[tuple[str, bool]] = (
         ("second and third axis parallel", axes.parallel(1, 2)),

@@ -137,22 +137,22 @@ def encode_io_result(packet: IoConfigResult) -> bytes:
 def decode_received(data: bytes) -> Received | str:
     """Decode a packet from a controller, or return the reason why it is invalid."""
     if len(data) < _HEAD.size:
-        return f"the packet has {len(data)} bytes; the shortest packet has {_HEAD.size}"
+        return f"a packet of {len(data)} bytes; the shortest packet has {_HEAD.size}"
     kind, version = _HEAD.unpack_from(data)
     decode = _RECEIVED.get(kind)
     if decode is None:
-        return f"no controller sends a packet of type {kind} with {len(data)} bytes"
+        return f"a packet of type {kind} and {len(data)} bytes, which no controller sends"
     return decode(data, kind, version)
 
 
 def decode_sent(data: bytes) -> Sent | str:
     """Decode a packet from a client of a controller, or return the reason why it is invalid."""
     if len(data) < _HEAD.size:
-        return f"the packet has {len(data)} bytes; the shortest packet has {_HEAD.size}"
+        return f"a packet of {len(data)} bytes; the shortest packet has {_HEAD.size}"
     kind, version = _HEAD.unpack_from(data)
     decode = _SENT.get(kind)
     if decode is None:
-        return f"no client sends a packet of type {kind} with {len(data)} bytes"
+        return f"a packet of type {kind} and {len(data)} bytes, which no client sends"
     return decode(data, version)
 
 
@@ -161,7 +161,7 @@ def _status(data: bytes, kind: int, version: int) -> StatusPacket | str:
     if len(data) != length:
         return f"the status packet of type {kind} has {len(data)} bytes; it must have {length}"
     if version < MIN_VERSION:
-        return f"the status packet has version {version}; the oldest supported version is {MIN_VERSION}"
+        return f"a status packet of version {version}; the oldest supported version is {MIN_VERSION}"
     row = _STATUS.unpack_from(data)
     return StatusPacket(
         version,
@@ -180,14 +180,14 @@ def _status(data: bytes, kind: int, version: int) -> StatusPacket | str:
 
 def _capability(data: bytes, kind: int, version: int) -> CapabilityPacket | str:
     if len(data) not in (_CAPABILITY.size, _SHORT_CAPABILITY):
-        return f"the capability packet has {len(data)} bytes; it must have {_CAPABILITY.size}"
+        return f"a capability packet of {len(data)} bytes; it must have {_CAPABILITY.size}"
     row = _CAPABILITY.unpack(data.ljust(_CAPABILITY.size, b"\0"))
     return CapabilityPacket(row[5], row[3], row[4], bool(row[6]))
 
 
 def _limits(data: bytes, kind: int, version: int) -> LimitsPacket | str:
     if len(data) != _LIMITS.size:
-        return f"the packet of the limits table has {len(data)} bytes; it must have {_LIMITS.size}"
+        return f"a packet of the limits table with {len(data)} bytes; it must have {_LIMITS.size}"
     row = _LIMITS.unpack(data)
     axis, rate = row[2], row[3]
     if not (1 <= axis <= AXES and rate in list(LimitRate)):
@@ -197,20 +197,20 @@ def _limits(data: bytes, kind: int, version: int) -> LimitsPacket | str:
 
 def _io_result(data: bytes, kind: int, version: int) -> IoConfigResult | str:
     if len(data) != _RESULT.size:
-        return f"the result of the I/O configuration has {len(data)} bytes; it must have {_RESULT.size}"
+        return f"a result of the I/O configuration with {len(data)} bytes; it must have {_RESULT.size}"
     return IoConfigResult(*_RESULT.unpack(data)[1:])
 
 
 def _decode_command(data: bytes, version: int) -> CommandPacket | str:
     if len(data) != _COMMAND.size:
-        return f"the command has {len(data)} bytes; it must have {_COMMAND.size}"
+        return f"a command of {len(data)} bytes; it must have {_COMMAND.size}"
     row = _COMMAND.unpack(data)
     return CommandPacket(version, row[2], row[6:-1], bool(row[3]), bool(row[4]), row[5], row[-1])
 
 
 def _decode_limits_request(data: bytes, version: int) -> LimitsRequest | str:
     if len(data) != _LIMITS_REQUEST.size:
-        return f"the request of limits has {len(data)} bytes; it must have {_LIMITS_REQUEST.size}"
+        return f"a request of limits with {len(data)} bytes; it must have {_LIMITS_REQUEST.size}"
     _, _, axis, rate = _LIMITS_REQUEST.unpack(data)
     if not (1 <= axis <= AXES and rate in list(LimitRate)):
         return f"a request of the limits of axis {axis} and type {rate}, which do not exist"
@@ -219,19 +219,19 @@ def _decode_limits_request(data: bytes, version: int) -> LimitsRequest | str:
 
 def _asked(data: bytes, version: int) -> CapabilityPacket | str:
     if len(data) != _CAPABILITY.size:
-        return f"the capability request has {len(data)} bytes; it must have {_CAPABILITY.size}"
+        return f"a capability request of {len(data)} bytes; it must have {_CAPABILITY.size}"
     return CapabilityPacket(version)
 
 
 def _config(data: bytes, version: int) -> IoConfigRequest | str:
     length = _HEAD.size + _BLOCKS * _BLOCK.size
     if len(data) != length:
-        return f"the I/O configuration has {len(data)} bytes; it must have {length}"
+        return f"an I/O configuration of {len(data)} bytes; it must have {length}"
     rows = list(_BLOCK.iter_unpack(data[_HEAD.size :]))
     try:
         blocks = [IoBlock(IoBlockKind(row[0]), PointType(row[1]), row[2], row[3]) for row in rows if row[0]]
     except ValueError as exc:
-        return f"the I/O configuration has an unknown block: {exc}"
+        return f"an I/O configuration with an unknown block: {exc}"
     return IoConfigRequest(version, tuple(blocks))
 
 

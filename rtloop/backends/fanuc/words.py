@@ -72,7 +72,7 @@ def alarms_in_words(alarms: Iterable[object]) -> str:
 
 
 def safety_stop(packet: StatusPacket) -> str:
-    """Return the reason for a safety stop of the robot; "" if there is none."""
+    """Return the reason for a safety stop of the robot; "" if the robot is not stopped."""
     if packet.robot_status & RobotFlag.EMERGENCY_STOP:
         return "an emergency stop is pressed, or the fence is open"
     if packet.contact_stop == ContactStop.STOP:

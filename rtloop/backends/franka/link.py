@@ -80,7 +80,7 @@ class Link:
     Attributes:
         library: pylibfranka.
         robot: pylibfranka's `Robot`; None while it is not connected.
-        control: the active control; None if there is none.
+        control: the active control; None while no control is active.
         lost: reason for the loss of the connection; "" while it is open.
     """
 

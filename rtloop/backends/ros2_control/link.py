@@ -74,7 +74,7 @@ class Facts:
         position, velocity, effort: measured values in the arm's order; None if the joint state lacks them.
         goal: the newest goal; None before the first one and after `forget`.
         others: number of goals of other clients that are being executed.
-        scaling: value of the speed slider; None if there is none.
+        scaling: value of the speed slider; None if the driver does not report it.
         position_range: smallest and largest position of each joint in the recent joint states.
         held: positions that the controller itself has reported, in its state or in its feedback; empty if it
             reports none.

@@ -40,7 +40,7 @@ class Telegram:
 
     Attributes:
         root: name of the root.
-        type: the attribute `Type`; "" if there is none.
+        type: the attribute `Type`; "" if it is missing.
         elements: elements by name.
     """
 

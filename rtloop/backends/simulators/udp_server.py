@@ -88,7 +88,9 @@ class SteppedController(Protocol):
         ...
 
     def packet(self) -> bytes:
-        """End a period and begin the next one. Return the packet of the new period; b"" if there is none."""
+        """End a period and begin the next one. Return the packet of the new period; b"" if the server sends
+        nothing in this period.
+        """
         ...
 
     def answer(self, packet: bytes) -> None:

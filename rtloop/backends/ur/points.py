@@ -93,7 +93,8 @@ class UrOutputs:
     released.
 
     Attributes:
-        problem: sentence about an output that was not set or was set late; "" if there is none.
+        problem: sentence about an output that was not set or was set late; "" if all outputs were set in
+            time.
     """
 
     def __init__(self, send: Callable[[str, Mapping[str, Any]], bool]) -> None:

@@ -127,7 +127,7 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
         (
             goal([point(HERE, 1.0, HERE), point(HERE, 2.0)]),
             FjtError.INVALID_GOAL,
-            r"points\[1\] has no velocities, but points\[0\] has: give them at all points or at none",
+            r"points\[1\] has no velocities, but points\[0\] has: give velocities at all points or at none",
         ),
         (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations without velocities"),
         (
@@ -671,7 +671,7 @@ def test_an_arm_that_arrives_beside_the_goal_violates_its_tolerance(stand: Stand
         stand.rig.loopback.offset[1] = 0.0008  # less than what counts as arrived
         await stand.step_until(task)
         assert task.result()["error_code"] == FjtError.GOAL_TOLERANCE_VIOLATED
-        assert "joint2 is off by 0.0008 rad, 0.0005 are allowed" in task.result()["error_string"]
+        assert "joint2 is off by 0.0008 rad, allowed: 0.0005" in task.result()["error_string"]
 
     stand.run(live())
 

@@ -32,7 +32,7 @@ def test_an_integer_is_taken_if_it_fits_into_its_type(kind: str, format_: str) -
             if fits(format_, value):
                 assert argument(ServiceField("n", kind, ""), {"n": value}) == value
             else:
-                with pytest.raises(InputError, match=f"n: does not fit into an {kind}"):
+                with pytest.raises(InputError, match=f"n: does not fit into {kind}"):
                     argument(ServiceField("n", kind, ""), {"n": value})
 
 

@@ -341,7 +341,7 @@ def test_a_device_may_answer_whatever_it_likes(ends: bool, caplog: pytest.LogCap
     problems: dict[str, set[str]] = {name: set() for name in MALFORMED}
 
     def told(name: str) -> set[str]:
-        return problems[name] - {"", "it has not been read yet"}
+        return problems[name] - {"", "the signal has not been read yet"}
 
     def device(name: str) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], Any]:
         async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -92,7 +92,7 @@ def test_a_call_gets_what_the_request_says_and_answers_with_code_zero() -> None:
         ({"flag": None}, "flag: must be true or false, got null"),
         ({"count": 1.0}, "count: must be an integer, got 1.0"),
         ({"count": True}, "count: must be an integer, got true"),
-        ({"count": 2**31}, "count: does not fit into an int32, got 2147483648"),
+        ({"count": 2**31}, "count: does not fit into int32, got 2147483648"),
         ({"size": "1"}, "size: must be a number, got '1'"),
         ({"size": float("nan")}, "size: must be finite, got NaN"),
         ({"size": 10**400}, "size: must be finite"),

@@ -83,7 +83,7 @@ def test_a_plan_counts_where_the_arm_was_when_it_was_made(cell: Cell) -> None:
     plan = cell.agent.call("plan_gripper_release")["plan_id"]
     cell.asks("/robot/approve", {"plan_id": plan})
     cell.goes_to(NEAR)
-    assert "where the plan begins" in cell.agent.refused("execute", plan_id=plan)
+    assert "away from the start of the plan" in cell.agent.refused("execute", plan_id=plan)
 
 
 def test_an_agent_does_not_command_the_gripper_of_another_client_s_robot(cell: Cell) -> None:

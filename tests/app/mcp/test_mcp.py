@@ -419,7 +419,7 @@ def test_a_plan_is_not_run_in_another_world(cell: Cell) -> None:
     cell.goes_to(HOME)
     plan = cell.agent.call("plan_to_joints", joints=NEAR, speed=0.1)["plan_id"]
     cell.goes_to([0.1, *HOME[1:]])
-    assert "where the plan begins" in cell.agent.refused("execute", plan_id=plan)
+    assert "away from the start of the plan" in cell.agent.refused("execute", plan_id=plan)
     assert "there is no plan" in cell.agent.refused("execute", plan_id="0123456789abcdef")
 
 

@@ -217,7 +217,7 @@ def test_latched_messages_are_bounded_and_given_back() -> None:
         assert one.got() == []
         one.take({**message, "topic": "/a1"}, 1)
         (refused,) = one.got()
-        assert f"{MAX_LATCHED} are already stored, and this one has 1" in refused["msg"]
+        assert f"{MAX_LATCHED} are already stored, and this message has 1" in refused["msg"]
         publisher, _ = one._publishers["/a0", None]
         assert publisher.last == {"data": "first"}
         one.ask("unadvertise", topic="/a0")

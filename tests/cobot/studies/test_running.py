@@ -245,7 +245,7 @@ def test_files_that_are_not_of_a_study_are_not_replaced(name: str, tmp_path: Pat
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir()
     foreign.write_text("{}")
-    with pytest.raises(CobotError, match=f"out/{name}: does not belong to a study"):
+    with pytest.raises(CobotError, match=f"out/{name}: (does not belong to|is not the manifest of) a study"):
         run_study(function_study(tmp_path), foreign.parent, executor=ThreadPoolExecutor(1))
     assert foreign.read_text() == "{}"
     if name != "manifest.json":

@@ -92,10 +92,10 @@ def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind:
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
-        ("Sky Crane", "is not a name for a backend"),
-        ("../crane", "is not a name for a backend"),
-        ("", "is not a name for a backend"),
-        ("a" * 41, "at most 40"),
+        ("Sky Crane", "is not a valid name for a backend"),
+        ("../crane", "is not a valid name for a backend"),
+        ("", "is not a valid name for a backend"),
+        ("a" * 41, "up to 40 small letters"),
         ("crane__two", "single underscores"),
         ("class", "is reserved by Python"),
         ("math", "is reserved by Python"),
@@ -130,7 +130,7 @@ def test_the_list_says_what_cannot_be_used_and_why(
     monkeypatch.setattr("cobot.entry_points.entry_points", lambda group: [broken, boasts])
     listed = {each.name: each for each in listing.listed()}
     assert listed["broken"].problem.startswith("cannot load 'broken': ModuleNotFoundError")
-    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it must be a Capabilities")
+    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes'; it must be a Capabilities")
     assert listed["fri"].contract == "simulated device"
     assert listed["mujoco"].contract == "itself"
     monkeypatch.setattr(listing.importlib.util, "find_spec", lambda name: None)

@@ -98,7 +98,7 @@ class MotionQueue:
 
     @property
     def current(self) -> int:
-        """Number of the current or next move; `IDLE` if there is none."""
+        """Number of the current or next move; `IDLE` if no move is current or next."""
         if moves := self._all:
             return moves[0].number
         last = self._last

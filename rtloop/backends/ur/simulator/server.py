@@ -39,7 +39,7 @@ class ProgramStream(TcpStream):
 
     Attributes:
         commands: number of times that data was received.
-        arrived_s: time at which the data that is still to be read arrived; None if there is none.
+        arrived_s: time at which the data that is still to be read arrived; None if all data were read.
         is_closed: whether the program has closed it.
     """
 

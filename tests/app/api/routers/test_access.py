@@ -144,7 +144,7 @@ def test_only_an_administrator_sees_and_changes_tokens(guarded: Guarded) -> None
     ):
         answer = guarded.ask(method, path, guarded.operator, **content)
         assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
-        assert "it needs admin" in answer.json()["detail"]
+        assert "needs the role admin" in answer.json()["detail"]
     assert guarded.names == ["root", "olga"]
 
 

@@ -84,7 +84,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
         held(orientation={"within_rad": 0.1, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}),
         ["constraints.orientation.direction: has a length of 0, so it has no direction"],
     ),
-    ("joints", held(joints={"joint1": [1.0, -1.0]}), ["is 1 to -1 rad, the smaller angle must come first"]),
+    ("joints", held(joints={"joint1": [1.0, -1.0]}), ["is 1 to -1 rad; the smaller angle must come first"]),
     ("joints", held(joints={"joint9": [-1.0, 1.0]}), ["there is no such joint; valid are: joint1"]),
     ("sequence", {"motions": []}, ["motions", "at least 1 item"]),
     ("sequence", {"motions": [{"joints": JOINTS}, {"name": "home"}], "radii": [-0.1]}, ["radii[0]", "-0.1"]),

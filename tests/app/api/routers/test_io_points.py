@@ -90,8 +90,8 @@ def test_the_python_client_sets_one_while_the_arm_moves(run: ServiceOfArm) -> No
     [
         ("Gripper.Shut", True, 404, "not_found", f"outputs are: {CLOSE}, {FORCE}, {SPEED}"),
         (PART, False, 422, "input", "is an input, which only the device sets; name an output"),
-        (CLOSE, 1, 422, "input", "boolean: true or false, got 1"),
-        (SPEED, True, 422, "input", "digital: a number, got true"),
+        (CLOSE, 1, 422, "input", "boolean: the value must be true or false, got 1"),
+        (SPEED, True, 422, "input", "digital: the value must be a number, got true"),
         (SPEED, 1.5, 422, "input", "a whole number, got 1.5"),
         (SPEED, -1, 422, "limit", "a whole number from 0 to 9007199254740991, got -1"),
         (SPEED, 2**53, 422, "limit", "a whole number from 0 to 9007199254740991"),
@@ -172,6 +172,6 @@ def test_a_backend_without_them_says_so_by_its_name(tmp_path_factory: pytest.Tem
         assert shown == {"backend": "mujoco", "supported": False, "points": []}
         status, answer = put(run, CLOSE, True)
         assert (status, answer["code"]) == (404, "not_found")
-        assert (
-            answer["detail"] == f"there is no output {CLOSE!r}: the backend mujoco has no inputs and outputs"
+        assert answer["detail"] == (
+            f"there is no output {CLOSE!r}, because the backend mujoco has no inputs and outputs"
         )

@@ -95,7 +95,7 @@ def test_a_second_execute_says_how_far_the_arm_is_from_the_start(service: Virtua
     assert post(service, "/robot/execute", body).json()["success"]
     refused = post(service, "/robot/execute", body)
     assert refused.status_code == 409
-    assert "joint1 is at 0.300000 rad, 0.3 rad from" in refused.json()["detail"]
+    assert "joint1 is at 0.300000 rad, 0.3 rad away from" in refused.json()["detail"]
     assert "allowed: 1e-06 rad" in refused.json()["detail"]
     assert refused.json()["details"] == {"cause": "not_at_start"}
     at_home(service)
@@ -106,7 +106,7 @@ def test_an_unknown_plan_is_not_found(service: VirtualService) -> None:
     refused = post(service, "/robot/execute", {"plan_id": "nothing"})
     assert refused.status_code == 404
     detail = refused.json()["detail"]
-    assert detail.startswith("there is no plan 'nothing': the newest 50 are kept, for 600 s")
+    assert detail.startswith("there is no plan 'nothing'; only the newest 50 plans are kept, for 600 s")
 
 
 def test_only_the_newest_plans_are_kept(service: VirtualService) -> None:
@@ -162,7 +162,7 @@ def test_who_may_plan_and_execute_and_that_another_service_knows_no_plan(
         ):
             refused = asked(Role.OBSERVER, path, body)
             assert refused.status_code == 403
-            assert "it needs agent" in refused.json()["detail"]
+            assert "needs the role agent" in refused.json()["detail"]
             made = asked(Role.OPERATOR, path, body)
             assert made.status_code == 200, made.text
         plan = asked(Role.OPERATOR, "/robot/plan/joints", {"joints": THERE, "speed": 1.0}).json()

@@ -159,9 +159,9 @@ def test_a_damaged_list_of_deleted_programs_is_named_and_nothing_is_written_over
     [
         ("..%2Fx", {}, ""),
         ("%2Fetc%2Fpasswd", {}, ""),
-        ("A", {}, "is not an id"),
-        (".hidden", {}, "is not an id"),
-        ("x" * 65, {}, "is not an id"),
+        ("A", {}, "is not a valid id"),
+        (".hidden", {}, "is not a valid id"),
+        ("x" * 65, {}, "is not a valid id"),
         ("a", {"label": ""}, "label"),
         ("a", {"label": " "}, "label"),
         ("a", {"label": "a\u202eb"}, "label"),
@@ -208,7 +208,7 @@ def test_number_versions_and_size_are_bounded(run: VirtualService, monkeypatch: 
     for base in range(5):
         save(run, "a", base or None, note=str(base)).raise_for_status()
     assert [each["version"] for each in run.get("/programs/a/versions").json()] == [5, 4, 3]
-    assert "kept are 3 to 5" in run.get("/programs/a?version=1").json()["detail"]
+    assert "the versions 3 to 5 are kept" in run.get("/programs/a?version=1").json()["detail"]
     refused = save(run, "b")
     assert (refused.status_code, "which is the limit" in refused.json()["detail"]) == (409, True)
     monkeypatch.setattr(stored, "MAX_TOTAL_BYTES", 10)

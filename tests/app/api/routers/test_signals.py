@@ -92,8 +92,8 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
 @pytest.mark.parametrize(
     ("fields", "status", "detail"),
     [
-        ({"actions": [setting(distance_m=9.0)]}, 422, "actions[0].at.distance_m: is 9 m, the path is 0."),
-        ({"actions": [setting(time_s=99.0)]}, 422, "actions[0].at.time_s: is 99 s, the path is "),
+        ({"actions": [setting(distance_m=9.0)]}, 422, "actions[0].at.distance_m: is 9 m, but the path is 0."),
+        ({"actions": [setting(time_s=99.0)]}, 422, "actions[0].at.time_s: is 99 s, but the path is "),
         (
             {"actions": [{"at": {"fraction": 0.5}, "set": {"output": "lamp", "value": True}}]},
             422,

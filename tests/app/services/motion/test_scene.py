@@ -153,7 +153,7 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
         ({"object": {}}, 422, "did you mean 'objects'?"),
         ({"objects": {"a": BOX | {"size": [0.1, 0.1]}}}, 422, "objects.a.size"),
         ({"objects": {"a": BOX | {"size": [0.1, 0.1, -1.0]}}}, 422, "equal to 0.0001, got -1.0"),
-        ({"objects": {"a": BOX | {"radius": 0.1}}}, 422, "a box has size: radius does not belong to it"),
+        ({"objects": {"a": BOX | {"radius": 0.1}}}, 422, "radius is not allowed; a box needs size"),
         ({"objects": {"a": {"shape": "sphere", "x": 0.0, "y": 0.0, "z": 0.0}}}, 422, "radius is missing"),
         ({"objects": {"a": BOX | {"shape": "cone"}}}, 422, "objects.a.shape"),
         ({"objects": {"a": BOX | {"x": 1e9}}}, 422, "objects.a.x: is 1e+09 m, allowed: -100 to 100 m"),
@@ -376,8 +376,8 @@ def test_a_voxel_in_the_way_is_planned_around_and_a_gap_of_the_voxels_is_free(ro
         ("не base64", 0.01, "objects.cloud: points_base64: is not base64"),
         (encoded([[0, 0, 0]]), 0.0, "voxel: must be greater than or equal to 0.0001"),
         (encoded([[0, 0, 0]]), 1e-9, "voxel: must be greater than or equal to 0.0001"),
-        (encoded([[0, 0, 0]]), None, "a point_cloud has points_base64 and voxel: voxel is missing"),
-        (None, 0.1, "a point_cloud has points and voxel, or points_base64 and voxel: points is missing"),
+        (encoded([[0, 0, 0]]), None, "voxel is missing; a point_cloud needs points_base64 and voxel"),
+        (None, 0.1, "points is missing; a point_cloud needs points and voxel, or points_base64 and voxel"),
     ],
 )
 def test_a_cloud_that_is_wrong_is_refused_and_nothing_changes(robot, points, voxel, says):

@@ -62,7 +62,7 @@ def test_a_request_waits_for_a_recorder_that_has_yet_to_begin(
         if begins:
             assert asyncio.run(asking()) == ["made"]
         else:
-            with pytest.raises(UnavailableError, match="the recorder does not run"):
+            with pytest.raises(UnavailableError, match="the recorder is not running"):
                 asyncio.run(asking())
     finally:
         memory.unlink()

@@ -149,7 +149,7 @@ def test_what_cannot_be_pulled_is_refused_by_name(run: VirtualService, client: F
         fill_capabilities(block.data, MujocoBackend.capabilities)
         block.publish()
     assert (answer["code"], reset.status_code) == ("not_supported", 501)
-    assert "the backend mujoco moves a real one" in answer["detail"]
+    assert "the backend mujoco moves a real arm" in answer["detail"]
     assert "the backend mujoco moves a real arm" in reset.json()["detail"]
     np.testing.assert_array_equal(efforts(run), 0.0)
 

@@ -226,14 +226,14 @@ def body_of(shape, **fields):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"shape": "mesh"}, "a mesh has vertices and triangles, or file: vertices is missing"),
-        ({"shape": "mesh", "file": "", "vertices": []}, "a mesh has file: vertices does not belong to it"),
+        ({"shape": "mesh"}, "vertices is missing; a mesh needs vertices and triangles, or file"),
+        ({"shape": "mesh", "file": "", "vertices": []}, "vertices is not allowed; a mesh needs file"),
         (
             {"shape": "point_cloud", "points": [[0, 0, 0]]},
-            "a point_cloud has points and voxel: voxel is missing",
+            "voxel is missing; a point_cloud needs points and voxel",
         ),
         ({"shape": "height_field", "heights": [[1.0]]}, "resolution is missing"),
-        ({"shape": "box", "size": [1, 1, 1], "voxel": 1.0}, "voxel does not belong to it"),
+        ({"shape": "box", "size": [1, 1, 1], "voxel": 1.0}, "voxel is not allowed"),
     ],
 )
 def test_each_shape_has_its_own_fields(fields, message):

@@ -78,7 +78,9 @@ def test_another_period_is_named(made: Made, arm: RobotDescription) -> None:
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_an_old_version_is_named(made: Made, arm: RobotDescription, version: int) -> None:
-    with pytest.raises(BackendError, match=f"speaks Stream Motion {version}, at least 3 is needed: update"):
+    with pytest.raises(
+        BackendError, match=f"speaks Stream Motion {version}; version 3 or later is needed: update"
+    ):
         Driven(made(), arm, FanucControllerOptions(version=version)).open()
 
 
@@ -380,7 +382,7 @@ def test_a_command_far_from_the_arm_is_refused(made: Made, arm: RobotDescription
     driven = Driven(made(), arm).open().enable()
     driven.command[0, 3] += 0.1
     with pytest.raises(
-        BackendError, match=r"the first command of joint4 is 0.1000 rad from its position, 0.02 are"
+        BackendError, match=r"the first command of joint4 is 0.1000 rad from its position, allowed: 0.02"
     ):
         driven.cycles(2000)
 

@@ -263,7 +263,11 @@ def test_a_position_of_300_digits_is_said_in_a_few(make: Make) -> None:
 def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
     driven = make(min_tracking=1.0, entry_rad=0.2)
     driven.cabinet.arm.push[:] = [0.0, 0.0, -140.0, 0.0, 0.0, 0.0]
-    with pytest.raises(BackendError, match=r"tracking performance of 0\.\d+, 1.0 is needed"):
+    with pytest.raises(
+        BackendError,
+        match=r"tracking performance of the arm is 0\.\d+; "
+        r"at least 1.0 is needed",
+    ):
         driven.enable()
 
 

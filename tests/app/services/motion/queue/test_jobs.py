@@ -612,7 +612,9 @@ def test_a_plan_that_does_not_follow_is_refused_and_the_others_go_on(run: Virtua
     elsewhere = plan(run, place(j0=0.5), HOME)
     refused = asked(run, {"plan_id": elsewhere["plan_id"]}, "/robot/execute")
     assert refused.status_code == 409
-    assert "joint1 will be at 0.600000 rad, 0.1 rad from 0.500000 rad" in refused.json()["detail"]
+    assert (
+        "joint1 will be at 0.600000 rad, 0.1 rad away from the start of the plan at 0.500000 rad"
+    ) in refused.json()["detail"]
     there = plan(run, place(j0=0.6), HOME)
     rounded = asked(run, {"plan_id": there["plan_id"]}, "/robot/execute", RADIUS_M)
     assert rounded.status_code == 422
@@ -633,7 +635,7 @@ def test_a_plan_behind_one_that_is_taken_out_fails_with_all_behind_it(run: Virtu
     behind = queued(run, {"joints": HOME})
     cancelled(run, gone)
     assert states(run, gone, planned, behind) == ["cancelled", "failed", "cancelled"]
-    assert "0.4 rad from 0.400000 rad where the plan begins" in seen(run, planned)["error"]["detail"]
+    assert "0.4 rad away from the start of the plan at 0.400000 rad" in seen(run, planned)["error"]["detail"]
     released(run)
 
 

@@ -311,7 +311,7 @@ def test_a_plan_in_the_queue_does_its_actions(queue: Queue) -> None:
 @pytest.mark.parametrize(
     ("fields", "detail"),
     [
-        ({"actions": [setting(1.0, distance_m=9.0)]}, "actions[0].at.distance_m: is 9 m, the path is 0."),
+        ({"actions": [setting(1.0, distance_m=9.0)]}, "actions[0].at.distance_m: is 9 m, but the path is 0."),
         ({"until": {"force": {}, "relative_to": "zero"}}, "set it with POST /robot/force/zero"),
         ({"start_when": {"input": "light", "is": True}}, "start_when.input: there is no input 'light'"),
     ],
