@@ -7,7 +7,7 @@ escape sequences, an iterator may never end, and a number may have 300 digits.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from cobot.errors import InputError
@@ -63,6 +63,23 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
     if len(found) > most:
         raise InputError(f"there are more than {most} {what}, which is the maximum")
     return found
+
+
+def cut(value: Any, max_characters: int, max_items: int) -> Any:
+    """A JSON value without the rest of long texts and lists, at any depth."""
+    if isinstance(value, str):
+        return value[:max_characters]
+    if isinstance(value, list | tuple):
+        return [cut(each, max_characters, max_items) for each in value[:max_items]]
+    if isinstance(value, dict):
+        return {name: cut(each, max_characters, max_items) for name, each in value.items()}
+    return value
+
+
+def listed(names: Sequence[str], most: int = 10) -> str:
+    """The first names in one printable line, which ends with "and more" if there are others."""
+    more = " and more" if len(names) > most else ""
+    return ", ".join(printable(name, MAX_NAME) for name in names[:most]) + more
 
 
 def fixed(value: float, decimals: int) -> str:

@@ -29,6 +29,7 @@ from cobot.dds.names import ENCLAVE, NodeName
 from cobot.dds.node import DdsNode, Message
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
+from cobot.foreign import plain_text
 from cobot.ros.codec import without_nan
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES
@@ -99,7 +100,7 @@ class ActionClient:
             answer = await self._action.result(goal_id)
             self._tell_result(number, answer["status"], answer["result"])
         except CobotError as exc:
-            self._tell("error", number=number, text=str(exc))
+            self._tell("error", number=number, text=plain_text(exc, 300))
 
     async def _cancel(self, number: int) -> None:
         """Cancel the last accepted goal. If a goal waits for its answer, wait until it is accepted."""

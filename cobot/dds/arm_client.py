@@ -48,6 +48,7 @@ from cobot.dds.node import DdsNode, Message, NodePublisher
 from cobot.dds.recent_positions import RecentPositions
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
+from cobot.foreign import cut, plain_text
 from cobot.launch.process import leave_real_time
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES
@@ -67,6 +68,8 @@ COMMAND_LIFESPAN_S = 0.1
 position.
 """
 REJECTED = 1
+MAX_TEXT, MAX_LISTED = 200, 32
+"""Maximum length of texts and lists in the facts. The driver and the network define their real sizes."""
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 """A request to cancel with this id and time stamp 0 cancels all goals."""
 LINE_BYTES = 1 << 16
@@ -163,7 +166,7 @@ class ArmClient:
                 try:
                     answer = await self._answer(question, content)
                 except CobotError as exc:
-                    answer = {"error": str(exc)}
+                    answer = {"error": plain_text(exc, MAX_TEXT)}
                 sys.stdout.write(json.dumps(answer) + "\n")
                 sys.stdout.flush()
         except (asyncio.IncompleteReadError, BrokenPipeError):
@@ -186,7 +189,8 @@ class ArmClient:
     async def _answer(self, question: dict[str, Any], content: bytes) -> dict[str, Any]:
         ask = question["ask"]
         if ask == "facts":
-            return self._facts()
+            facts: dict[str, Any] = cut(self._facts(), MAX_TEXT, MAX_LISTED)
+            return facts
         if ask == "load":
             values = np.frombuffer(content, "<f8")
             count = question["points"]
@@ -219,7 +223,7 @@ class ArmClient:
             "action": self._name,
             "ready": ready,
             "choices": self._choices,
-            "controllers": self._controllers if listed else None,
+            "controllers": self._listed() if listed else None,
             "controller": self._controller,
             "age_s": now_s - moments[-1] if moments else None,
             "rate_hz": (len(moments) - 1) / span_s if span_s > 0.0 else 0.0,
@@ -237,6 +241,11 @@ class ArmClient:
             "gpio_age_s": now_s - self._io.heard_s if self._io is not None and self._io.values else None,
             "gpio_problem": self._io.problem if self._io is not None else "",
         }
+
+    def _listed(self) -> list[dict[str, Any]] | None:
+        """The controllers; the chosen one is first, because a long list is cut off."""
+        found = self._controllers
+        return None if found is None else sorted(found, key=lambda each: each["name"] != self._controller)
 
     # Controllers
 

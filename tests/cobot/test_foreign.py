@@ -13,8 +13,10 @@ from cobot.foreign import (
     MAX_LINE,
     MAX_LINES,
     bounded,
+    cut,
     fixed,
     joined_text,
+    listed,
     plain_error,
     plain_lines,
     plain_text,
@@ -68,6 +70,17 @@ def test_lines_are_kept_printed_and_bounded() -> None:
 def test_lines_that_are_to_be_one_are_joined_by_spaces() -> None:
     assert joined_text(" a\n\tb \x00\n") == r"a b \x00"
     assert len(joined_text("a\n" * 5_000_000, 100)) < 150
+
+
+def test_a_json_value_is_cut_at_any_depth() -> None:
+    value = {"a": ["xyz", ["x", 1, None]], "b": ("yz", 2.0, True)}
+    assert cut(value, 2, 2) == {"a": ["xy", ["x", 1]], "b": ["yz", 2.0]}
+
+
+def test_a_list_of_names_is_bounded() -> None:
+    assert listed(["a", "b\n", "c"], 3) == "a, b\\n, c"
+    assert listed(["a", "b", "c", "d"], 2) == "a, b and more"
+    assert len(listed(["x" * 1000] * 1000)) < 2000
 
 
 def test_an_endless_iterator_is_an_error_with_the_limit() -> None:

@@ -111,7 +111,6 @@ class RosGripper:
         self._closes = True
         self._held_m: float | None = None
         self._noted = False
-        self._opened_s = clock.now_s()
         self.capabilities = GripperCapabilities(
             width_m=(0.0, options.open_width),
             force_n=options.force,
@@ -138,7 +137,6 @@ class RosGripper:
         held.
         """
         self._link.open()
-        self._opened_s = self._clock.now_s()
         for _ in range(LOOKS):
             if self._link.heard.problem or (self._link.heard.ready and self._link.heard.joint):
                 break
@@ -271,11 +269,15 @@ class RosGripper:
                 f"there is no action {options.action} of type {options.action_type}: start its driver, and "
                 "compare ROS_DOMAIN_ID with ros.domain_id"
             )
-        if heard.joint is None or now_s - heard.joint_s > options.state_timeout_s:
+        if heard.joint is None:
             raise GripperError(
-                f"{options.joint_states} has had no joint {options.joint} for "
-                f"{min(now_s - heard.joint_s, now_s - self._opened_s):.1f} s; check that its driver is "
-                "running"
+                f"{options.joint_states} has had no joint {options.joint} yet; check that its driver is "
+                "running, and compare the name with `ros2 topic echo`"
+            )
+        if now_s - heard.joint_s > options.state_timeout_s:
+            raise GripperError(
+                f"{options.joint_states} has had no joint {options.joint} for more than "
+                f"{options.state_timeout_s:g} s; check that its driver is running"
             )
         position = heard.joint[0]
         if not isinstance(position, float | int) or not math.isfinite(position):

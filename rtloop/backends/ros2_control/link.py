@@ -25,7 +25,7 @@ START_S = 10.0
 """Timeout for the first answer of the process, s. A slow computer needs several seconds to start it."""
 ANSWER_S = 3.0
 """Timeout for an answer of the process, in addition to the driver's own timeout, s."""
-MAX_LINE = 1 << 20
+MAX_LINE = 1 << 21
 ENDED = "the process that speaks ROS 2 has ended or does not answer; a reset starts it again"
 
 

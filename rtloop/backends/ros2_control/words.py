@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.foreign import joined_text
+from cobot.foreign import joined_text, listed
 from cobot.types import Array
 from rtloop.backends.ros2_control.link import Facts, GoalFacts
 
@@ -81,7 +81,7 @@ def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> st
     where = f"in the namespace {namespace}" if namespace else "in the root namespace"
     if facts.choices:
         return (
-            f"several {way.ends} fit the settings: {', '.join(facts.choices)}; name the controller in "
+            f"several {way.ends} fit the settings: {listed(facts.choices)}; name the controller in "
             "robot.backend.controller"
         )
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
@@ -97,7 +97,7 @@ def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> st
             f"there is no {way.end} {facts.action}: start the driver, and compare ROS_DOMAIN_ID "
             "with ros.domain_id and ROS_LOCALHOST_ONLY with ros.localhost_only"
         )
-    known = ", ".join(f"{each['name']} ({each['state']})" for each in facts.controllers or ())
+    known = listed([f"{each['name']} ({each['state']})" for each in facts.controllers or ()])
     if known:
         return f"no {way.kind} {where} moves the arm's joints; controllers: {known}"
     return (
@@ -113,8 +113,8 @@ def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
     if not joints or joints == set(names):
         return ""
     more, less = sorted(joints - set(names)), sorted(set(names) - joints)
-    parts = [f"moves {', '.join(more)}, which the arm's model does not have"] if more else []
-    parts += [f"does not move {', '.join(less)}"] if less else []
+    parts = [f"moves {listed(more)}, which the arm's model does not have"] if more else []
+    parts += [f"does not move {listed(less)}"] if less else []
     return (
         f"the controller {facts.controller} {' and '.join(parts)}; a goal must have exactly its joints: "
         "correct the model, or robot.backend.joints and robot.backend.prefix"
@@ -126,7 +126,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
     topic, names = expected.topic, expected.names
     if facts.missing:
         return (
-            f"{topic} has no joint {facts.missing[0]}: it has {', '.join(facts.names) or 'none'}; correct "
+            f"{topic} has no joint {facts.missing[0]}: it has {listed(facts.names) or 'none'}; correct "
             "robot.backend.joints or robot.backend.prefix"
         )
     if facts.age_s is None:

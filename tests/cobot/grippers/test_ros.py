@@ -117,6 +117,17 @@ def test_the_time_for_the_answer_begins_when_the_goal_is_sent(link: Link) -> Non
     assert made.state().moving
 
 
+def test_a_silence_is_always_the_same_error_so_that_it_is_logged_once(link: Link) -> None:
+    made = gripper(link)
+    said = set()
+    for _ in range(3):
+        link.seconds += 5.0
+        with pytest.raises(GripperError, match="no joint jaw for more than 1 s; check") as raised:
+            made.state()
+        said.add(str(raised.value))
+    assert len(said) == 1
+
+
 @pytest.mark.parametrize("position", [math.nan, None, "wide", math.inf])
 def test_a_position_that_is_no_number_is_an_error(link: Link, position: Any) -> None:
     made = gripper(link)
