@@ -18,11 +18,17 @@ from cobot.commands import options
 from cobot.config import Settings, advice, load_settings, load_with_rolled_out
 from cobot.errors import CobotError, ConfigError
 from cobot.foreign import plain_lines
-from cobot.launch import backup_options, recording_options, token
+from cobot.launch import backup_options, recording_options
 from cobot.launch.parser import MODULES, SIMULATORS, make_parser
 from cobot.launch.process import RUN_MODULE, as_command, in_words, require_limits
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
+RUN_BY = {
+    "token": "cobot.launch.token",
+    **dict.fromkeys(backup_options.COMMANDS, "cobot.launch.backups"),
+    **dict.fromkeys(recording_options.COMMANDS, "cobot.launch.recordings"),
+}
+"""Modules whose function `run` executes a command."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,71 +57,25 @@ def _run(chosen: argparse.Namespace) -> int:
     """Run the command. Only the modules that this command needs are imported."""
     settings = None
     try:
-        if chosen.command == "token":
-            token.run(chosen)
+        if chosen.command in RUN_BY:
+            import_module(RUN_BY[chosen.command]).run(chosen)
             return EXIT_OK
-        if chosen.command in backup_options.COMMANDS:
-            from cobot.launch import backups
-
-            backups.run(chosen)
-            return EXIT_OK
-        if chosen.command in recording_options.COMMANDS:
-            from cobot.launch import recordings
-
-            recordings.run(chosen)
-            return EXIT_OK
-        if chosen.command == "stop":
-            return _stop(chosen)
-        if chosen.command == "doctor":
-            from cobot.launch.doctor import doctor
-
-            return EXIT_OK if doctor(chosen.config, sys.stdout, as_json=chosen.json) else EXIT_FAILED
-        if chosen.command == "install":
-            from cobot.launch.install import install
-
-            install(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
-            return EXIT_OK
-        if chosen.command == "uninstall":
-            from cobot.launch.install import uninstall
-
-            uninstall(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
-            return EXIT_OK
-        if chosen.command == "new-robot":
-            return _new_robot(chosen)
+        match chosen.command:
+            case "stop":
+                return _stop(chosen)
+            case "doctor":
+                return _doctor(chosen)
+            case "install" | "uninstall":
+                return _install(chosen)
+            case "new-robot":
+                return _new_robot(chosen)
         settings = load_with_rolled_out(chosen.config)
-        if chosen.command == "check":
-            from cobot.launch.check import check
-
-            items = check(settings, chosen.config, sys.stdout)
-            if chosen.hardware:
-                from cobot.launch.hardware import check_hardware
-
-                items = items + check_hardware(settings, items, sys.stdout)
-            if all(item.good for item in items):
-                return EXIT_OK
-            _advise(settings)
-            return EXIT_FAILED
-        if chosen.command == "moveit-config":
-            from cobot.launch.moveit import write_moveit_config
-
-            print(write_moveit_config(settings, chosen.folder))
-            return EXIT_OK
-        require_limits()
-        from cobot.launch.backups import restore_staged
-        from cobot.launch.forked import fork_processes
-        from cobot.launch.supervisor import Supervisor
-
-        settings = _with_cell(restore_staged(settings, chosen.config), chosen.cell)
-        given = _overridden(settings, chosen)
-        processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled + bool(given.fleet.connect)
-        if chosen.is_program:
-            os.umask(0o077)  # only the user may read what this process and its children write
-        blanks = fork_processes(processes) if chosen.is_program else []
-        try:
-            return Supervisor(given, chosen.config, settings, blanks).run()
-        finally:
-            for blank in blanks:
-                blank.dismiss()
+        match chosen.command:
+            case "check":
+                return _check(chosen, settings)
+            case "moveit-config":
+                return _write_moveit_config(chosen, settings)
+        return _supervise(chosen, settings)
     except CobotError as exc:
         print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
         if settings is not None and isinstance(exc, ConfigError):
@@ -127,6 +87,61 @@ def _advise(settings: Settings) -> None:
     """Print a hint that names the settings from the fleet, because they may be the cause."""
     if hint := advice(settings):
         print(f"cobot: {hint}", file=sys.stderr)
+
+
+def _doctor(chosen: argparse.Namespace) -> int:
+    from cobot.launch.doctor import doctor
+
+    return EXIT_OK if doctor(chosen.config, sys.stdout, as_json=chosen.json) else EXIT_FAILED
+
+
+def _install(chosen: argparse.Namespace) -> int:
+    from cobot.launch.install import install, uninstall
+
+    change = install if chosen.command == "install" else uninstall
+    change(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
+    return EXIT_OK
+
+
+def _check(chosen: argparse.Namespace, settings: Settings) -> int:
+    from cobot.launch.check import check
+
+    items = check(settings, chosen.config, sys.stdout)
+    if chosen.hardware:
+        from cobot.launch.hardware import check_hardware
+
+        items = items + check_hardware(settings, items, sys.stdout)
+    if all(item.good for item in items):
+        return EXIT_OK
+    _advise(settings)
+    return EXIT_FAILED
+
+
+def _write_moveit_config(chosen: argparse.Namespace, settings: Settings) -> int:
+    from cobot.launch.moveit import write_moveit_config
+
+    print(write_moveit_config(settings, chosen.folder))
+    return EXIT_OK
+
+
+def _supervise(chosen: argparse.Namespace, settings: Settings) -> int:
+    """Run the robots and the service until they are ended."""
+    require_limits()
+    from cobot.launch.backups import restore_staged
+    from cobot.launch.forked import fork_processes
+    from cobot.launch.supervisor import Supervisor
+
+    settings = _with_cell(restore_staged(settings, chosen.config), chosen.cell)
+    given = _overridden(settings, chosen)
+    processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled + bool(given.fleet.connect)
+    if chosen.is_program:
+        os.umask(0o077)  # only the user may read what this process and its children write
+    blanks = fork_processes(processes) if chosen.is_program else []
+    try:
+        return Supervisor(given, chosen.config, settings, blanks).run()
+    finally:
+        for blank in blanks:
+            blank.dismiss()
 
 
 def _new_robot(chosen: argparse.Namespace) -> int:

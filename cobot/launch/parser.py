@@ -217,6 +217,7 @@ def _add_doctor_and_install(commands: Any, config: argparse.ArgumentParser) -> N
 
 
 def _add_new_robot(commands: Any) -> None:
+    several: dict[str, Any] = {"nargs": "+", "action": "extend", "default": []}
     new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
     source = new.add_mutually_exclusive_group(required=True)
     source.add_argument("file", type=Path, nargs="?", metavar="FILE", help="URDF, xacro or MJCF")
@@ -229,38 +230,18 @@ def _add_new_robot(commands: Any) -> None:
         "--output", type=Path, metavar="FOLDER", help="folder to create; by default the name of FILE"
     )
     new.add_argument(
-        "--actuators",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="JOINT",
-        help="joints that drives move; by default those of the arm",
+        "--actuators", **several, metavar="JOINT", help="joints that drives move; by default those of the arm"
     )
-    new.add_argument(
-        "--without",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="JOINT",
-        help="joints that are not part of the arm",
-    )
+    new.add_argument("--without", **several, metavar="JOINT", help="joints that are not part of the arm")
     new.add_argument(
         "--package",
         type=Path,
-        nargs="+",
-        action="extend",
-        default=[],
+        **several,
         metavar="FOLDER",
         help="folder of a ROS package, or a folder that contains packages",
     )
     new.add_argument(
-        "--xacro",
-        type=_xacro_argument,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME:=VALUE",
-        help="arguments of a xacro file",
+        "--xacro", type=_xacro_argument, **several, metavar="NAME:=VALUE", help="arguments of a xacro file"
     )
     new.add_argument(
         "--hulls", action="store_true", help="use one convex hull for each mesh, never several solids"
@@ -287,9 +268,7 @@ def _add_new_robot(commands: Any) -> None:
     new.add_argument(
         "--mass",
         type=_mass,
-        nargs="+",
-        action="extend",
-        default=[],
+        **several,
         metavar="LINK=KG",
         help="mass of a link, instead of the mass in the file or an assumed mass",
     )

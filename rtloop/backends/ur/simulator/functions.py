@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cobot.types import Array
 from rtloop.backends.ur.fields import AXES
-from rtloop.backends.ur.simulator.urscript import Function, Run
+from rtloop.backends.ur.simulator.urscript import Run
 from rtloop.backends.ur.transport import ByteStream
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ OPEN_S = 2.0
 MAX_NUMBERS = 30
 STOP_RAD_S2 = 15.0
 AT_REST_RAD_S = 1e-6
+DIGITAL = {"standard_": (0, 8), "configurable_": (8, 8), "tool_": (16, 2), "": (0, 18)}
+"""First bit and number of the digital inputs and outputs, by the kind in the names of their functions."""
 
 
 class _Socket:
@@ -60,94 +63,80 @@ class ProgramContext:
             each.stream.close()
         self._sockets.clear()
 
-    def functions(self) -> dict[str, Function]:
-        controller = self._controller
-        arm = controller.arm
+    def functions(self) -> dict[str, Callable[..., Any]]:
+        """The functions by their names; see `Script`."""
+        return self._of_arm() | self._of_program() | self._of_signals()
 
-        def made(call: Callable[..., Any]) -> Function:
-            return Function(call)
-
-        def waiting(call: Callable[..., Any]) -> Function:
-            return Function(call, waits=True)
-
-        def digital(first: int, count: int, is_output: bool) -> Function:
-            def get(n: int) -> bool:
-                _require_index(n, count)
-                bits = controller.digital_out if is_output else controller.digital_in
-                return bool(bits >> first + n & 1)
-
-            return made(get)
-
-        def set_digital(first: int, count: int) -> Function:
-            def change(n: int, b: bool) -> None:
-                _require_index(n, count)
-                bit = 1 << first + n
-                controller.digital_out = controller.digital_out | bit if b else controller.digital_out & ~bit
-
-            return made(change)
-
-        def register(way: str, kind: str) -> Function:
-            return made(lambda address: controller.registers.get(f"{way}_{kind}_register_{address}", 0))
-
-        def set_register(kind: str) -> Function:
-            def change(address: int, value: float) -> None:
-                _require_index(address, 48)
-                controller.registers[f"output_{kind}_register_{address}"] = value
-
-            return made(change)
-
-        torques = {"direct_torque": waiting(self._direct_torque)} if controller.options.has_torque else {}
+    def _of_arm(self) -> dict[str, Callable[..., Any]]:
+        controller, arm = self._controller, self._controller.arm
+        torques = {"direct_torque": self._direct_torque} if controller.options.has_torque else {}
         return {
             **torques,
-            "get_steptime": made(lambda: controller.period_s),
-            "get_target_joint_positions": made(lambda: arm.setpoint.tolist()),
-            "get_actual_joint_positions": made(lambda: arm.measured.position.tolist()),
-            "get_target_joint_speeds": made(lambda: controller.velocity.tolist()),
-            "get_actual_joint_speeds": made(lambda: arm.measured.velocity.tolist()),
-            "get_actual_tcp_pose": made(controller.pose),
-            "get_tcp_force": made(lambda: arm.measured.wrench.tolist()),
-            "get_target_payload": made(lambda: controller.payload),
-            "servoj": waiting(self._servoj),
-            "stopj": waiting(self._stopj),
-            "freedrive_mode": made(lambda: self._switch_freedrive(True)),
-            "end_freedrive_mode": made(lambda: self._switch_freedrive(False)),
-            "sync": waiting(self._sync),
-            "sleep": waiting(self._sleep),
-            "set_tcp": made(self._set_tcp),
-            "set_payload": made(self._set_payload),
-            "textmsg": made(lambda *words: controller.events.append(" ".join(map(str, words))[:500])),
-            "popup": made(lambda *words, **_: controller.events.append(f"popup: {words[0]}"[:500])),
-            "to_str": made(str),
-            "sqrt": made(math.sqrt),
-            "socket_open": waiting(self._socket_open),
-            "socket_close": made(self._socket_close),
-            "socket_send_int": made(
-                lambda value, name="socket_0": self._send(struct.pack(">i", int(value)), name)
-            ),
-            "socket_send_string": made(lambda text, name="socket_0": self._send(str(text).encode(), name)),
-            "socket_read_binary_integer": waiting(self._read_integers),
-            "get_standard_digital_in": digital(0, 8, False),
-            "get_configurable_digital_in": digital(8, 8, False),
-            "get_tool_digital_in": digital(16, 2, False),
-            "get_digital_in": digital(0, 18, False),
-            "get_standard_digital_out": digital(0, 8, True),
-            "get_configurable_digital_out": digital(8, 8, True),
-            "get_tool_digital_out": digital(16, 2, True),
-            "get_digital_out": digital(0, 18, True),
-            "set_standard_digital_out": set_digital(0, 8),
-            "set_configurable_digital_out": set_digital(8, 8),
-            "set_tool_digital_out": set_digital(16, 2),
-            "set_digital_out": set_digital(0, 18),
-            "set_standard_analog_out": made(
-                lambda n, f: controller.set_analog(n, f, controller.analog_types >> 2 + n & 1)
-            ),
-            "read_input_integer_register": register("input", "int"),
-            "read_input_float_register": register("input", "double"),
-            "read_output_integer_register": register("output", "int"),
-            "read_output_float_register": register("output", "double"),
-            "write_output_integer_register": set_register("int"),
-            "write_output_float_register": set_register("double"),
+            "get_steptime": lambda: controller.period_s,
+            "get_target_joint_positions": lambda: arm.setpoint.tolist(),
+            "get_actual_joint_positions": lambda: arm.measured.position.tolist(),
+            "get_target_joint_speeds": lambda: controller.velocity.tolist(),
+            "get_actual_joint_speeds": lambda: arm.measured.velocity.tolist(),
+            "get_actual_tcp_pose": controller.pose,
+            "get_tcp_force": lambda: arm.measured.wrench.tolist(),
+            "get_target_payload": lambda: controller.payload,
+            "servoj": self._servoj,
+            "stopj": self._stopj,
+            "freedrive_mode": lambda: self._switch_freedrive(True),
+            "end_freedrive_mode": lambda: self._switch_freedrive(False),
+            "set_tcp": self._set_tcp,
+            "set_payload": self._set_payload,
         }
+
+    def _of_program(self) -> dict[str, Callable[..., Any]]:
+        events = self._controller.events
+        return {
+            "sync": self._sync,
+            "sleep": self._sleep,
+            "textmsg": lambda *words: events.append(" ".join(map(str, words))[:500]),
+            "popup": lambda *words, **_: events.append(f"popup: {words[0]}"[:500]),
+            "to_str": str,
+            "sqrt": math.sqrt,
+            "socket_open": self._socket_open,
+            "socket_close": self._socket_close,
+            "socket_send_int": lambda value, name="socket_0": self._send(struct.pack(">i", int(value)), name),
+            "socket_send_string": lambda text, name="socket_0": self._send(str(text).encode(), name),
+            "socket_read_binary_integer": self._read_integers,
+        }
+
+    def _of_signals(self) -> dict[str, Callable[..., Any]]:
+        controller = self._controller
+        found: dict[str, Callable[..., Any]] = {
+            "set_standard_analog_out": lambda n, f: controller.set_analog(
+                n, f, controller.analog_types >> 2 + n & 1
+            )
+        }
+        for kind, place in DIGITAL.items():
+            found[f"get_{kind}digital_in"] = partial(self._digital, *place, False)
+            found[f"get_{kind}digital_out"] = partial(self._digital, *place, True)
+            found[f"set_{kind}digital_out"] = partial(self._set_digital, *place)
+        for name, kind in (("integer", "int"), ("float", "double")):
+            for way in ("input", "output"):
+                found[f"read_{way}_{name}_register"] = partial(self._register, f"{way}_{kind}")
+            found[f"write_output_{name}_register"] = partial(self._set_register, kind)
+        return found
+
+    def _digital(self, first: int, count: int, is_output: bool, n: int) -> bool:
+        _require_index(n, count)
+        bits = self._controller.digital_out if is_output else self._controller.digital_in
+        return bool(bits >> first + n & 1)
+
+    def _set_digital(self, first: int, count: int, n: int, b: bool) -> None:
+        _require_index(n, count)
+        bit, bits = 1 << first + n, self._controller.digital_out
+        self._controller.digital_out = bits | bit if b else bits & ~bit
+
+    def _register(self, kind: str, address: int) -> Any:
+        return self._controller.registers.get(f"{kind}_register_{address}", 0)
+
+    def _set_register(self, kind: str, address: int, value: float) -> None:
+        _require_index(address, 48)
+        self._controller.registers[f"output_{kind}_register_{address}"] = value
 
     def _servoj(
         self,

@@ -14,6 +14,7 @@ import operator
 import re
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
+from inspect import isgeneratorfunction
 from typing import Any
 
 MAX_STEPS = 20_000
@@ -28,19 +29,6 @@ _DEF = re.compile(r"^(def|thread|sec)\s+([A-Za-z_]\w*)\s*\(")
 
 class ScriptError(Exception):
     """An error in a program; its text names the line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Function:
-    """A function of the language.
-
-    Attributes:
-        call: function that is called with the arguments. It is a generator function if `waits` is true.
-        waits: whether the function takes time.
-    """
-
-    call: Callable[..., Any]
-    waits: bool = False
 
 
 def is_complete(text: str) -> bool:
@@ -159,8 +147,11 @@ class Script:
         line: number of the line that runs now or has failed.
     """
 
-    def __init__(self, text: str, functions: Mapping[str, Function]) -> None:
+    def __init__(self, text: str, functions: Mapping[str, Callable[..., Any]]) -> None:
         """
+        Args:
+            functions: the functions of the language by name. Those that take time are generator functions.
+
         Raises:
             ScriptError: the text is not a valid program.
         """
@@ -176,13 +167,14 @@ class Script:
             raise ScriptError(f"the program cannot be read: {exc}") from exc
         self.line = 1
         self._globals: dict[str, Any] = {}
-        self._functions = {
+        self._functions: Mapping[str, Callable[..., Any]] = {
             **functions,
-            "_run": Function(self._start),
-            "_join": Function(self._join, waits=True),
-            "_kill": Function(self._kill),
-            "_halt": Function(self._halt),
+            "_run": self._start,
+            "_join": self._join,
+            "_kill": self._kill,
+            "_halt": self._halt,
         }
+        self._generators = {name for name, call in self._functions.items() if isgeneratorfunction(call)}
         self._defs: dict[str, ast.FunctionDef] = {}
         self._check(tree)
         self._waiting: dict[ast.AST, bool] = {}
@@ -330,16 +322,15 @@ class Script:
                 for each in ast.walk(node)
                 if isinstance(each, ast.Call) and isinstance(each.func, ast.Name)
             ]
-            known = any(name in self._defs or self._functions[name].waits for name in names)
+            known = any(name in self._defs or name in self._generators for name in names)
             self._waiting[node] = known
         return known
 
     def _call(self, name: str, arguments: list[Any], named: dict[str, Any], frame: _Frame) -> Run:
         made = self._defs.get(name)
         if made is None:
-            function = self._functions[name]
-            found = function.call(*arguments, **named)
-            return (yield from found) if function.waits else found
+            found = self._functions[name](*arguments, **named)
+            return (yield from found) if name in self._generators else found
         if frame.depth > MAX_DEPTH:
             raise ScriptError(f"line {self.line}: function calls are nested too deeply")
         parameters = [each.arg for each in made.args.args]
@@ -386,7 +377,7 @@ class Script:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             named = {str(each.arg): self._direct(each.value, frame) for each in node.keywords}
             arguments = [self._direct(each, frame) for each in node.args]
-            return self._functions[node.func.id].call(*arguments, **named)
+            return self._functions[node.func.id](*arguments, **named)
         raise ScriptError(f"line {self.line}: this interpreter does not support {type(node).__name__}")
 
     # Threads

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rtloop.backends.ur.simulator.urscript import Function, Run, Script, ScriptError, is_complete
+from rtloop.backends.ur.simulator.urscript import Run, Script, ScriptError, is_complete
 
 
 def run(text: str, steps: int = 100) -> list[object]:
@@ -15,7 +15,7 @@ def run(text: str, steps: int = 100) -> list[object]:
         noted.append("|")
         yield
 
-    functions = {"note": Function(noted.append), "sync": Function(sync, waits=True)}
+    functions = {"note": noted.append, "sync": sync}
     script = Script(text, functions)
     for _ in range(steps):
         if not script.step():
