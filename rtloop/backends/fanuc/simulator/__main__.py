@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from rtloop.backends.fanuc.simulator.controller import FanucController
 from rtloop.backends.fanuc.simulator.network import FanucNetwork
 from rtloop.backends.fanuc.simulator.options import MODES, FanucControllerOptions
 from rtloop.backends.fanuc.simulator.server import ControllerServer
-from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, ipv4, within
+from rtloop.backends.simulators.arguments import add_packet_options, add_port, controller_parser, within
 from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.simulators.process import serve
 
@@ -68,39 +67,11 @@ def _server(chosen: argparse.Namespace) -> ControllerServer:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="cobot simulate fanuc", description=__doc__)
+    parser = controller_parser("fanuc", __doc__)
     add = parser.add_argument
-    port, share = within(int, 0, MAX_PORT), within(float, 0, 1)
-    add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
-    add("--robot", metavar="NAME", help="name of a robot in `robots`")
-    add(
-        "--address",
-        type=ipv4,
-        default="127.0.0.1",
-        metavar="IPV4",
-        help="address on which it listens; default 127.0.0.1",
-    )
-    add(
-        "--stream-port",
-        type=port,
-        default=PORT,
-        metavar="P",
-        help=f"UDP port of the stream; default {PORT}; 0 picks a free port",
-    )
-    add(
-        "--rmi-port",
-        type=port,
-        default=RMI_PORT,
-        metavar="P",
-        help=f"TCP port of the Remote Motion Interface; default {RMI_PORT}; 0 picks a free port",
-    )
-    add(
-        "--control-port",
-        type=port,
-        default=0,
-        metavar="P",
-        help="port of the control interface; 0 picks a free port",
-    )
+    add_port(parser, "--stream-port", PORT, f"UDP port of the stream; default {PORT}; 0 picks a free port")
+    rmi_help = f"TCP port of the Remote Motion Interface; default {RMI_PORT}; 0 picks a free port"
+    add_port(parser, "--rmi-port", RMI_PORT, rmi_help)
     add(
         "--period",
         type=int,
@@ -114,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--horizon", action="store_true", help="joint 3 of the stream is measured from the horizon")
     add(
         "--payload",
-        type=share,
+        type=within(float, 0, 1),
         default=0.0,
         metavar="SHARE",
         help="payload as a share of the full payload; default 0",

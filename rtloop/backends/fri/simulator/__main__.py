@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.control import ControlServer
 from rtloop.backends.fri.simulator.network import FriNetwork
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
-from rtloop.backends.simulators.arguments import MAX_PORT, add_packet_options, endpoint, ipv4, within
+from rtloop.backends.simulators.arguments import add_client, add_packet_options, add_port, controller_parser
 from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.simulators.process import serve
 from rtloop.backends.simulators.udp_server import UdpServer
@@ -92,33 +91,11 @@ def _server(chosen: argparse.Namespace) -> UdpServer[Cabinet]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="cobot simulate fri", description=__doc__)
+    address = "address of this computer from which packets are sent"
+    parser = controller_parser("fri", __doc__, address=address, default_address="0.0.0.0")
     add = parser.add_argument
-    port = within(int, 0, MAX_PORT)
-    add("--config", type=Path, metavar="FILE", help="settings file of the robot; default: the iiwa of cobot")
-    add("--robot", metavar="NAME", help="name of a robot in `robots`")
-    add(
-        "--client",
-        type=endpoint,
-        default=("127.0.0.1", 30200),
-        metavar="HOST:PORT",
-        help="destination of the packets",
-    )
-    add(
-        "--address",
-        type=ipv4,
-        default="0.0.0.0",
-        metavar="IPV4",
-        help="address of this computer from which packets are sent",
-    )
-    add("--port", type=port, default=0, metavar="P", help=PORT_HELP)
-    add(
-        "--control-port",
-        type=port,
-        default=0,
-        metavar="P",
-        help="port of the control interface; 0 picks a free port",
-    )
+    add_client(parser, 30200)
+    add_port(parser, "--port", 0, PORT_HELP)
     add(
         "--period",
         type=int,

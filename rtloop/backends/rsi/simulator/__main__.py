@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +16,13 @@ from rtloop.backends.rsi.simulator.lockstep import controller_for, with_options
 from rtloop.backends.rsi.simulator.network import RsiNetwork
 from rtloop.backends.rsi.simulator.options import PERIODS_MS, ControllerOptions
 from rtloop.backends.rsi.telegrams import OPERATION_MODES
-from rtloop.backends.simulators.arguments import add_packet_options, endpoint, ipv4, within
+from rtloop.backends.simulators.arguments import (
+    add_client,
+    add_packet_options,
+    add_port,
+    controller_parser,
+    within,
+)
 from rtloop.backends.simulators.process import serve
 from rtloop.backends.simulators.udp_server import UdpServer
 
@@ -75,44 +80,12 @@ def _options_without_backend() -> dict[str, object]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="cobot simulate rsi", description=__doc__)
+    config = "settings file with the arm and `robot.backend: {type: rsi, ...}`"
+    address = "address from which packets are sent; default 127.0.0.1"
+    parser = controller_parser("rsi", __doc__, config, address)
     add = parser.add_argument
-    port = within(int, 0, 65_535)
-    add(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="settings file with the arm and `robot.backend: {type: rsi, ...}`",
-    )
-    add("--robot", metavar="NAME", help="name of a robot in `robots`")
-    add(
-        "--client",
-        type=endpoint,
-        default=("127.0.0.1", DEFAULT_PORT),
-        metavar="HOST:PORT",
-        help=f"destination of the packets; default 127.0.0.1:{DEFAULT_PORT}",
-    )
-    add(
-        "--address",
-        type=ipv4,
-        default="127.0.0.1",
-        metavar="IPV4",
-        help="address from which packets are sent; default 127.0.0.1",
-    )
-    add(
-        "--port",
-        type=port,
-        default=0,
-        metavar="P",
-        help="port from which packets are sent; 0 picks a free port",
-    )
-    add(
-        "--control-port",
-        type=port,
-        default=0,
-        metavar="P",
-        help="port of the control interface; 0 picks a free port",
-    )
+    add_client(parser, DEFAULT_PORT)
+    add_port(parser, "--port", 0, "port from which packets are sent; 0 picks a free port")
     add(
         "--period",
         type=int,

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
 from cobot.config import load_settings
 from cobot.robot.description import load_robot
-from rtloop.backends.simulators.arguments import MAX_PATIENCE_S, MAX_PORT, ipv4, within
+from rtloop.backends.simulators.arguments import MAX_PORT, add_process_options, controller_parser, within
 from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.simulators.process import serve
 from rtloop.backends.ur import dashboard, robot_api
@@ -67,17 +66,9 @@ def _version(text: str) -> tuple[int, int, int, int]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="cobot simulate ur", description=__doc__)
+    config = "settings file of a robot with six joints"
+    parser = controller_parser("ur", __doc__, config, needs_config=True)
     add = parser.add_argument
-    add("--config", type=Path, required=True, metavar="FILE", help="settings file of a robot with six joints")
-    add("--robot", metavar="NAME", help="name of a robot in `robots`")
-    add(
-        "--address",
-        type=ipv4,
-        default="127.0.0.1",
-        metavar="IPV4",
-        help="address on which it listens; default 127.0.0.1",
-    )
     add(
         "--series",
         choices=list(SERIES),
@@ -116,21 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         help="share of data packages that are left out, 0 to 1",
     )
     add("--seed", type=int, default=0, metavar="N", help="seed of the random losses")
-    add(
-        "--control-port",
-        type=within(int, 0, MAX_PORT),
-        default=0,
-        metavar="P",
-        help="port of the control interface; 0 picks a free port",
-    )
-    patience = within(float, 0, MAX_PATIENCE_S)
-    add("--patience", type=patience, default=0.0, metavar="S", help="maximum wait for a late command")
-    add(
-        "--priority",
-        type=within(int, 1, 99),
-        metavar="P",
-        help="real-time priority (SCHED_FIFO), 1 to 99, if permitted",
-    )
+    add_process_options(parser, "command")
     return parser
 
 
