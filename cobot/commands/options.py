@@ -11,7 +11,6 @@ from cobot.addresses import DEFAULT_URL
 from cobot.motions.planners import GOAL_ALONE, in_words
 
 URL_VARIABLE = "COBOT_URL"
-URL_HELP = f"URL of the service (default: {URL_VARIABLE}, or {DEFAULT_URL})"
 COMMANDS = ("state", "move", "send", "jobs", "program", "watch", "teleop", "acknowledge", "completion")
 SHELLS = ("bash", "zsh", "fish")
 EPILOG = "exit status: 0 done, 1 rejected with a reason, 2 wrong usage, 3 no answer, 130 interrupted"
@@ -21,22 +20,23 @@ Commands = Any
 """The object that argparse returns for subcommands."""
 
 
-def service_options() -> argparse.ArgumentParser:
+def service_options(*, robot: bool = True, as_json: bool = True) -> argparse.ArgumentParser:
     """Options that all commands share: the service, the robot and the output format. The parsers of the
-    commands use this parser as a parent.
+    commands use this parser as a parent. See `add_service_options`.
     """
     options = argparse.ArgumentParser(add_help=False)
-    add_service_options(options.add_argument_group("service"))
+    add_service_options(options.add_argument_group("service"), robot=robot, as_json=as_json)
     return options
 
 
-def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -> None:
+def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True, as_json: bool = True) -> None:
     """Add these options to an existing parser.
 
     Args:
-        robot: whether to add the option `--robot`.
+        robot, as_json: whether to add the options `--robot` and `--json`.
     """
-    group.add_argument("--url", metavar="URL", help=URL_HELP)
+    url_help = f"URL of the service (default: {URL_VARIABLE}, or {DEFAULT_URL})"
+    group.add_argument("--url", metavar="URL", help=url_help)
     group.add_argument(
         "--token",
         metavar="TOKEN",
@@ -50,17 +50,13 @@ def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -
     )
     if robot:
         group.add_argument("--robot", metavar="NAME", help="name of the robot (default: the default robot)")
-    group.add_argument("--json", action="store_true", help="print JSON instead of text, for programs")
+    if as_json:
+        group.add_argument("--json", action="store_true", help="print JSON instead of text, for programs")
 
 
 def url_of(chosen: argparse.Namespace) -> str:
-    """Client of the selected service."""
-    return str(chosen.url or default_url())
-
-
-def default_url() -> str:
-    """URL of the service if the command names none."""
-    return os.environ.get(URL_VARIABLE) or DEFAULT_URL
+    """URL of the service that the command uses."""
+    return str(chosen.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL)
 
 
 def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> bool:

@@ -329,15 +329,8 @@ class Hub:
         )
         payload = written(command if self._signer is None else self._signer.signed(command))
         key = self._keys.of(cell, robot, "command")
-        answers: dict[tuple[str, str], CommandAnswer] = {}
-        missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
-        while True:
-            found = _worst(self._ask(key, payload, deadline_s + work_s))
-            answers |= {name: answer for name, answer in found.items() if _is_open(answers.get(name))}
-            missing = {name for name in missing if _is_open(answers.get(name))}
-            if not missing or time.monotonic() > command.expires_s:
-                break
-            time.sleep(RETRY_S)
+        alive = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
+        answers = self._answers_of(alive, key, payload, command.expires_s, deadline_s + work_s)
         for name in sorted({(each["cell"], each["robot"]) for each in wanted} - answers.keys()):
             text = self._why_no_answer(name, action)
             answers[name] = CommandAnswer(
@@ -346,6 +339,19 @@ class Hub:
         self.counts.update((action.kind, answer.code) for answer in answers.values())
         log.warning("%s: %s to %s/%s: %s", who, action.kind, cell, robot, _counts(answers.values()))
         return [answer.model_dump() for _, answer in sorted(answers.items())]
+
+    def _answers_of(
+        self, missing: set[tuple[str, str]], key: str, payload: bytes, until_s: float, timeout_s: float
+    ) -> dict[tuple[str, str], CommandAnswer]:
+        """Send a command until these robots have answered, or until this time on `time.monotonic`."""
+        answers: dict[tuple[str, str], CommandAnswer] = {}
+        while True:
+            found = _worst(self._ask(key, payload, timeout_s))
+            answers |= {name: answer for name, answer in found.items() if _is_open(answers.get(name))}
+            missing = {name for name in missing if _is_open(answers.get(name))}
+            if not missing or time.monotonic() > until_s:
+                return answers
+            time.sleep(RETRY_S)
 
     def _robots(self, cell: str, robot: str, zone: str | None) -> list[dict[str, Any]]:
         if zone is None:

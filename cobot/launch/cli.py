@@ -220,11 +220,12 @@ def _running(robots: Sequence[str]) -> list[Settings]:
 def _become_client(chosen: argparse.Namespace) -> NoReturn:
     """Replace this process by the program runner or the bridge for agents. Both are ordinary clients of the
     service."""
+    url = options.url_of(chosen)
     if chosen.command == "lua":
-        url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
+        url = address(url, chosen.robot) if chosen.robot else url
         command = [*RUN_MODULE, "cobot.runner", "run", "--lua", "--url", url, "--", str(chosen.file)]
     else:
-        command = [*RUN_MODULE, "app.mcp", "--url", chosen.url]
+        command = [*RUN_MODULE, "app.mcp", "--url", url]
     given = {TOKEN_VARIABLE: chosen.token, CERTIFICATE_VARIABLE: chosen.certificate}
     os.environ.update({name: str(value) for name, value in given.items() if value is not None})
     os.execv(command[0], command)

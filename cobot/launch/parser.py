@@ -122,20 +122,7 @@ def _add_run(commands: Any, config: argparse.ArgumentParser) -> None:
 
 def _add_clients(commands: Any) -> None:
     """Add the commands that are clients of a running service."""
-    service = argparse.ArgumentParser(add_help=False)
-    service.add_argument("--url", metavar="URL", default=options.default_url(), help=options.URL_HELP)
-    service.add_argument(
-        "--token",
-        metavar="TOKEN",
-        help="access token, if the service requires one; the variable COBOT_TOKEN keeps it out of process "
-        "lists",
-    )
-    service.add_argument(
-        "--certificate",
-        type=Path,
-        metavar="FILE",
-        help="certificate to trust, for an https service without a public certificate",
-    )
+    service = options.service_options(robot=False, as_json=False)
     lua = commands.add_parser("lua", parents=[service], help="run a Lua program at a running service")
     lua.add_argument("file", type=Path, metavar="FILE", help="the Lua program; - for standard input")
     lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")

@@ -4,28 +4,17 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
-from cobot.commands.options import URL_HELP, default_url
+from cobot.commands.options import service_options
 
 COMMANDS = ("record", "plot", "replay")
 
 
 def add_parsers(commands: Any) -> None:
     """Add the commands."""
-    service = argparse.ArgumentParser(add_help=False)
-    service.add_argument("--url", metavar="URL", default=default_url(), help=URL_HELP)
-    service.add_argument(
-        "--robot", metavar="NAME", help="the robot to record or to move, instead of the default one"
-    )
-    service.add_argument(
-        "--token", metavar="TOKEN", help="access token, if the service requires one; by default COBOT_TOKEN"
-    )
-    service.add_argument(
-        "--certificate", type=Path, metavar="FILE", help="certificate to trust, for a service with https"
-    )
+    service = service_options(as_json=False)
     record = commands.add_parser("record", help="record the motion of the robot")
     actions = record.add_subparsers(dest="action", metavar="ACTION", required=True)
     dump = actions.add_parser("dump", parents=[service], help="save the last seconds, which are in memory")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cobot.client.rest import Client
+from cobot.commands.options import url_of
 from cobot.errors import ConfigError
 from cobot.recording.plot import svg_of
 from cobot.recording.reader import read_recording
@@ -79,7 +80,9 @@ def _replay(chosen: argparse.Namespace) -> None:
 @contextlib.contextmanager
 def _client(chosen: argparse.Namespace) -> Iterator[Client]:
     verify = True if chosen.certificate is None else chosen.certificate
-    with Client(chosen.url, robot=chosen.robot, token=chosen.token, verify=verify, timeout_s=150.0) as client:
+    with Client(
+        url_of(chosen), robot=chosen.robot, token=chosen.token, verify=verify, timeout_s=150.0
+    ) as client:
         yield client
 
 
