@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -21,6 +21,11 @@ IoName = Annotated[str, Field(pattern=r"^[^/\x00-\x1f]{1,60}$")]
 Interface = Annotated[str, Field(pattern=r"^[^\s/]+(/[^\s/]+)+$", max_length=200)]
 """Name of a GPIO and of its interface: GPIO/INTERFACE."""
 MAX_IO = 64
+GPIO = "gpio"
+if TYPE_CHECKING:
+    Io = str
+else:
+    Io = Literal[GPIO, *DRIVERS]
 CONTROLLER = "gpio_command_controller"
 """Default of `gpio_controller` for a GPIO controller."""
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
@@ -82,7 +87,7 @@ class Ros2ControlOptions(BackendOptions):
     connect_s: Seconds = 5.0
     speed_scaling: Relative = "speed_scaling_state_broadcaster/speed_scaling"
     speed_scaling_full: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    io: Literal["gpio", "ur", "motoros2", "xarm", "doosan"] = "gpio"
+    io: Io = GPIO
     gpio_controller: Relative | None = None
     inputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
     outputs: dict[IoName, Interface] = Field(default_factory=dict, max_length=MAX_IO)
@@ -94,7 +99,7 @@ class Ros2ControlOptions(BackendOptions):
             raise ValueError(f"{both[0]!r} is the name of both an input and an output; rename one of them")
         if unknown := sorted(set(self.analog) - set(self.inputs) - set(self.outputs)):
             raise ValueError(f"analog: {unknown[0]!r} is neither in inputs nor in outputs")
-        if self.io != "gpio":
+        if self.io != GPIO:
             self._check_driver(DRIVERS[self.io])
         return self
 
@@ -110,7 +115,7 @@ class Ros2ControlOptions(BackendOptions):
     @property
     def io_names_begin(self) -> str:
         """The whole name of the GPIO controller, or the beginning of the names of the driver's services."""
-        usual = CONTROLLER if self.io == "gpio" else DRIVERS[self.io].below
+        usual = CONTROLLER if self.io == GPIO else DRIVERS[self.io].below
         name = self.gpio_controller or usual
         return self.namespace if name is None else self.below(name)
 
