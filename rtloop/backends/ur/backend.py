@@ -14,21 +14,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cobot.config import Settings
-from cobot.orientations import product
 from cobot.robot.io_points import IoPoint
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE, Tool
-from cobot.types import Array, JointLimits, Pose
+from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Impedance, Measured
-from rtloop.backends.agreement import check_agreement
 from rtloop.backends.beat import Beat, CommandTransition
 from rtloop.backends.protocols import require_accepted
+from rtloop.backends.ur.base_frame import BaseFrame
+from rtloop.backends.ur.checks import check_entry, check_period, checks_of_program, checks_of_state
 from rtloop.backends.ur.enabling import Enabling
-from rtloop.backends.ur.fields import AXES, FREEDRIVE_BUTTON, RuntimeState, SafetyMode, UrRobotMode
+from rtloop.backends.ur.fields import AXES
 from rtloop.backends.ur.link import RtdeLink
 from rtloop.backends.ur.options import UrOptions
 from rtloop.backends.ur.points import GROUPS, READ, UrOutputs, points
 from rtloop.backends.ur.program import MotionProgram
+from rtloop.backends.ur.report import status_of
 from rtloop.backends.ur.torques import (
     MOTOR_TORQUE,
     REST_RAD_S,
@@ -38,16 +39,12 @@ from rtloop.backends.ur.torques import (
     check_version,
 )
 from rtloop.backends.ur.transport import TcpTransport, UrTransport
-from rtloop.backends.ur.words import hindrance, mode_in_words
 from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection
 
 if TYPE_CHECKING:
     from rtloop.contract import ContractRig
 
 PERIODS_S = (0.002, 0.004, 0.008)
-CB3_PERIOD_S = 0.008
-"""A CB3 sends 125 times per second; later controllers 500 times."""
-CB3 = 3
 NEEDED = (
     "timestamp",
     "actual_q",
@@ -71,18 +68,10 @@ USEFUL = (
 )
 REST_S = 2.0
 """Timeout for the arm to come to rest at the start, s."""
-ENDED_PACKAGES = 3
-"""Number of packages after which the end of cobot's program is a fault. A few are needed because the program
-ends just before the first package that contains the cause, such as an emergency stop.
-"""
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
 POSE_S = 0.1
 """Time until the controller reports the pose of the TCP that the program has set, s."""
-HALF_TURN = (0.0, 0.0, 0.0, 1.0)
-"""Quaternion (w, x, y, z) of the rotation between the controller's base frame and `base_link` in the
-manufacturer's robot descriptions.
-"""
 
 
 class _Hand(Enum):
@@ -163,7 +152,7 @@ class UrBackend:
         self._unconnected = 0  # packages since the program ended
         self._hand = _Hand.OFF
         self._begins_at_rest = False  # after torques: commands begin where the arm is
-        self._turned: bool | None = None  # whether the model's base is turned about z; None: unknown
+        self._base = BaseFrame()
         self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
 
     # Backend
@@ -231,7 +220,7 @@ class UrBackend:
         measured.position = self._beat.position
         measured.velocity = data["actual_qd"]
         measured.desired_effort = data["target_moment"]
-        measured.wrench = self._in_base(data["actual_TCP_force"])
+        measured.wrench = self._base.wrench_in_model(data["actual_TCP_force"])
         if self._torques is not None:
             require_accepted(self._check_torque())
             measured.effort = motor = np.array(data[MOTOR_TORQUE])
@@ -310,18 +299,8 @@ class UrBackend:
         data = self._beat.newest
         if data is None:
             return DeviceStatus(connection="no data yet", text=self._link.problem)
-        mode, safety = data["robot_mode"], data.get("safety_status", data["safety_mode"])
-        silent = self._silence_s > self._options.silence_s
-        return DeviceStatus(
-            connection="SILENT" if silent else "connected",
-            safety_stop=hindrance(safety),
-            drives=mode_in_words(mode),
-            brakes="released" if mode in (UrRobotMode.RUNNING, UrRobotMode.BACKDRIVE) else "applied",
-            speed_scaling=_speed_scaling(data),
-            packets_lost=self._beat.lost,
-            device_time_s=data["timestamp"],
-            text="; ".join(filter(None, self._texts(data, silent))),
-        )
+        is_silent = self._silence_s > self._options.silence_s
+        return status_of(data, self._texts(is_silent), is_silent=is_silent, packages_lost=self._beat.lost)
 
     def set_tool(self, tool: Tool) -> None:
         """Send the mass and the centre of mass to the controller, which compensates gravity itself."""
@@ -419,9 +398,11 @@ class UrBackend:
         until_s = self._transport.clock() + POSE_S
         while self._transport.clock() < until_s:
             yield
-        require_accepted(self._check_entry(self._newest))
-        if self._options.check_pose:
-            require_accepted(self._check_pose(self._newest))
+        data = self._newest
+        actual, target = np.array(data["actual_q"]), np.array(data["target_q"])
+        require_accepted(self._check_entry(actual, target, "is"))
+        if self._options.check_pose and self._model is not None:
+            require_accepted(self._base.check(self._model, data))
         self._program.send_tool(self._tool)
 
     def _abandon(self) -> None:
@@ -443,50 +424,18 @@ class UrBackend:
         """
         here = self._beat.position if self._begins_at_rest else np.array(data["target_q"])
         self._begins_at_rest = False
-        off = np.abs(here - command)
-        joint = int(off.argmax())
-        if not off[joint] <= self._options.entry_rad:
-            return self._far(joint, "is commanded", float(off[joint]))
+        result = self._check_entry(command, here, "is commanded")
+        if isinstance(result, Rejected):
+            return result
         self._transition.begin(here, command)
         self._periods = 1
         return ACCEPTED
 
-    def _check_entry(self, data: Mapping[str, Any]) -> Accepted | Rejected:
-        off: Array = np.abs(np.subtract(data["actual_q"], data["target_q"]))
-        if not np.isfinite(off).all():
-            return Rejected("the controller reports a joint position that is not a number")
-        joint = int(off.argmax())
-        if not off[joint] <= self._options.entry_rad:
-            return self._far(joint, "is", float(off[joint]))
-        return ACCEPTED
-
-    def _far(self, joint: int, what: str, off_rad: float) -> Rejected:
-        return Rejected(
-            f"{self._limits.names[joint]} {what} {off_rad:.6g} rad away from the position at which the "
-            f"controller holds it, allowed: {self._options.entry_rad} rad (robot.backend.entry_rad); "
-            "check the payload, and that nothing pulls at the arm"
-        )
-
     def _checks_of_a_command(self, data: Mapping[str, Any]) -> Iterator[Accepted | Rejected]:
         yield self._last_motion
         yield self._check_torque()
-        if reason := hindrance(data.get("safety_status", data["safety_mode"])):
-            yield Rejected(reason)
-        mode = data["robot_mode"]
-        released = self._hand is not _Hand.OFF and mode == UrRobotMode.BACKDRIVE
-        if mode != UrRobotMode.RUNNING and not released:
-            yield Rejected(f"the robot mode: {mode_in_words(mode)}")
-        if self._unconnected > ENDED_PACKAGES:
-            yield Rejected(
-                "cobot's program on the controller has ended: it was stopped at the teach pendant or by "
-                f"another client, or {self._causes_of_its_own()}"
-            )
-        if self._unconnected:
-            return
-        runtime = data["runtime_state"]
-        if runtime != RuntimeState.PLAYING:
-            name = RuntimeState(runtime).name.lower() if runtime in set(RuntimeState) else str(runtime)
-            yield Rejected(f"the program on the controller is {name}, not playing; reset the robot")
+        yield from checks_of_state(data, is_released=self._hand is not _Hand.OFF)
+        yield from checks_of_program(data, self._unconnected, self._causes_of_its_own())
 
     def _causes_of_its_own(self) -> str:
         """Why cobot's program ends by itself."""
@@ -498,13 +447,10 @@ class UrBackend:
         )
 
     def _check_period(self) -> Accepted | Rejected:
-        version = self._link.version
-        if version is not None and version[0] <= CB3 and self._period_s != CB3_PERIOD_S:
-            return Rejected(
-                f"the controller is a CB3 (software {self._link.version_text}), which sends every "
-                f"{CB3_PERIOD_S} s, but rt.period_s is {self._period_s:g} s: set it to {CB3_PERIOD_S}"
-            )
-        return ACCEPTED
+        return check_period(self._link.version, self._link.version_text, self._period_s)
+
+    def _check_entry(self, here: Array, held: Array, what: str) -> Accepted | Rejected:
+        return check_entry(self._limits.names, here, held, self._options.entry_rad, what)
 
     def _check_torque(self) -> Accepted | Rejected:
         version = self._link.version
@@ -512,46 +458,15 @@ class UrBackend:
             return ACCEPTED
         return check_version(version, self._link.version_text, has_torque=MOTOR_TORQUE in self._newest)
 
-    def _check_pose(self, data: Mapping[str, Any]) -> Accepted | Rejected:
-        """Check whether the controller reports its flange at the same pose as the model, in a base frame that
-        may be rotated by half a turn about z.
-        """
-        pose = data.get("actual_TCP_pose")
-        if pose is None or self._model is None or not np.isfinite(pose).all():
-            return ACCEPTED
-        joints = np.array(data["actual_q"])
-        flange = Pose(np.array(pose[:3]), _from_rotation_vector(pose[3:]))
-        result: Accepted | Rejected = ACCEPTED
-        for turned in (False, True):
-            found = _half_turned(flange) if turned else flange
-            result = check_agreement(self._model, joints, found)
-            if result is ACCEPTED:
-                self._turned = turned
-                return result
-        return result
-
-    def _in_base(self, wrench: tuple[float, ...]) -> Array:
-        """Convert a wrench from the controller to the axes of the model's base."""
-        found = np.array(wrench)
-        if self._turned:
-            found[[0, 1, 3, 4]] *= -1.0
-        return found
-
-    def _texts(self, data: Mapping[str, Any], silent: bool) -> Iterator[str]:
-        if silent:
+    def _texts(self, is_silent: bool) -> Iterator[str]:
+        if is_silent:
             yield f"no data for {self._silence_s:.1f} s: {self._link.problem or 'the controller is silent'}"
         elif self._enabled and isinstance(self._last_motion, Rejected):
             yield self._last_motion.reason
         yield f"software {self._link.version_text}"
         yield self._outputs.problem
-        if data["safety_mode"] == SafetyMode.REDUCED:
-            yield "reduced mode: the controller permits less speed and force"
         if self._hand is _Hand.GUIDES:
             yield "a person guides the arm by hand"
-        if data.get("robot_status_bits", 0) & FREEDRIVE_BUTTON:
-            yield "the freedrive button is pressed"
-        if data["target_speed_fraction"] < 1.0:
-            yield f"the speed slider is at {100.0 * data['target_speed_fraction']:.0f} %"
 
     @property
     def _silence_s(self) -> float:
@@ -580,24 +495,3 @@ class UrBackend:
         sequence = round(passed_s / self._period_s) if math.isfinite(passed_s) else 0
         if self._beat.take(data, sequence % (1 << 32), data["actual_q"]):
             self._answered, self._heard_s = False, self._transport.clock()
-
-
-def _speed_scaling(data: Mapping[str, Any]) -> float:
-    """Return the share of the motion speed: the speed slider times the controller's own reduction."""
-    share = data["speed_scaling"] * data["target_speed_fraction"]
-    return min(max(float(share), 0.0), 1.0) if math.isfinite(share) else 0.0
-
-
-def _from_rotation_vector(turn: tuple[float, ...]) -> Array:
-    """Convert a rotation vector, rad, to a quaternion (w, x, y, z)."""
-    vector = np.array(turn)
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    return np.array([math.cos(angle / 2.0), *(math.sin(angle / 2.0) / angle * vector)])
-
-
-def _half_turned(pose: Pose) -> Pose:
-    """Convert a pose to a base frame that is rotated by half a turn about z."""
-    x, y, z = pose.position
-    return Pose(np.array([-x, -y, z]), np.array(product(HALF_TURN, pose.quaternion.tolist())))

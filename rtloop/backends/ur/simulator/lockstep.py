@@ -12,7 +12,8 @@ from cobot.types import Array, JointLimits
 from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.backends.simulators.lockstep import EVERY, LockStepRig
 from rtloop.backends.ur import dashboard, enabling, robot_api, rtde
-from rtloop.backends.ur.backend import CB3_PERIOD_S, UrBackend
+from rtloop.backends.ur.backend import UrBackend
+from rtloop.backends.ur.checks import CB3_PERIOD_S
 from rtloop.backends.ur.fields import SafetyMode
 from rtloop.backends.ur.program import decode_position, decode_torque
 from rtloop.backends.ur.simulator.controller import UrController
