@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ def check_period(version: tuple[int, ...] | None, text: str, period_s: float) ->
 
 
 def check_entry(
-    names: list[str], here: Array, held: Array, entry_rad: float, what: str
+    names: Sequence[str], here: Array, held: Array, entry_rad: float, what: str
 ) -> Accepted | Rejected:
     """Check whether each joint is near the position at which the controller holds it.
 
