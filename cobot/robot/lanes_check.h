@@ -27,6 +27,10 @@ and motions contain a bound for the rounding of float32 (`slack`).
 #include <immintrin.h>
 #endif
 
+#if !defined(__clang__) && defined(__OPTIMIZE__)
+#pragma GCC push_options
+#pragma GCC optimize ("O3")
+#endif
 #define LANES_BODY
 #define LANES_NAME(x) x##_plain
 #include "lanes_check.h"
@@ -64,6 +68,9 @@ and motions contain a bound for the rounding of float32 (`slack`).
 #endif
 #endif
 #undef LANES_BODY
+#if !defined(__clang__) && defined(__OPTIMIZE__)
+#pragma GCC pop_options
+#endif
 
 /* The check with the named instructions, "" for the best ones; NULL if this processor lacks them. */
 static LaneCheck lanes_with(const char *name) {
@@ -298,6 +305,27 @@ static inline void LANES_NAME(leaf)(const vf *away, int linear, float outer, Wal
     walk->unsure |= left & LANES_NAME(bits)(&rests);
 }
 
+/* The lanes that a piece cannot change. A lane that is open stays so: only what is too near without motion
+   matters to it, and once it is unsure, only a hit. */
+static inline __attribute__((always_inline)) unsigned LANES_NAME(settled)(
+    const vf *away, int linear, float outer, const Walk *walk, unsigned left
+) {
+    const vf none = {0.0f};
+    unsigned found = 0;
+    if (left & walk->open) {
+        float bound = outer + walk->still;
+        bound = bound < 1e-6f ? 1e-6f : bound;
+        vi far = *away >= none + (linear ? bound : bound * bound);
+        found = walk->open & LANES_NAME(bits)(&far);
+    }
+    if (left & ~found & walk->unsure) {
+        float bound = outer + walk->touch;
+        vi far = *away >= none + bound * bound;
+        found |= walk->unsure & LANES_NAME(bits)(&far);
+    }
+    return found;
+}
+
 /* A moving tree against a standing shape. Returns the lanes of a hit. */
 static unsigned LANES_NAME(against_shape)(const State *state, const LanePart *part, const LanePart *shape, Walk *walk, unsigned active) {
     unsigned lanes[LANES_DEPTH + 1];
@@ -312,6 +340,7 @@ static unsigned LANES_NAME(against_shape)(const State *state, const LanePart *pa
             LANES_NAME(away)(shape, at, &away);
             LANES_NAME(judge)(&away, linear, node->outer + shape->round, node->inner + shape->round, walk, left, &left, &hit);
             if (hit) return hit;
+            if (left) left &= ~LANES_NAME(settled)(&away, linear, node->outer + shape->round, walk, left);
             if (left && node->skip == index + 1) LANES_NAME(leaf)(&away, linear, node->outer + shape->round, walk, left);
         }
         lanes[node->depth + 1] = left;
@@ -320,27 +349,20 @@ static unsigned LANES_NAME(against_shape)(const State *state, const LanePart *pa
     return 0;
 }
 
-/* Two trees: of the two nodes the larger one is opened. */
+/* Two trees: of the two nodes, whose centres are given, the larger one is opened. */
 static unsigned LANES_NAME(between_trees)(
-    const State *state, const LanePart *first, int one, const LanePart *second, int other, Walk *walk, unsigned active
+    const State *state, const LanePart *first, int one, const vf *centre, const LanePart *second, int other,
+    const vf *mate_centre, Walk *walk, unsigned active
 ) {
     const LaneNode *node = &first->nodes[one], *mate = &second->nodes[other];
     unsigned left = active & ~walk->decided, hit;
     if (!left) return 0;
-    vf at[3], from[3], away;
-    LANES_NAME(centre)(state, first, node, at);
-    LANES_NAME(centre)(state, second, mate, from);
-    for (int i = 0; i < 3; i++) at[i] -= from[i];
+    vf at[3], away;
+    for (int i = 0; i < 3; i++) at[i] = centre[i] - mate_centre[i];
     away = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
     LANES_NAME(judge)(&away, 0, node->outer + mate->outer, node->inner + mate->inner, walk, left, &left, &hit);
     if (hit || !left) return hit;
-    if (left & walk->unsure) { /* these are looked at for a hit alone, and there is none so far away */
-        const vf none = {0.0f};
-        float bound = node->outer + mate->outer + walk->touch;
-        vi far = away >= none + bound * bound;
-        left &= ~(walk->unsure & LANES_NAME(bits)(&far));
-        if (!left) return 0;
-    }
+    if (!(left &= ~LANES_NAME(settled)(&away, 0, node->outer + mate->outer, walk, left))) return 0;
     int splits = node->skip > one + 1, mate_splits = mate->skip > other + 1;
     if (!splits && !mate_splits) {
         LANES_NAME(leaf)(&away, 0, node->outer + mate->outer, walk, left);
@@ -348,13 +370,27 @@ static unsigned LANES_NAME(between_trees)(
         return 0;
     }
     if (splits && (!mate_splits || node->outer >= mate->outer)) {
-        for (int below = one + 1; below < node->skip; below = first->nodes[below].skip)
-            if ((hit = LANES_NAME(between_trees)(state, first, below, second, other, walk, left))) return hit;
+        for (int below = one + 1; below < node->skip; below = first->nodes[below].skip) {
+            LANES_NAME(centre)(state, first, &first->nodes[below], at);
+            if ((hit = LANES_NAME(between_trees)(state, first, below, at, second, other, mate_centre, walk, left))) return hit;
+        }
     } else {
-        for (int below = other + 1; below < mate->skip; below = second->nodes[below].skip)
-            if ((hit = LANES_NAME(between_trees)(state, first, one, second, below, walk, left))) return hit;
+        for (int below = other + 1; below < mate->skip; below = second->nodes[below].skip) {
+            LANES_NAME(centre)(state, second, &second->nodes[below], at);
+            if ((hit = LANES_NAME(between_trees)(state, first, one, centre, second, below, at, walk, left))) return hit;
+        }
     }
     return 0;
+}
+
+/* The same for the whole trees of two parts. */
+static unsigned LANES_NAME(between_parts)(
+    const State *state, const LanePart *first, const LanePart *second, Walk *walk, unsigned active
+) {
+    vf centre[3], mate_centre[3];
+    LANES_NAME(centre)(state, first, first->nodes, centre);
+    LANES_NAME(centre)(state, second, second->nodes, mate_centre);
+    return LANES_NAME(between_trees)(state, first, 0, centre, second, 0, mate_centre, walk, active);
 }
 
 static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, LaneAnswer *answer) {
@@ -397,7 +433,7 @@ static void LANES_NAME(check)(const LaneModel *model, const LaneQuery *query, La
         walk.need += walk.still;
         walk.open = walk.unsure = walk.decided = 0;
         hit = second->kind <= LANES_CLOUD
-            ? LANES_NAME(between_trees)(&state, first, 0, second, 0, &walk, active)
+            ? LANES_NAME(between_parts)(&state, first, second, &walk, active)
             : LANES_NAME(against_shape)(&state, first, second, &walk, active);
         if (hit) {
             answer->hit |= hit;
