@@ -2,7 +2,7 @@
 
 from libc.math cimport fmax, fmin, sqrt
 from libc.stdint cimport uint64_t
-from libc.string cimport memcpy, memmove
+from libc.string cimport memcmp, memcpy, memmove
 
 import numpy as np
 
@@ -14,6 +14,7 @@ cdef enum:
     CHOICES = 12    # number of random cuts, of which the one that would save most is tried
     TRIALS = 200
     FAILURES = 50   # number of consecutive trials without a gain after which the search ends
+    KEPT = 64       # number of edges that are remembered
     HALVINGS = 3    # with more, a corner gets nearer to an obstacle, where each check takes long
 
 cdef double WORTH = 1e-3  # a cut that gains less than this share of the length is not tried
@@ -31,6 +32,8 @@ cdef struct Way:
     double* reached     # along the way to each corner
     int count
     int dof
+    double* touching    # edges that are not free: both ends of each
+    int touching_count
 
 
 def shorten(Clearance clearance, corners, uint64_t seed):
@@ -61,13 +64,14 @@ cdef _open(Clearance clearance, corners, Way* way):
     given = np.array(corners, dtype=np.float64).reshape(-1, dof)
     room = np.zeros((len(given) + TRIALS + 2, dof))
     room[: len(given)] = given
-    reached = np.zeros(len(room))
+    reached, touching = np.zeros(len(room)), np.empty(2 * KEPT * dof)
     way.corners, way.reached = doubles(room, room.size), doubles(reached, len(reached))
     way.count, way.dof = len(given), dof
+    way.touching, way.touching_count = doubles(touching, len(touching)), 0
     if way.count < 2 or not np.isfinite(given).all():
         raise ValueError("a polyline of finite corners, at least two, is needed")
     clearance.enclose()
-    return room, reached
+    return room, reached, touching
 
 
 cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogil:
@@ -79,11 +83,30 @@ cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogi
     for _trial in range(TRIALS):
         if way.count == 2 or failures == FAILURES:
             return
-        if _find_cut(way, &state, &cut) and clearance.c_is_edge_free(cut.begin, cut.end):
+        if _find_cut(way, &state, &cut) and _is_free(clearance, way, cut.begin, cut.end):
             _make(way, &cut)
             failures = 0
         else:
             failures += 1
+
+
+cdef bint _is_free(Clearance clearance, Way* way, const double* begin, const double* end) noexcept nogil:
+    """Whether an edge is free. Most cuts join corners, so the same ones come again; those that are not free
+    are remembered."""
+    cdef size_t size = way.dof * sizeof(double)
+    cdef double* ends = way.touching
+    cdef int _edge
+    for _edge in range(min(way.touching_count, <int>KEPT)):
+        if memcmp(ends, begin, size) == 0 and memcmp(ends + way.dof, end, size) == 0:
+            return False
+        ends += 2 * way.dof
+    if clearance.c_is_edge_free(begin, end):
+        return True
+    ends = way.touching + way.touching_count % KEPT * 2 * way.dof
+    memcpy(ends, begin, size)
+    memcpy(ends + way.dof, end, size)
+    way.touching_count += 1
+    return False
 
 
 cdef bint _find_cut(const Way* way, uint64_t* state, Cut* best) noexcept nogil:
@@ -152,7 +175,7 @@ cdef void _leave_out(Clearance clearance, Way* way) noexcept nogil:
     cdef int index = 1
     cdef int count
     while index < way.count - 1:
-        if clearance.c_is_edge_free(&way.corners[(index - 1) * dof], &way.corners[(index + 1) * dof]):
+        if _is_free(clearance, way, &way.corners[(index - 1) * dof], &way.corners[(index + 1) * dof]):
             count = way.count - index - 1
             memmove(&way.corners[index * dof], &way.corners[(index + 1) * dof], count * dof * sizeof(double))
             way.count -= 1
