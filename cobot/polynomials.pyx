@@ -30,9 +30,9 @@ cdef double[ORDER][ORDER] FROM_ENDS = [
     [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
 ]
 
-# For degrees up to 4: the control points of a Bezier curve from its coefficients, as quotients of binomials.
-cdef double[5][5][5] BERNSTEIN
-for _degree in range(5):
+# By degree: the control points of a Bezier curve from its coefficients, as quotients of binomials.
+cdef double[ORDER][ORDER][ORDER] BERNSTEIN
+for _degree in range(ORDER):
     for _row in range(_degree + 1):
         for _column in range(_row + 1):
             BERNSTEIN[_degree][_row][_column] = comb(_row, _column) / comb(_degree, _column)
@@ -299,12 +299,8 @@ def control_points(coefficients, widths):
     cdef const double* given = doubles(rows, pieces * n * order)
     cdef const double* width = doubles(lengths, pieces)
     cdef double* point = doubles(out, pieces * n * order)
-    cdef double share[ORDER][ORDER]
     cdef double unit[ORDER]
     cdef double sum
-    for row in range(order):
-        for k in range(row + 1):
-            share[row][k] = comb(row, k) / comb(order - 1, k)
     with nogil:
         for piece in range(pieces):
             unit[0] = 1.0
@@ -314,7 +310,7 @@ def control_points(coefficients, widths):
                 for row in range(order):
                     sum = 0.0
                     for k in range(row + 1):
-                        sum += given[(piece * n + i) * order + k] * unit[k] * share[row][k]
+                        sum += given[(piece * n + i) * order + k] * unit[k] * BERNSTEIN[order - 1][row][k]
                     point[(piece * order + row) * n + i] = sum
     return out
 

@@ -182,7 +182,9 @@ class Trajectory:
         """All segments and joints whose extremum leaves the range from `low` to `high`, and the values, shape
         (m,) each.
         """
-        rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
+        rows = self.coefficients
+        if derivative > 0:
+            rows = rows[:, :, derivative:] * FACTORS[derivative, derivative:]
         hull = control_points(rows, np.diff(self.breakpoints_s))
         segments, joints = np.nonzero((hull.min(axis=1) < low) | (hull.max(axis=1) > high))
         if len(segments) == 0:

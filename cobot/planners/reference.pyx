@@ -137,9 +137,11 @@ cdef _factors(
         factor[i] = min(factor[i], factor[i - 1] + change)
     for i in range(even - 2, -1, -1):
         factor[i] = min(factor[i], factor[i + 1] + change)
+    before, after = np.zeros(half, dtype=np.intp), np.full(half, even - 1)
+    padded = np.concatenate([before, np.arange(even), after])
+    weights = np.full(2 * half + 1, 1.0 / (2 * half + 1))
     for _mean in range(MEANS):
-        padded = np.pad(factors, half, mode="edge")
-        factors = np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), mode="valid")
+        factors = np.convolve(factors[padded], weights, mode="valid")
     return factors
 
 

@@ -83,4 +83,5 @@ def divide(corners: Array, step_rad: float) -> Array:
 
 def length(corners: Array) -> float:
     """The length of a polyline, shape (n, dof)."""
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+    steps = corners[1:] - corners[:-1]
+    return float(np.sqrt((steps * steps).sum(axis=1)).sum())

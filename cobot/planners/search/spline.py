@@ -68,9 +68,8 @@ def resampled(corners: Array, count: int) -> Array:
     They are at the Greville abscissae, so that the spline of a straight line has constant speed.
     """
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    return np.stack(
-        [np.interp(_unit(count).greville * reached[-1], reached, column) for column in corners.T], axis=1
-    )
+    places = _unit(count).greville * reached[-1]
+    return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
 def control_spline(points: Array) -> BSpline:

@@ -30,9 +30,7 @@ def basis(x: float) -> Array:
     )
 
 
-def bases(x: float, count: int) -> Array:
-    """The result of `basis` for each of `count` cells, shape (count, 3, 3)."""
-    return np.broadcast_to(basis(x), (count, 3, 3))
+BASES = np.array([basis(x) for x in (0.0, MIDDLE, 1.0)])
 
 
 @lru_cache(maxsize=32)
@@ -45,7 +43,7 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
-    return index, np.concatenate([bases(0.0, cells), bases(MIDDLE, cells), bases(1.0, 1)])
+    return index, BASES.repeat([cells, cells, 1], axis=0)
 
 
 @lru_cache(maxsize=32)
@@ -55,15 +53,14 @@ def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])
-    return index, np.concatenate([bases(0.0, cells), bases(1.0, cells), bases(MIDDLE, 2 * ending)])
+    return index, BASES[[0, 2, 1]].repeat([cells, cells, 2 * ending], axis=0)
 
 
 @lru_cache(maxsize=32)
 def duration_stations(cells: int) -> tuple[Array, Array, Array]:
     """Cells and bases at the beginning, middle and end of each cell, and Simpson's weights, shape (n, 1)."""
     weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
-    base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
-    return np.tile(np.arange(cells), 3), base, weights
+    return np.tile(np.arange(cells), 3), BASES.repeat(cells, axis=0), weights
 
 
 NODES, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))

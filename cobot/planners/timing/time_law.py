@@ -203,7 +203,8 @@ class _Problem:
         self._robot, self._coordinates = robot, coordinates
         self._path, self._limits = coordinates.path, coordinates.limits
         self._cells = len(points) - 3
-        self._begin = np.pad(widths, 1, mode="edge") ** -2.0  # at this rate the cells have these durations
+        edges = np.concatenate([widths[:1], widths, widths[-1:]])
+        self._begin = edges**-2.0  # at this rate the cells have these durations
         begins, middles, ends = cubics(points)
         law = np.concatenate([begins, middles, ends[:, -1:]], axis=1)
         joints, derivatives, slowness = coordinates.at(law[0])
