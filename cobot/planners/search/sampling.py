@@ -9,8 +9,10 @@ whole, see `cobot.robot.clearance`. So there is no resolution to choose.
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from ompl import base, geometric, util
@@ -25,10 +27,13 @@ from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
-SPARE_M, SPARE_SHARE = 1e-3, 0.3
+SPARE_M, SPARE_ATTEMPTS, SPARE_SHARE = 1e-3, 5000, 0.3
 """Distance that a polyline keeps in addition to the margin if its ends also keep it. It leaves room for
-blending the corners. If no polyline with this distance is found within this share of the time, the search
-continues with the margin alone."""
+blending the corners. If RRTConnect finds no such polyline with this number of attempts to add a node, per
+second of the request's time, the search continues with the margin alone. This is a count and not a time, so
+that the same seed always gives the same path. The algorithms from the OMPL library have this share of the
+time.
+"""
 RANGE_RAD = 2.0
 """Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
@@ -77,8 +82,8 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
     margin_m, room_m = robot.collision.margin_m, room(robot, np.vstack([start, goals]))
     corners = None
     if room_m > margin_m:
-        short = replace(request, timeout_s=SPARE_SHARE * request.timeout_s)
-        corners = _search(robot, start, goals, short, room_m)
+        attempts = math.ceil(SPARE_ATTEMPTS * request.timeout_s)
+        corners = _search(robot, start, goals, request, room_m, attempts, SPARE_SHARE)
     if corners is None:
         left = replace(request, timeout_s=max(0.0, end_s - time.monotonic()))
         corners = _search(robot, start, goals, left, margin_m)
@@ -89,20 +94,31 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
 
 
 def _search(
-    robot: RobotDescription, start: Array, goals: Array, request: MotionRequest, distance_m: float
+    robot: RobotDescription,
+    start: Array,
+    goals: Array,
+    request: MotionRequest,
+    distance_m: float,
+    attempts: int = 0,
+    share: float = 1.0,
 ) -> Array | None:
-    """The corners of a polyline that keeps this distance; None if the request's time ends before one is
-    found.
+    """The corners of a polyline that keeps this distance; None if the request's time, or for RRTConnect the
+    number of attempts, or for another algorithm the share of the time, ends before one is found.
     """
     with robot.collision.keeping(distance_m) as clearance:
         if request.algorithm == RRT_CONNECT:
-            return _connect(robot, clearance, start, goals, request)
-        found = _Search(robot, clearance, start, goals, request.algorithm).run(request.timeout_s)
+            return _connect(robot, clearance, start, goals, request, attempts)
+        found = _Search(robot, clearance, start, goals, request.algorithm).run(share * request.timeout_s)
         return None if found is None else draw_in(clearance, shorten(clearance, found, request.seed))
 
 
 def _connect(
-    robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
+    robot: RobotDescription,
+    clearance: Clearance,
+    start: Array,
+    goals: Array,
+    request: MotionRequest,
+    attempts: int,
 ) -> Array | None:
     """The first path if it is close to the direct way. Otherwise the shortest of several paths and of their
     combination, see `without_detours`.
@@ -111,9 +127,9 @@ def _connect(
     """
     bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s
-    random = np.random.default_rng(request.seed)
-    seed = int(random.integers(2**62))
-    found, goals = _first(robot, clearance, start, goals, request, seed)
+    seeds = iter(_seeds(request.seed))
+    seed = next(seeds)
+    found, goals = _first(robot, clearance, start, goals, request, seed, attempts)
     if found is None:
         return None
     away = np.linalg.norm(goals - start, axis=1)
@@ -131,7 +147,7 @@ def _connect(
         for share in LATER_SHARES if number else FIRST_SHARES:
             if is_enough() or is_too_much() or len(paths) >= PATHS:
                 break
-            seed, left_s = int(random.integers(2**62)), deadline_s - time.monotonic()
+            seed, left_s = next(seeds), deadline_s - time.monotonic()
             longest_rad = direct_rad + share * (length(best) - direct_rad)
             near = goals[away <= longest_rad]
             found = connect(clearance, start, near, *bounds, seed, left_s, RANGE_RAD, longest_rad, ATTEMPTS)
@@ -148,6 +164,13 @@ def _connect(
     return draw_in(clearance, best)
 
 
+@lru_cache(maxsize=64)
+def _seeds(seed: int) -> list[int]:
+    """The seeds of all searches of a request. To compute them takes longer than a short search."""
+    count = 1 + len(FIRST_SHARES) + (ROUNDS - 1) * len(LATER_SHARES)
+    return [int(each) for each in np.random.default_rng(seed).integers(2**62, size=count)]
+
+
 def _first(
     robot: RobotDescription,
     clearance: Clearance,
@@ -155,19 +178,23 @@ def _first(
     goals: Array,
     request: MotionRequest,
     seed: int,
+    most: int,
 ) -> tuple[Array | None, Array]:
     """The first path and the goals known by then. An arm with more joints than the pose needs may have no
     collision-free path to the first goals. If no path is found soon, more goals are therefore computed for
-    it.
+    it. `most` is the maximum number of attempts to add a node; 0: no limit but the time.
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position
     grows = isinstance(request.goal, Pose) and robot.model.kinematics(request.free_axes).redundant
-    attempts = FIRST_ATTEMPTS if grows else 0
+    attempts, tried = FIRST_ATTEMPTS if grows else most, 0
     for number in itertools.count():
         left_s = deadline_s - time.monotonic()
+        if most:
+            attempts = min(attempts, most - tried)
         found = connect(clearance, start, goals, *bounds, seed + number, left_s, RANGE_RAD, np.inf, attempts)
-        if found is not None or not grows or time.monotonic() >= deadline_s:
+        tried += attempts
+        if found is not None or not grows or tried == most or time.monotonic() >= deadline_s:
             break
         goals = np.vstack([goals, more_goals(robot, request, number + 1)])
         attempts += attempts // 2

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from independent_models import Contacts, changed_world, largest_rates, rate_limi
 from benchmarks.planning import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
+from cobot.planners.rrt_connect import connect
 from cobot.planners.search import sampling, spline
 from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import Timed, time_optimal
@@ -235,6 +237,38 @@ def test_chomp_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> 
         plan(there, request)
 
 
+def bar_and_post(gap_mm: float) -> RobotDescription:
+    """A bar that turns about one joint, and a post at this distance from its way."""
+    arm = robot_of(Chain((Z,), ((0.3, 0.0, 0.0),)))
+    tip_m, side_m = 0.7 * 0.3 + 0.03, 0.02
+    post = SceneObject(
+        "box", (side_m,) * 3, (tip_m + 1e-3 * gap_mm + 0.5 * side_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    )
+    return replace(arm, collision=arm.collision.among(Scene(1, {"post": post})))
+
+
+def test_a_count_and_not_a_time_ends_the_search_that_keeps_more_than_the_margin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Otherwise the speed of the computer would decide between two paths."""
+    limits: list[tuple[float, int]] = []
+
+    def searched(*args: Any) -> Array | None:
+        limits.append((args[6], args[9]))
+        return connect(*args)
+
+    monkeypatch.setattr(sampling, "connect", searched)
+    monkeypatch.setattr(sampling, "SPARE_ATTEMPTS", 10)
+    goal = np.array([1.0])
+    request = MotionRequest(np.array([-1.0]), goal, PlannerName.OMPL, Scaling(1.0), timeout_s=WAIT_S)
+    sampling.find_path(bar_and_post(5.8), request, goal[None])
+    (left_s, attempts), (later_s, unlimited) = limits
+    assert left_s == pytest.approx(WAIT_S, rel=0.1)
+    assert attempts == 10 * WAIT_S
+    assert later_s > 0.5 * WAIT_S
+    assert unlimited == 0
+
+
 @pytest.mark.parametrize("algorithm", ["RRTConnect", "RRT"])
 @pytest.mark.parametrize(("gap_mm", "is_wide_enough"), [(4.8, False), (5.2, True), (5.8, True), (6.5, True)])
 def test_a_passage_that_leaves_the_margin_and_little_more_is_found(
@@ -242,12 +276,8 @@ def test_a_passage_that_leaves_the_margin_and_little_more_is_found(
 ) -> None:
     """Oracle: geometry. A bar that turns about one joint passes a post at exactly the distance of the gap."""
     monkeypatch.setattr(sampling, "SPARE_SHARE", 0.002)
-    arm = robot_of(Chain((Z,), ((0.3, 0.0, 0.0),)))
-    tip_m, side_m = 0.7 * 0.3 + 0.03, 0.02
-    post = SceneObject(
-        "box", (side_m,) * 3, (tip_m + 1e-3 * gap_mm + 0.5 * side_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    )
-    among = replace(arm, collision=arm.collision.among(Scene(1, {"post": post})))
+    monkeypatch.setattr(sampling, "SPARE_ATTEMPTS", 10)
+    among = bar_and_post(gap_mm)
     start, goal = np.array([-1.0]), np.array([1.0])
     timeout_s = WAIT_S if is_wide_enough else 0.2
     request = MotionRequest(
