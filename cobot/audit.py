@@ -5,8 +5,8 @@ A thread writes the entries, so that no request waits for a disk. While the disk
 `CAPACITY` entries wait. Further entries are counted, and the file reports their number once there is room. A
 client that repeats an action more than `BURST` times in a second causes one entry with the number of
 repetitions. When all waiting entries have been written, the file is flushed (fdatasync). A power cut loses
-only the entries that were waiting for the disk. The module is long because recording an action and storing
-the record together give one guarantee.
+only the entries that were waiting for the disk. This module is long because the guarantee covers both
+recording an action and storing the record.
 """
 
 from __future__ import annotations

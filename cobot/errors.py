@@ -2,36 +2,36 @@
 
 CobotError
 ├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
-├── InputError           a request cannot be honoured as it is written; nothing has moved
-│   ├── LimitError       a value lies beyond a limit of joint_limits.yaml
+├── InputError           a request is invalid or impossible; nothing has moved
+│   ├── LimitError       a value exceeds a limit in joint_limits.yaml
 │   ├── NotFoundError    a named thing does not exist
 │   └── HeaderError      a header of the request is missing
 ├── PlanningError        no motion could be planned; nothing has moved
 │   ├── UnreachableError     no joint position puts the TCP there
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
-│   └── PlanningTimeout      the planner did not finish in its time
-├── ExecutionError       a motion was started and not completed
-│   ├── ConditionNotMet      it has ended, and not by the condition that was to end it
-│   ├── MotionStopped        a client, a person or a safety function stopped it
-│   └── MotionTimeout        it did not arrive and settle within its time
+│   └── PlanningTimeout      the planner did not finish within its time limit
+├── ExecutionError       a motion was started but not completed
+│   ├── ConditionNotMet      the motion has ended before its condition `until` was met
+│   ├── MotionStopped        a client, a person or a safety function has stopped the motion
+│   └── MotionTimeout        the motion did not reach its goal and settle in time
 ├── ConflictError        another client has control, or the current state does not permit the call
-│   └── ChangedError         another client has changed what this client changes
-├── NotSupportedError    this product cannot honour the call
+│   └── ChangedError         another client has changed the same object in the meantime
+├── NotSupportedError    this product does not support the call
 ├── DeviceError          a device, a port or a peer rejected the request or disconnected
-│   └── DeviceTimeout        it did not answer in the time given
+│   └── DeviceTimeout        the device did not answer in time
 ├── PayloadError         a body is larger than the service accepts
 ├── MediaTypeError       a body has a type that the endpoint does not accept
-├── AuthenticationError  the client has not authenticated, and the call requires it
+├── AuthenticationError  the call requires a valid token, and the client has sent none
 ├── PermissionDenied     the client's role does not permit the call
-│   └── MisdirectedError     the request was meant for another host than this one
+│   └── MisdirectedError     the request is addressed to another host
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
-│   ├── BusyError            too many connections are open for this one to be served
-│   └── NotReadyError        the robot answers but is in a mode that permits no motion
-└── SharedMemoryError    shared memory is not what this program expects
-    ├── LayoutError          another layout version, another robot, or no memory of cobot
+│   ├── BusyError            too many connections are open to serve another one
+│   └── NotReadyError        the robot answers, but its mode permits no motion
+└── SharedMemoryError    the shared memory does not have the expected content
+    ├── LayoutError          it has another layout version, or belongs to another robot or program
     └── TornReadError        no consistent copy was read within the maximum number of tries
 
-`app.api.errors` holds the one mapping of these classes to HTTP statuses.
+`app.api.errors` maps these classes to HTTP statuses.
 """
 
 from __future__ import annotations

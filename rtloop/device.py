@@ -51,8 +51,8 @@ class DeviceWatch:
         period_s: interval at which the device is polled.
         cell: reports the simulated cell.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
-        unacknowledged: findings of the first contact that a user still has to acknowledge; "" if there are
-            none.
+        unacknowledged: findings of the first contact that a user still has to acknowledge; "" if nothing is
+            left to acknowledge.
         is_enabling: whether a reset that takes several cycles is in progress.
     """
 

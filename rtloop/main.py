@@ -152,7 +152,8 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
-        set_niceness(Niceness.PROMPT)  # readers would take an old state for that of a dead process
+        # Otherwise the states could become so old that readers would consider this process dead.
+        set_niceness(Niceness.PROMPT)
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not requested: the fast clock does not wait"
         )

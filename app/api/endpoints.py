@@ -34,8 +34,8 @@ class Endpoint:
         enabled: whether it is served.
 
     Raises:
-        ValueError: a programming error: `control` or `costly` on a method for which `CobotRoute` ignores it,
-            or would hold the turn while the body comes in.
+        ValueError: `control` or `costly` is set for a method for which `CobotRoute` ignores it, or for which
+            it would hold the turn while the body arrives.
     """
 
     name: str

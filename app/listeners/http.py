@@ -237,7 +237,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _require_chunked(self) -> None:
         """Check that the Transfer-Encoding is `chunked`, the only supported one. With any other, the encoded
-        data would be taken for the content.
+        data would be mistaken for the content.
 
         RFC 9112, 6.1. The parser itself rejects Transfer-Encoding together with Content-Length, and `chunked`
         before another encoding.

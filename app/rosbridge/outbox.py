@@ -164,7 +164,7 @@ class Outbox:
             self.answer(content, fragment_size)
 
     def texts(self) -> Iterator[str]:
-        """Yield the messages that can be sent now. The iteration ends when there are none."""
+        """Yield the messages that can be sent now. The iteration ends when no message can be sent."""
         while True:
             found = False
             yield from self._take_answers()

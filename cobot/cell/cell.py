@@ -135,9 +135,10 @@ class CellSolid(CellEntry):
         scale: for a mesh: metres per unit of its file.
         tolerance_m: for a mesh: how far its solids may reach beyond its non-convex parts.
         hull: for a mesh: whether its convex hull is used.
-        position_m: position of its middle; for a mesh, of the middle of its bounding box.
+        position_m: position of its centre; for a mesh, of the centre of its bounding box.
         rotation_deg: angles about the fixed x, y and z axes of the base frame, in this order.
-        friction: coefficient of friction. If two solids touch, the larger one counts, or that of the part.
+        friction: coefficient of friction. Between two solids, the larger friction counts; between a solid and
+            a part, the friction of the part.
     """
 
     MAX_LENGTH_M: ClassVar[float] = 10.0

@@ -21,11 +21,11 @@ MIN_EDGE_M = 0.002
 
 @dataclass(frozen=True, slots=True)
 class MeshShape:
-    """A mesh. The middle of its bounding box is the origin. All lengths are in m.
+    """A mesh. The centre of its bounding box is the origin. All lengths are in m.
 
     Attributes:
         size: lengths of the edges of the bounding box.
-        boxes: middle and edges of each box.
+        boxes: centre and edges of each box.
         hulls: corners of each convex solid that is not a box.
         vertices, triangles: the mesh of the file as flat sequences of numbers.
     """

@@ -42,7 +42,7 @@ def load_with_rolled_out(path: Path | None) -> Settings:
 
 
 def advice(settings: Settings) -> str:
-    """A hint for a start that fails while rolled-out settings are in force; "" if there are none."""
+    """A hint for a start that fails while rolled-out settings are in force; "" otherwise."""
     link = settings.rolled_out
     if not settings.fleet.connect or not link.is_symlink():
         return ""

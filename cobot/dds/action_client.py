@@ -10,7 +10,7 @@ is a JSON object with `what`:
     joint       position, effort of the joint
     sent        number of a goal that is sent now
     answer      of a goal: its number, accepted
-    result      of a goal: its number, status and values; number 0 is that of a goal from before this process
+    result      of a goal: its number, status and values; number 0 is a goal from before this process
     error       text
 
 A goal is sent after the answer to the previous one, because a driver with several threads may execute two

@@ -1,23 +1,23 @@
 """`python -m cobot.dds.arm_client SETTINGS`: a client of an arm's joint trajectory controller.
 
-It is a separate process, so that network traffic never delays rtloop. When its standard input ends, it
-cancels its goal and ends. SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`,
+The client is a separate process, so that network traffic never delays rtloop. When its standard input ends,
+it cancels its goal and ends. SETTINGS is a JSON object: `domain_id`, `interfaces`, `localhost_only`, `peers`,
 `robot`, `joints` (names in the arm's order), `namespace`, `controller`, `action`, `controller_manager`,
 `joint_states`, `speed_scaling`, `gpio`, `answer_timeout_s`, `tolerances`.
 
-A line of its input is a JSON object with `ask`; each is answered with one line, a JSON object. `error` in it
-says why something was not done.
+Each line of the input is a JSON object. Its field `ask` names the request, as listed below. The answer is one
+line with a JSON object. If a request was not executed, the field `error` gives the reason.
 
-    facts    what it has seen: the fields of `rtloop.backends.ros2_control.link.Facts`
+    facts    the received data: the fields of `rtloop.backends.ros2_control.link.Facts`
     load     take a motion of `points`; `bytes` doubles follow: times, positions, velocities, accelerations
-    start    send it as a goal; the answer comes with that of the controller, or after `answer_timeout_s`
-    cancel   cancel all goals of the action; the answer's `failed` says why that failed
-    output   send the `value` of an `interface`, an output of the driver; a later failure is in the facts
+    start    send the motion as a goal; answered after the controller's answer or `answer_timeout_s`
+    cancel   cancel all goals of the action; if that fails, `failed` in the answer gives the reason
+    output   send the `value` of an `interface`, an output of the driver; the facts report a later failure
     forget   forget the last goal, and choose the controller again
 
-With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives there holds doubles,
-    which are published as a command of a forward command controller. Each joint state is sent there as
-    doubles: the time on the monotonic clock, positions, velocities, efforts.
+With `stream`, the descriptor of a socket, there are no goals. Each datagram that arrives contains doubles,
+which are published as a command of a forward command controller. Each joint state is sent there as doubles:
+the time on the monotonic clock, positions, velocities, efforts.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from cobot.ros.fingers import FINGER_JOINTS, FRESH_S, FingerState
 from cobot.ros.robot_messages import JOINT_STATES, MEASURED, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 IDLE_S = 0.02
-"""Interval at which this process checks for subscribers while there are none, s."""
+"""Interval at which this process looks for subscribers while there are no subscribers, s."""
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4

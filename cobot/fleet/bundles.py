@@ -120,7 +120,7 @@ class RobotBundles:
     @property
     def restart(self) -> str:
         """The settings that a roll-out or a rollback has changed and that need a restart of this cell, as
-        text; "" if there are none.
+        text; "" if no setting needs a restart.
         """
         found, pending = self.installed, self._pending  # a different thread may replace them
         texts = []

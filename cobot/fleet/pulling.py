@@ -22,9 +22,7 @@ PARTIAL, COMPLETE = 206, 416
 
 
 def pull(chosen: argparse.Namespace) -> int:
-    """Copy recordings that do not exist on this computer yet. An interrupted copy continues where it
-    ended.
-    """
+    """Copy recordings that do not exist on this computer yet. An interrupted copy is continued later."""
     found = ask(chosen, "GET", "/recordings")["recordings"]
     known = {each["cell"] for each in [*found, *ask(chosen, "GET", "/cells")["robots"]]}
     for cell in chosen.cells:

@@ -175,7 +175,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None, pa
     Args:
         hosts: names and addresses that requests may use for the hub, without ports.
         tokens: the valid tokens; None if every client that reaches the hub may use it.
-        panel_port: port of the cells' panels; 0 if there are none.
+        panel_port: port of the cells' panels; 0 if the hub serves no panels of cells.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
     app.add_middleware(LimitedBody)

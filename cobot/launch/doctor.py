@@ -96,7 +96,7 @@ def doctor(
     """Examine this computer and the configuration.
 
     Returns:
-        Whether there is no problem; warnings do not count as problems.
+        True if no problem was found. Warnings are not problems.
     """
     findings = list(_findings(config, machine or Machine()))
     if as_json:

@@ -212,7 +212,9 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self._arm.close()
 
     def _read_start(self, options: dict[str, Any] | None) -> Array | None:
-        """The joint positions in the options at which an episode begins; None if there are none."""
+        """The joint positions in the options at which an episode begins; None if the options do not contain
+        them.
+        """
         if not isinstance(options, Mapping | None):
             raise InputError(f"options must be a dictionary, got {options!r}")
         given = dict(options or {})

@@ -249,7 +249,7 @@ def _read(file: io.BytesIO) -> Episode:
         raise ValueError("it has no frame")
     lengths = {len(each) for each in (*rows.values(), *pictures.values())}
     if lengths != {len(times_ns)} or len(gripper) not in (0, len(times_ns)):
-        raise ValueError("its topics are of different lengths")
+        raise ValueError("its topics have different lengths")
     return Episode(
         about=dict(about),
         joint_names=list(json.loads(about["joint_names"])),

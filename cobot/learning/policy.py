@@ -1,10 +1,10 @@
 """Lets a policy move the arm. The policy answers an observation with a chunk of actions, and the real-time
 loop (`rtloop`) blends consecutive chunks.
 
-The arm follows the last chunk while the policy computes the next one. The runner therefore requests a chunk
-early enough that it arrives before the last one ends, estimated from the latest response times. Actions whose
-time has passed when the chunk arrives are left out. rtloop changes to the new chunk with continuous velocity
-and acceleration, within the limits (docs/streaming.md).
+The arm follows the last chunk while the policy computes the next one. The runner therefore requests the next
+chunk so early that it arrives before the current one ends. It estimates the time for this from the latest
+response times. Actions whose time has passed when the chunk arrives are left out. rtloop changes to the new
+chunk with continuous velocity and acceleration, within the limits (docs/streaming.md).
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ class Improving:
         done: whether a further try would find no noticeably faster motion.
         points: number of control points of the curves that are tried.
         step_rad: size of the random changes.
-        change: the change that made the last motion faster, shape (points, dof), rad; None means that there
-            is none to repeat.
+        change: the change that made the last motion faster, shape (points, dof), rad; None if no change is to
+            be repeated.
     """
 
     best: Trajectory

@@ -189,11 +189,11 @@ class RatedMove:
     """A motion whose velocity and acceleration are given in units, not as shares of the limits. Picklable.
 
     Attributes:
-        request: the motion. Its `scaling` also applies; the lower limit counts.
+        request: the motion. Its `scaling` also applies; of two limits the lower one counts.
         velocity, acceleration: limits of the fastest joint, rad/s and rad/s². For a TCP path they are the
             limits of the TCP, m/s and m/s², and its rotation is limited in proportion.
         envelope: the limits that apply to all motions.
-        duration_s: if above 0, the duration of the motion; velocity and acceleration are ignored then.
+        duration_s: duration of the motion. If it is above 0, velocity and acceleration are ignored.
     """
 
     request: MotionRequest

@@ -4,8 +4,8 @@ A ptp motion continues from the moving state: Ruckig's profiles lead from its ve
 the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. In the
 first, the arm slows down from the place of the change until it stops, all joints in the same time. The second
 is a motion of any planner that leads from the place of this stop to the new goal. It begins before the first
-has ended, as early as the limits permit. The accelerations of both are continuous, therefore also those of
-the sum. The sum is then checked like every motion.
+has ended, as early as the limits permit. The accelerations of both motions are continuous, so the
+acceleration of the sum is continuous too. The sum is then checked like every motion.
 """
 
 from __future__ import annotations

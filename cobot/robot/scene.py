@@ -45,14 +45,14 @@ class SceneObject:
         size: dimensions, m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie
             along z: radius and length; the length of a capsule excludes its round ends. All others: edges of
             the bounding box, for people.
-        pose: pose of the object's middle, in the base frame, or in the TCP's frame if it is attached.
+        pose: pose of the object's centre, in the base frame, or in the TCP's frame if it is attached.
         touch: bodies and objects that the object may touch while it is attached.
         mass: mass, kg. The arm carries it only while the object is attached.
         centre: centre of mass in the object's frame, m; None means the centre of a solid with uniform
             density.
         inertia: inertia about the centre of mass, along the object's axes, kg·m²: xx, xy, xz, yy, yz, zz;
             None means the inertia of a solid with uniform density.
-        boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along the object's
+        boxes: the boxes of a mesh, a height field or a point cloud: centre and edges, along the object's
             axes, m. The boxes of a point cloud contain all its voxels. Streams, pictures and masses use them;
             planners use the voxels, unless the object is attached.
         hulls: the convex parts of a mesh that are not boxes: corners of each.

@@ -45,7 +45,7 @@ def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
     """Find the TCP by least squares: the point in the flange's frame that moves least between the poses.
 
     Args:
-        flanges: poses of the flange in the base frame, in each of which the tip touches the same point.
+        flanges: poses of the flange in the base frame. In all of them the tip touches the same point.
 
     Raises:
         InputError: there are too few or too many poses, or their orientations do not determine the TCP.

@@ -110,7 +110,7 @@ def check_gravity(gravity: Numbers3, present: Array) -> None:
     size, wanted = math.hypot(*gravity), float(np.linalg.norm(present))
     if not abs(size - wanted) <= GRAVITY_TOLERANCE:
         raise LimitError(
-            f"gravity: a tilted base changes its direction only; its magnitude must be the model file's "
+            "gravity: a tilted base changes only its direction; its magnitude must be the model file's "
             f"{wanted:.4g} m/s² within {GRAVITY_TOLERANCE:g}, got {size:.4g} m/s²"
         )
 

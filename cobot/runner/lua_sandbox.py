@@ -1,10 +1,10 @@
 """Runs a Lua program in a sandbox: plain Lua 5.3 without access to the system and with limits. It can be
 ended on request.
 
-The program sees only values, tables and Lua functions, which `sandbox.lua` defines. `sandbox.lua` also
-ensures that a program that catches errors does not catch the request to end. While a program is inside one
-long function of Lua itself (for example for a hostile string pattern), it executes no instructions, so it
-does not notice a request to end. Code that ends a program must therefore not wait for it for ever.
+The program sees only values, tables and Lua functions, which `sandbox.lua` defines. A program may catch
+errors; `sandbox.lua` ensures that it does not catch the request to end. While a program is inside one long
+function of Lua itself (for example for a hostile string pattern), it executes no instructions, so it does not
+notice a request to end. Code that ends a program must therefore not wait for it for ever.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
     if lua_type(value) != "table":
         raise InputError(f"{name} must be data, got {kind(value)}")
     if depth == 0:
-        raise InputError(f"{name} is nested more than {DEEPEST} deep")
+        raise InputError(f"{name} is nested more than {DEEPEST} levels deep")
     items = dict(islice(value.items(), room[0] + 1))
     room[0] -= len(items)
     if room[0] < 0:

@@ -34,7 +34,7 @@ class StudyObject(StrictModel):
     """A solid around the robot; see `cobot.robot.scene.SceneObject`.
 
     Attributes:
-        pose: x, y, z (m) and w, x, y, z of its middle in the base frame.
+        pose: x, y, z (m) and w, x, y, z of its centre in the base frame.
     """
 
     shape: Annotated[str, Field(pattern="^(box|sphere|cylinder|capsule)$")]

@@ -42,8 +42,8 @@ class PacketChannel(Protocol):
 class UdpChannel:
     """A `PacketChannel` over the UDP socket to which a controller sends.
 
-    The first sender of a valid packet is taken for the controller. If `address` is given, that sender must
-    have this address. From then on, packets from all other addresses are ignored.
+    The first sender of a valid packet counts as the controller. If `address` is given, that sender must have
+    this address. From then on, packets from all other addresses are ignored.
     """
 
     def __init__(

@@ -42,6 +42,6 @@ class DrivenIo:
             raise
         except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
             problem = plain_text(exc)
-            if problem != self._problem:  # it is asked several times a second
+            if problem != self._problem:  # the device is polled several times a second
                 log.warning("inputs and outputs of the device: %s", problem)
             self._problem = problem

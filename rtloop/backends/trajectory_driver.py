@@ -158,7 +158,7 @@ class TrajectoryDriver:
             self._io = DrivenIo(device)
             self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
-        self._turn = threading.RLock()  # the thread that holds it may call the device
+        self._turn = threading.RLock()  # only the thread that holds this lock may call the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
         self._is_disabled = True  # False after `disable` has failed.
         self._off_problem = ""  # Reason why the drives could not be switched off after a reset.
@@ -179,7 +179,7 @@ class TrajectoryDriver:
     def open(self, initial_position: Array) -> None:
         with self._turn:
             self.device.open(initial_position)
-            self.device.stop()  # a crashed rtloop may have left it moving
+            self.device.stop()  # a crashed rtloop may have left the arm moving
             self._ask()
             self._await_rest()
         self.require()
@@ -320,7 +320,7 @@ class TrajectoryDriver:
                 self.device.disable()
             except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
                 problem = plain_text(exc)
-                if problem != self._off_problem:  # this is tried several times a second
+                if problem != self._off_problem:  # the thread tries this several times a second
                     log.error("the drives could not be switched off after a stop: %s", problem)
                 self._off_problem = problem
                 return False
@@ -409,5 +409,5 @@ class TrajectoryDriver:
                 self._same += 1
                 self._same_at = there
         if self._same >= FROZEN_ASKED:
-            return Rejected("the device reports the same values although it moves")
+            return Rejected("the device repeats the same measured values although it is moving")
         return ACCEPTED

@@ -33,8 +33,8 @@ class ContractRig(Protocol):
     limits)`.
 
     A rig may also have an attribute `wire`: a list of the positions sent to the device, each of shape (dof,),
-    rad. The contract then checks the limits of these positions too. A rig that adds options that the backend
-    requires, such as an address, provides the complete settings of the backend in an attribute `settings`.
+    rad. The contract then checks the limits of these positions too. If a rig adds options that the backend
+    requires, such as an address, its attribute `settings` contains the complete settings of the backend.
 
     Attributes:
         faults: the entries of `FAULTS` that this rig can inject. All others are reported as not tested.

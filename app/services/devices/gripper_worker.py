@@ -1,7 +1,7 @@
 """Runs a gripper's driver in a separate thread, so that nothing else waits for the device.
 
 The thread connects, passes commands on, and reads the state repeatedly. If the driver raises an exception, it
-is reported as a problem in words, and the thread connects again after pauses that grow.
+is reported as a problem in words, and the thread connects again after increasingly long pauses.
 """
 
 from __future__ import annotations

@@ -196,7 +196,7 @@ class ToolService:
                 wanted = self._robot.model.carried.version, self._scene.scene.version
                 versions = f"{had[0]} and {had[1]}, not {wanted[0]} and {wanted[1]}"
                 log.warning(
-                    "%srtloop had another tool or another scene (versions %s); this is corrected",
+                    "%srtloop had another tool or another scene (versions %s); this has been corrected",
                     self._link.label,
                     versions,
                 )

@@ -53,7 +53,7 @@ class StartedTrajectory:
     """A trajectory that rtloop has accepted.
 
     Attributes:
-        note: description of the differences from the points; "" if there are none.
+        note: description of the differences from the points; "" if the motion follows the points exactly.
         changes: the same differences as numbers.
     """
 

@@ -79,7 +79,9 @@ class RunnerInstructions:
             InputError: there is no such waypoint.
         """
         if self._n_waypoints == 0 and waypoint != NEXT:
-            raise InputError("at_waypoint: a program has no waypoints; 0 means before its next motion")
+            raise InputError(
+                "at_waypoint: a program has no waypoints; give 0 to hold it before its next motion"
+            )
         self._require(waypoint, NEXT)
         if self.held and waypoint <= self._behind:
             return

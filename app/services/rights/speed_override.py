@@ -65,8 +65,8 @@ class SpeedOverride:
         return self.delays_s()[0]
 
     def delays_s(self) -> tuple[float, float]:
-        """Return the total duration of all pauses, including the current pause; and the total time by which
-        motions have taken longer because the fraction was below 1, without pauses, s.
+        """Return two times, s. The first is the duration of all pauses, including the current one. The second
+        is the time that motions have lost outside pauses because the fraction was below 1.
         """
         lasts_s = self._link.clock.now_s() - self._since_s
         if self.paused:

@@ -51,7 +51,7 @@ class StreamSession:
         name: displayed name of the client.
         setpoint: the newest accepted setpoint.
         refused: number of frames that arrived out of order.
-        over: reason why targets are no longer followed; "" while they are.
+        over: reason why targets are no longer followed; "" while they are followed.
         ended: future that is done when the arm is at rest. Its result is the reason why the session ended.
         tell: function that is called once with a message if the first target is too far from the arm.
     """

@@ -19,7 +19,7 @@ _MAX_REPAIRED = 8  # incomplete samples whose fragments are requested at once
 
 @dataclass(slots=True)
 class Arrival:
-    """A complete sample before it becomes a `Sample`. `payload` is None if the sample has none."""
+    """A complete sample before it becomes a `Sample`. `payload` is None for a sample without a payload."""
 
     payload: bytes | None
     inline: Parameters | None

@@ -192,7 +192,7 @@ def stop(subject: Subject) -> str:
     width = subject.until_still("stop").width
     subject.rig.step(1.0)
     require(subject.gripper.state().width == width, "the fingers moved after the stop")
-    require(width is None or width > least, "the fingers reached their end before they stopped")
+    require(width is None or width > least, "the fingers reached the end of their travel before they stopped")
     return "a stop stops"
 
 
@@ -225,7 +225,9 @@ def grasp_nothing(subject: Subject) -> str:
     subject.rig.place(None)
     subject.gripper.grasp(Grasp(width, 0.005, 0.005))
     state = subject.until_still("grasp")
-    require(state.object is HeldObject.NONE, f"object is {state.object} although there is none")
+    require(
+        state.object is HeldObject.NONE, f"object is {state.object} although nothing is between the fingers"
+    )
     return "a grasp without an object holds nothing"
 
 

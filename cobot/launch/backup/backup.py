@@ -4,7 +4,7 @@ later.
 A restore never changes a running robot. The archive is checked, stored as `NAME.restore.zip`, and used by the
 next `cobot run`. That run first makes a backup of everything that it replaces. This backup is called
 `NAME.before-restore.zip` until the restore is complete, then `NAME.before-restore.last.zip`. The archive is
-removed last, so if the run is killed before that, the next run begins again.
+removed last, so if the run is killed earlier, the next run begins the restore again.
 """
 
 from __future__ import annotations

@@ -61,8 +61,9 @@ def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float,
         why = f"{hold.joint} holds no more at {_rounded(hold)}"
     else:
         why = (
-            f"the drives hold it at the TCP in every posture, with {100.0 * (1.0 - PAYLOAD_SHARE):.0f} % in "
-            f"reserve; {hold.joint} limits it at {_rounded(hold)}"
+            "the drives hold this payload at the TCP in every posture, with "
+            f"{100.0 * (1.0 - PAYLOAD_SHARE):.0f} % in reserve; {hold.joint} limits the payload at "
+            f"{_rounded(hold)}"
         )
     return mass, f"robot.max_payload_kg {mass:g}: {why}; prefer the value in the data sheet"
 

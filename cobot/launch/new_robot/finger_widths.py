@@ -148,8 +148,8 @@ class Linkage:
     def _common_geometry(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
     ) -> tuple[list[list[int]], tuple[float, float]] | str:
-        """The ends of both fingers, and the angles between which the fingers open; or the reason why there
-        are none.
+        """The ends of both fingers, and the angles between which the fingers open; or the reason why they
+        cannot be determined.
         """
         groups = self._cut_ends(sides, bodies)
         if not all(groups):
@@ -334,8 +334,8 @@ def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
 
 
 def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | str:
-    """The closed and the open angle, between which the width grows steadily; or the reason why there are
-    none.
+    """The closed and the open angle, between which the width grows steadily; or the reason why no such angles
+    exist.
     """
     if widths[0] > widths[-1]:
         angles, widths = angles[::-1], widths[::-1]

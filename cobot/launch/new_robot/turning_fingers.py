@@ -157,8 +157,8 @@ def turning_fingers(
 def _followed(
     node: MovingJoint, nodes: Mapping[str, MovingJoint], degrees: bool
 ) -> tuple[float, float] | str:
-    """Offset and ratio that give a joint's angle from the angle of the first joint; or the reason why there
-    are none.
+    """Offset and ratio that give a joint's angle from the angle of the first joint; or the reason why the
+    angles are not proportional.
     """
     offset, ratio, seen = 0.0, 1.0, {node.name}
     while node.leader:

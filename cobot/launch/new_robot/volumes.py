@@ -61,7 +61,7 @@ class Solid:
 
 
 def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
-    """The shapes of a body among the chosen geoms (a mask); None if there are none."""
+    """The shapes of a body among the chosen geoms (a mask); None for a body without such shapes."""
     shapes = [_Shape(mj, int(geom)) for geom in np.flatnonzero((mj.geom_bodyid == body) & chosen)]
     return Solid(shapes) if shapes else None
 

@@ -118,8 +118,8 @@ def _check_finite(file: Path, element: Element) -> None:
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:
-    """The product of the whole numbers in an attribute, of which there are at most three; 1 if there are
-    none.
+    """The product of the whole numbers in an attribute, of which there are at most three; 1 if the attribute
+    is empty.
     """
     text = element.get(attribute, "1")
     try:

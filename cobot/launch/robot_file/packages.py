@@ -21,8 +21,8 @@ def find_package(name: str, file: Path, given: Sequence[Path], inner: str = "") 
     Args:
         file: the robot's file.
         given: folders of packages, or folders that contain packages.
-        inner: a file in the package. A given folder that contains it and has no manifest is the package,
-            whatever the folder's name is.
+        inner: a file in the package. If a given folder contains this file but no manifest, it is the package,
+            even if its name differs.
 
     Raises:
         ConfigError: the package was not found; the message says what to do.

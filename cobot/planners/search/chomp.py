@@ -3,8 +3,8 @@
 A path is bent until it is free of collisions. The gradient of the obstacle cost, from exact signed distances,
 pushes its points away from obstacles. The covariant step, A⁻¹ times the gradient, spreads every push smoothly
 over the whole path. The search starts from the straight line in joint space to each goal in turn, then from a
-path that ompl finds, which it smooths. The result must also be free of collisions between its points, or it
-gets more points.
+path that ompl finds, which it smooths. The result must also be free of collisions between its points.
+Otherwise points are added.
 """
 
 from __future__ import annotations

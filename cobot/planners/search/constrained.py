@@ -4,7 +4,7 @@ Newton's method projects each small step, towards a random configuration or the 
 surface (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation planning on constraint
 manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree, because from
 within a shelf, nearly all distant targets are behind boards. Such steps also shorten the path between two of
-its places. Moving each place to the middle of its neighbours evens it out.
+its places. Finally the path is smoothed: each place moves to the middle between its neighbours.
 """
 
 from __future__ import annotations

@@ -34,9 +34,9 @@ def smooth_motion(
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
     The points are the control polygon of a clamped B-spline. The path stays within the hull of these points,
-    therefore within the position limits. It begins and ends exactly at the ends of the polyline, with four
-    continuous derivatives. Points are added along the polyline until the path touches nothing and keeps the
-    constraints as well as the polyline does.
+    and therefore within the position limits. It begins and ends exactly at the ends of the polyline, with
+    four continuous derivatives. Points are added along the polyline until the path touches nothing and keeps
+    the constraints as well as the polyline does.
 
     Raises:
         CollisionError: the path still touches something with `LAST_POINTS` points.

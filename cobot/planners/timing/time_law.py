@@ -1,10 +1,10 @@
 """Time parameterization: along a path as fast as velocity, acceleration, jerk and torque limits allow.
 
-A first timing, see `reference_motion`, divides the motion into cells, which are longer where it hardly uses
-its acceleration limits. Its rate is then optimised under all limits at once, see `fastest_rate`, and the
-motion becomes one quintic per cell. Where its true extrema between the checked places exceed a limit, the
-limit is tightened there and the rate is optimised again. Stretching the whole motion removes the small
-remainder.
+A first timing, see `reference_motion`, divides the motion into cells. The cells are longer where the motion
+hardly uses its acceleration limits. Then the rate of the motion is optimised under all limits at once, see
+`fastest_rate`, and the motion becomes one quintic per cell. Where its true extrema between the checked places
+exceed a limit, this limit is tightened and the rate is optimised again. Stretching the whole motion removes
+the small remainder.
 """
 
 from __future__ import annotations
@@ -98,11 +98,11 @@ def time_optimal(
 ) -> Timed:
     """Time a path from rest to rest, close to the time optimum.
 
-    The limits of the joints apply, those of the TCP if given, and the effort limits of the drives with the
-    model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, even if `limits`
-    are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`. Efforts take
-    part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`. `zones` are
-    parts of the path with lower limits.
+    The limits of the joints apply, the limits of the TCP if they are given, and the effort limits of the
+    drives with the model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used,
+    even if `limits` are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`.
+    Efforts take part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`.
+    `zones` are parts of the path with lower limits.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or the limits are too

@@ -1,12 +1,12 @@
 """Fitting of timed motions from clients that ignore jerk or are rounded: the result is a motion that an arm
 can follow.
 
-Planners that limit only velocity and acceleration jump in acceleration; files contain rounded numbers. Both
-mean deviations of milliradians, but unbounded jerk. Slowing the whole motion down until the jerk limit holds
-would multiply its duration. Instead the motion may deviate from the curve within a corridor and is slower
-only where necessary. First moving averages are tried: they are cheap and keep every bound that the points
-keep. Then `jerk_fit` runs in rounds; after each, the curve's time is slowed down where a bound is still
-exceeded.
+The motions of planners that limit only velocity and acceleration have jumps in acceleration; files contain
+rounded numbers. Both mean deviations of milliradians, but unbounded jerk. Slowing the whole motion down until
+the jerk limit holds would multiply its duration. Instead the motion may deviate from the curve within a
+corridor and is slower only where necessary. First moving averages are tried: they are cheap and keep every
+bound that the points keep. Then `jerk_fit` runs in rounds; after each, the curve's time is slowed down where
+a bound is still exceeded.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
             rounded.
 
     Returns:
-        Middle and edges of each box, shape (k, 6), m.
+        Centre and edges of each box, shape (k, 6), m.
 
     Raises:
         InputError: nothing is above the floor.
@@ -142,7 +142,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
     """
     above = np.where(np.isnan(heights), 0.0, heights - floor_m)
     if not (above > MIN_M).any():
-        raise InputError(f"heights: none of {heights.size} values is above the floor, {floor_m:g} m")
+        raise InputError(f"heights: none of the {heights.size} values is above the floor of {floor_m:g} m")
     boxes = _steps(above, step_m)
 
     def fits(tried_m: float) -> bool:

@@ -204,7 +204,7 @@ class ResultsFolder:
         return gaps
 
     def columns(self, first: int = 0, last: int = MAX_TASKS) -> dict[str, Column]:
-        """The results so far, and the numbers of their tasks; empty if there are none."""
+        """The results so far, and the numbers of their tasks; empty before the first result."""
         chunks = self.chunks(first, last)
         if not chunks:
             return {}

@@ -68,7 +68,7 @@ class _Wanted:
 
 
 class Outputs:
-    """The outputs that are to be set. Real-time safe. It costs almost no time while there are none."""
+    """The outputs that must be set. Real-time safe. It costs almost no time while no output must be set."""
 
     def __init__(self, period_s: float) -> None:
         self._answers = round(SENT_S / period_s)

@@ -65,8 +65,9 @@ def check_settings(
         )
     if not state.correction and state.delay is None:
         return Rejected(
-            "the telegram has neither AxisCorrMon nor Delay, so the current correction is not known: add "
-            "DEF_Delay to the Ethernet configuration, or use the one of `cobot backend files rsi`"
+            "the telegram has neither AxisCorrMon nor Delay, so the current correction is not known: "
+            "add DEF_Delay to the Ethernet configuration, or use the configuration that `cobot backend "
+            "files rsi` writes"
         )
     if options.correction == "relative" and not (state.setpoint and state.delay is not None):
         return Rejected(

@@ -51,9 +51,9 @@ def _is_local(host: str) -> bool:
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
     """Make the socket to send from.
 
-    A client that is configured with the controller's name accepts only packets from there whose port number
-    equals its own. So port 0 means the client's port number. If the client and the simulator may share an
-    address, the client already uses that port, and a different one is taken.
+    If a client knows the controller's address, it accepts packets only from this address and only with its
+    own port number. So port 0 means the client's port number. If the client and the simulator may have the
+    same address, the client already uses that port, so a free port is used.
     """
     host, port = address
     elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])

@@ -81,7 +81,7 @@ def test_a_gripper_in_some_frames_alone_is_no_whole_episode(tmp_path: Path) -> N
     with EpisodeWriter(path, NAMES, 10.0) as episode:
         for frame in range(2):
             episode.add(frame, [0, 0], [0, 0], [0, 0], gripper=reading if frame else None)
-    with pytest.raises(InputError, match="its topics are of different lengths"):
+    with pytest.raises(InputError, match="its topics have different lengths"):
         read_episode(path)
 
 

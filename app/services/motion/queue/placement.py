@@ -32,7 +32,7 @@ class Placement:
         times_s: for each move with signals, by its number, the path times at which it begins and at which
             each of its legs ends.
         placed: for each move with signals, by its number, the places of its signals.
-        way: path of the TCP from the beginning of the first of these moves; None if there are none.
+        way: path of the TCP from the beginning of the first of these moves; None if no move has signals.
         signals: all signals in the form that rtloop needs, with path times of the trajectory.
     """
 
