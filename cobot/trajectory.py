@@ -171,16 +171,9 @@ class Trajectory:
             highest[joint] = max(ends.max(), row_high.max(initial=-np.inf))
         return lowest, highest
 
-    def first_excess(self, derivative: int, low: Array, high: Array) -> tuple[int, int, float] | None:
-        """The first segment and joint whose extremum leaves the range from `low` to `high`, shape (dof,)
-        each, and the value; None if all extrema are within the range.
-        """
-        segments, joints, values = self.excesses(derivative, low, high)
-        return (int(segments[0]), int(joints[0]), float(values[0])) if len(segments) else None
-
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
-        """All segments and joints whose extremum leaves the range from `low` to `high`, and the values, shape
-        (m,) each.
+        """All segments and joints whose extremum leaves the range from `low` to `high`, shape (dof,) each, in
+        their order, and the values. The results have the shape (m,) each.
         """
         rows = self.coefficients
         if derivative > 0:

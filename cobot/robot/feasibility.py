@@ -72,14 +72,14 @@ def check_limits(
     """
     if _keeps(trajectory, limits, tolerance):
         return
-    found = None
+    found: list[tuple[int, int, int, float]] = []
     for derivative, (low, high) in enumerate(_bounds(limits, tolerance)):
-        excess = trajectory.first_excess(derivative, low, high)
-        if excess is not None and (found is None or excess[0] < found[1][0]):
-            found = derivative, excess
-    if found is None:
+        segments, joints, values = trajectory.excesses(derivative, low, high)
+        if len(segments):
+            found.append((int(segments[0]), derivative, int(joints[0]), float(values[0])))
+    if not found:
         return
-    derivative, (segment, joint, value) = found
+    segment, derivative, joint, value = min(found)
     low, high = _bounds(limits, tolerance)[derivative]
     limit = low[joint] if value < low[joint] else high[joint]
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
@@ -111,12 +111,13 @@ def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> boo
     durations = np.diff(trajectory.breakpoints_s)
     if not (greatest_rates(trajectory.coefficients, durations, rates[:, None]) <= rates[:, None]).all():
         return False
-    return trajectory.first_excess(0, *_bounds(limits, tolerance)[0]) is None
+    return in_range(trajectory, limits, tolerance)
 
 
-def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
+def in_range(trajectory: Trajectory, limits: JointLimits, tolerance: float = RELATIVE_TOLERANCE) -> bool:
     """Whether all joints stay within their position limits."""
-    return trajectory.first_excess(0, *_bounds(limits, RELATIVE_TOLERANCE)[0]) is None
+    segments, _, _ = trajectory.excesses(0, *_bounds(limits, tolerance)[0])
+    return len(segments) == 0
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:

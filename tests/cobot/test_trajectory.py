@@ -165,7 +165,7 @@ def test_a_stretched_trajectory_is_the_same_path_more_slowly(
 
 @EXAMPLES
 @given(hermite_data(), st.integers(0, 3), st.floats(0.0, 2.0))
-def test_the_first_excess_is_the_first_segment_that_leaves_the_bounds(
+def test_the_excesses_begin_with_the_first_segment_that_leaves_the_bounds(
     data: tuple[Array, Array, Array, Array], derivative: int, share: float
 ) -> None:
     trajectory = from_hermite(*data)
@@ -177,11 +177,11 @@ def test_the_first_excess_is_the_first_segment_that_leaves_the_bounds(
     blur = np.diff(trajectory.breakpoints_s).max() / 1999 * slope + 1e-9
     surely = np.argwhere((lows < -high - blur) | (highs > high + blur))
     perhaps = np.argwhere((lows < -high + blur) & (lows > -high - blur) | (abs(highs - high) <= blur))
-    found = trajectory.first_excess(derivative, -high, high)
+    found = list(zip(*trajectory.excesses(derivative, -high, high), strict=True))
     if len(perhaps) == 0:
-        assert (found is None) == (len(surely) == 0)
-    if found is not None:
-        segment, joint, value = found
+        assert len(found) == len(surely)
+    if found:
+        segment, joint, value = found[0]
         assert abs(value) > high[joint]
         assert lows[segment, joint] - blur <= value <= highs[segment, joint] + blur
         if len(surely):
