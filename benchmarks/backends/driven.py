@@ -6,7 +6,9 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
@@ -27,6 +29,11 @@ LOSS: Request = {"loss": 0.05}
 NO_LOSS: Request = {"loss": 0.0}
 Faults = dict[str, tuple[dict[str, Any], dict[str, Any]]]
 """Requests to the controller in the middle of a motion, by the name of the fault: its begin and its end."""
+SPOILED: Faults = {
+    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
+}
+"""Faults that every simulated controller has."""
 Times = tuple[float, float, float]
 """Percentiles 50, 99 and 99.9, µs."""
 
@@ -152,6 +159,17 @@ class Driven:
             percentiles(controller_ms) if callable(takes_commands) else (takes_commands,) * 3,
         )
 
+    def recovery_rows(
+        self,
+        faults: Faults,
+        times: int,
+        until: str,
+        takes_commands: Callable[[dict[str, Any]], bool] | float,
+    ) -> Iterator[Row]:
+        """A `recovery_row` for each fault."""
+        for name, (fault, end) in faults.items():
+            yield self.recovery_row(name, fault, end, times, until, takes_commands)
+
     def _is_ready(self) -> bool:
         return self.run.healthy() or (self.reset() and self.run.healthy())
 
@@ -199,10 +217,6 @@ def times_of(state: dict[str, Any]) -> Times:
     return times["p50"] * 1e6, times["p99"] * 1e6, times["p99.9"] * 1e6
 
 
-def answer_row(name: str, state: dict[str, Any], floor: Times) -> Row:
-    return row(name, "µs", times_of(state), "a client that only echoes", floor)
-
-
 def counted(before: dict[str, Any], after: dict[str, Any], key: str) -> tuple[int, int]:
     """Packets that were answered in time between two states, and all that needed an answer.
 
@@ -227,30 +241,65 @@ def floor_of(controller: Controller, key: str, answers: int, period_ms: int) -> 
     return times_of(after), 1.0 - answered / sent
 
 
-def punctual_row(
+@dataclass(frozen=True, slots=True)
+class Words:
+    """The protocol's words for the table.
+
+    Attributes:
+        packet, answer: for a packet of the controller, and for the answer to it.
+        device: for the controller.
+        count: name of the controller's count of answers in time.
+    """
+
+    packet: str
+    answer: str
+    device: str
+    count: str
+
+
+def answer_rows(
     name: str,
-    packets: str,
-    device: str,
-    states: tuple[dict[str, Any], dict[str, Any]],
-    key: str,
-    missed: float,
+    words: Words,
+    robot: AbstractContextManager[Driven],
+    answers: int,
+    floor: tuple[Times, float],
     aim: str = "0",
+) -> Generator[Row, None, dict[str, Any]]:
+    """Times of the answers in motion, and how many are late. Returns the state of the controller afterwards.
+
+    Args:
+        floor: see `floor_of`.
+        aim: the target for late answers, for the table.
+    """
+    times, missed = floor
+    with robot as made:
+        states = made.move_for(answers, words.count)
+    what = f"a {words.packet} to its {words.answer}, the whole cycle behind it"
+    yield row(f"{name}: {what}", "µs", times_of(states[1]), "a client that only echoes", times)
+    yield _punctual_row(name, words, states, missed, aim)
+    return states[1]
+
+
+def _punctual_row(
+    name: str,
+    words: Words,
+    states: tuple[dict[str, Any], dict[str, Any]],
+    missed: float,
+    aim: str,
 ) -> Row:
     """The controller's own count of packets without an answer in time; a session that is closed has none.
 
     Args:
-        packets, device: the protocol's words for a packet and for the controller.
         states: of the controller, before and after the moves.
-        key: see `counted`.
         missed: fraction of packets that the least client does not answer in time.
     """
     before, after = states
-    answered, sent = counted(before, after, key)
+    answered, sent = counted(before, after, words.count)
     below = f"{after[BELOW] - before[BELOW]} times below GOOD; " if BELOW in after else ""
     late_ms = 1e3 * after["lateness_s"]["p99.9"]
     return row(
-        f"{name}: of {sent} {packets} while it moves, not answered in time; {below}the {device} itself is "
-        f"{late_ms:.1f} ms late at p99.9",
+        f"{name}: of {sent} {words.packet}s while it moves, not answered in time; {below}the {words.device} "
+        f"itself is {late_ms:.1f} ms late at p99.9",
         "",
         (1e5 * (sent - answered) / sent,),
         "a client that only echoes",

@@ -18,22 +18,22 @@ from fanuc_run import ControllerProcess, RunOverFanuc
 
 from benchmarks.backends.driven import (
     PRIORITY,
+    SPOILED,
     WARM,
     Driven,
     Faults,
     Times,
-    answer_row,
+    Words,
+    answer_rows,
     driven,
     floor_of,
-    punctual_row,
 )
 from benchmarks.service import background
 from benchmarks.table import Row, row
 from cobot.config import SETTINGS_FILE
 
 PERIODS_MS = (8, 1)
-COUNT = "commands"
-"""Name of the controller's count of answers in time."""
+WORDS = Words("packet", "answer", "controller", "commands")
 PROGRAM_MS = 40.0
 """Time after which the program of the simulated controller runs."""
 HOME = np.radians(POSITIONS["home"]).tolist()
@@ -45,10 +45,9 @@ FAULTS: Faults = {
     "a change of the operation mode": ({"mode": "T1"}, {"mode": "AUTO"}),
     "a contact stop": ({"contact_stop": 2}, {"contact_stop": 1}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
-    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
-    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
     "90 % of loss": ({"loss": 0.9}, {"loss": 0.0}),
     "a closed connection of RMI and an alarm": ({"close": True, "alarm": "SRVO-023 Stop error"}, {}),
+    **SPOILED,
 }
 """Each in the middle of a motion, with what ends it."""
 
@@ -59,19 +58,14 @@ def fanuc(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
         arm = crx_folder(Path(folder)) / SETTINGS_FILE
         for period_ms in PERIODS_MS:
             count = max(answers * PERIODS_MS[-1] // period_ms, WARM)
-            floor, missed = _floor(arm, period_ms, count)
-            with robot(arm, period_ms) as made:
-                states = made.move_for(count, COUNT)
+            floor = _floor(arm, period_ms, count)
             name = f"FANUC at {period_ms} ms"
-            yield answer_row(f"{name}: a packet to its answer, the whole cycle behind it", states[1], floor)
-            yield punctual_row(name, "packets", "controller", states, COUNT, missed)
-            yield _peaks_row(period_ms, states[1])
+            state = yield from answer_rows(name, WORDS, robot(arm, period_ms), count, floor)
+            yield _peaks_row(period_ms, state)
         with robot(arm, PERIODS_MS[0]) as made:
             yield made.moves_row(moves)
-            for name, (fault, end) in FAULTS.items():
-                yield made.recovery_row(
-                    name, fault, end, repetitions, "the program of the simulated controller", PROGRAM_MS
-                )
+            until = "the program of the simulated controller"
+            yield from made.recovery_rows(FAULTS, repetitions, until, PROGRAM_MS)
 
 
 @contextlib.contextmanager
@@ -97,7 +91,7 @@ def _floor(arm: Path, period_ms: int, answers: int) -> tuple[Times, float]:
         _punctual(arm, period_ms) as controller,
         background("benchmarks.backends.bare_fanuc", str(controller.stream_port), str(controller.rmi_port)),
     ):
-        return floor_of(controller, COUNT, answers, period_ms)
+        return floor_of(controller, WORDS.count, answers, period_ms)
 
 
 def _peaks_row(period_ms: int, state: dict[str, Any]) -> Row:

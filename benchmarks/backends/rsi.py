@@ -16,7 +16,7 @@ from cobot_run import WAIT_S
 from rsi_run import HOME, WORK, RsiProcess, RunOverRsi, free_udp_port, kr10
 
 from benchmarks.backends.derivatives import commands_row
-from benchmarks.backends.driven import PRIORITY, Faults, driven
+from benchmarks.backends.driven import PRIORITY, SPOILED, Faults, driven
 from benchmarks.service import background
 from benchmarks.table import Row, percentiles, row
 from cobot.config import load_settings
@@ -38,8 +38,7 @@ FAULTS: Faults = {
     "90 % of loss": ({"loss": 0.9}, {"loss": 0.0}),
     "answers three periods late": ({"delay": 3}, {"delay": 0}),
     "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
-    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
-    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
+    **SPOILED,
 }
 """Each in the middle of a motion, with what ends it."""
 
@@ -58,15 +57,12 @@ def rsi(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
             driven("RSI", controller, RunOverRsi(made), (WORK, HOME), speed=SPEED, fault_speed=0.1) as arm,
         ):
             yield arm.moves_row(moves)
-            for name, (fault, end) in FAULTS.items():
-                yield arm.recovery_row(
-                    name,
-                    fault,
-                    end,
-                    repetitions,
-                    "until the controller has ten answers",
-                    lambda ended: arm.controller.ask()["answered"] > ended["answered"] + 10,
-                )
+            yield from arm.recovery_rows(
+                FAULTS,
+                repetitions,
+                "until the controller has ten answers",
+                lambda ended: arm.controller.ask()["answered"] > ended["answered"] + 10,
+            )
 
 
 def _answer_rows(folder: Path, answers: int) -> Iterator[Row]:

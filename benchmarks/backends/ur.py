@@ -15,22 +15,22 @@ from ur_run import ControllerProcess, RunOverUr
 from benchmarks.backends.derivatives import commands_row
 from benchmarks.backends.driven import (
     PRIORITY,
+    SPOILED,
     WARM,
     Driven,
     Faults,
     Times,
-    answer_row,
+    Words,
+    answer_rows,
     driven,
     floor_of,
-    punctual_row,
 )
 from benchmarks.service import background
 from benchmarks.table import Row
 from cobot.config import SETTINGS_FILE, load_settings
 
 PERIODS_MS = (8, 2)
-COUNT = "answers"
-"""Name of the controller's count of packages after which a command arrived in time."""
+WORDS = Words("package", "command", "controller", "answers")
 HOME = np.radians(POSITIONS["home"]).tolist()
 GOAL = np.radians([20.0, -80.0, 90.0, -100.0, -80.0, 20.0]).tolist()
 DELAY_S = 0.02
@@ -41,8 +41,7 @@ FAULTS: Faults = {
     "a program stopped at the pendant": ({"program": "stop"}, {}),
     "a silent network": ({"silent": True}, {"silent": False}),
     "90 % of the packages left out": ({"loss": 0.9}, {"loss": 0.0}),
-    "values that are not numbers": ({"spoil": "nan"}, {"spoil": ""}),
-    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
+    **SPOILED,
 }
 """Each in the middle of a motion, with what ends it."""
 
@@ -65,25 +64,18 @@ def ur(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
         yield commands_row("Universal Robots: commands that the controller is sent", settings, "ur")
     for period_ms in PERIODS_MS:
         count = max(answers * PERIODS_MS[-1] // period_ms, WARM)
-        floor, missed = _floor(period_ms, count)
-        with robot(period_ms) as made:
-            states = made.move_for(count, COUNT)
-        name = f"Universal Robots at {period_ms} ms"
-        yield answer_row(f"{name}: a package to its command, the whole cycle behind it", states[1], floor)
-        yield punctual_row(name, "packages", "controller", states, COUNT, missed)
+        floor = _floor(period_ms, count)
+        yield from answer_rows(f"Universal Robots at {period_ms} ms", WORDS, robot(period_ms), count, floor)
     with robot(8) as made:
         yield made.moves_row(moves, "with 5 % of the packages left out")
         late = f"with commands {1e3 * DELAY_S:.0f} ms late"
         yield made.moves_row(moves, late, {"delay_s": DELAY_S}, {"delay_s": 0.0})
-        for name, (fault, end) in FAULTS.items():  # switching on takes 0.2 s of each recovery
-            yield made.recovery_row(
-                name,
-                fault,
-                end,
-                repetitions,
-                "until cobot's program plays on the controller",
-                lambda _: made.reset() or made.controller.ask()["runtime"] == "PLAYING",
-            )
+        yield from made.recovery_rows(  # switching on takes 0.2 s of each recovery
+            FAULTS,
+            repetitions,
+            "until cobot's program plays on the controller",
+            lambda _: made.reset() or made.controller.ask()["runtime"] == "PLAYING",
+        )
 
 
 def _floor(period_ms: int, answers: int) -> tuple[Times, float]:
@@ -95,4 +87,4 @@ def _floor(period_ms: int, answers: int) -> tuple[Times, float]:
             settings.setdefault("rt", {})["period_s"] = period_ms * 1e-3
             arm.write_text(yaml.safe_dump(settings))
             with background("benchmarks.backends.bare_ur", str(arm)):
-                return floor_of(controller, COUNT, answers, period_ms)
+                return floor_of(controller, WORDS.count, answers, period_ms)
