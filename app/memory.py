@@ -16,7 +16,8 @@ from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
 """First and longest interval between two checks of the memory, s. The interval grows while freeing has no
-effect."""
+effect.
+"""
 GROWTH = 1.05
 """Factor of growth above which memory is freed. Freeing takes some milliseconds."""
 ARENAS = 2

@@ -60,7 +60,8 @@ class JsonShape:
 
     def _is_accepted(self, value: Any) -> bool:
         """Whether a value needs no additional brackets. For example, a row of numbers is not a list of
-        rows."""
+        rows.
+        """
         if not self.accepts(value):
             return False
         rows = isinstance(value, list) and self.item is not None and self.item.item is not None

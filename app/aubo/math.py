@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 LENGTHS = (1e-9, 1e9)
 """Minimum and maximum length of a quaternion that is normalized. Longer and shorter quaternions are
-rejected."""
+rejected.
+"""
 MAX_ALPHA = 1000.0
 
 

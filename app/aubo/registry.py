@@ -123,7 +123,8 @@ class VendorAnswer:
 CALCULATIONS = ("Math", "RobotAlgorithm")
 READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
 """`CALCULATIONS` lists the classes in which no method changes anything. `READS` matches the prefixes of other
-methods that change nothing."""
+methods that change nothing.
+"""
 TOO_LARGE = "the numbers are too large: the result is not finite"
 POINTS = ("servoJoint", "servoCartesian")
 """Services that send points. The audit log contains an entry for their session instead of one for each

@@ -158,7 +158,7 @@ class Topics:
         """React to a topic, a publisher or a subscription that was added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """List the topics that another network may mirror, without the topics that it owns or already has.
+        """List the topics that another network may mirror. Topics that it owns or already has are left out.
 
         A topic without an advertiser is listed once with each type that is subscribed, so that no
         subscription fixes the type for the others.

@@ -136,7 +136,8 @@ class SetLevel(Operation):
 
 class Gateway(Operation):
     """An operation of cobot's own: the client mirrors the graph to another network, see
-    `app.rosbridge.connection`."""
+    `app.rosbridge.connection`.
+    """
 
 
 OPERATIONS: dict[str, type[Operation]] = {

@@ -54,7 +54,8 @@ SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
 """Identity for which the current task works. Functions that do not receive the identity as an argument
-read it here."""
+read it here.
+"""
 
 
 def require(identity: Identity, role: Role) -> None:

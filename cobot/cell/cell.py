@@ -214,7 +214,8 @@ class CellPart(CellSolid):
 
 class Belt(CellEntry):
     """A conveyor belt: a box whose surface moves along its own x axis. The output NAME.speed sets its
-    speed."""
+    speed.
+    """
 
     size_m: Annotated[
         tuple[
@@ -232,7 +233,8 @@ class Belt(CellEntry):
 
 class LightBarrier(CellEntry):
     """A boolean input that is true while something is between two points. With `count`, a second input
-    NAME.count counts how often it became true."""
+    NAME.count counts how often it became true.
+    """
 
     type: Literal["light_barrier"]
     from_m: Point
@@ -261,7 +263,8 @@ class ContactSwitch(CellEntry):
 
 class Distance(CellEntry):
     """An analog input with the distance, m, from a point to the nearest object in front of it; at most
-    `range_m`."""
+    `range_m`.
+    """
 
     type: Literal["distance"]
     from_m: Point

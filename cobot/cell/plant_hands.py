@@ -16,13 +16,14 @@ from cobot.robot.model import RobotModel
 
 FINGERS = ("hand finger 1", "hand finger 2")
 """Names of the joints that the hand's drives move. In a cell file, the bodies and shapes of the hand have
-the same names. A turning hand has one drive."""
+the same names. A turning hand has one drive.
+"""
 FOLLOWER = "hand follower"
 """Prefix of the names of joints that follow the drive of a turning hand."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
 """Names of the balls that form the lip of a cup. The lip is closed if all these balls touch the same body."""
 SOFT_M = 0.0005
-"""Distance by which the soft lip reaches beyond its balls, m."""
+"""The soft lip reaches this distance beyond its balls, m."""
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 DRIVE_KG = 0.5
 """Effective mass of a finger's drive at the finger, kg: it results from the rotor behind a gear."""

@@ -17,7 +17,8 @@ from cobot.types import Numbers7, Pose
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
 """Distance before the TCP at which the fingers end for the planners, and smallest length of a shape that
 the planners see, m. The distance exists because streams keep 20 mm away from everything, but the TCP must
-reach parts on a table."""
+reach parts on a table.
+"""
 LIP_M = 0.004
 """Height of the lip of a cup, m. The lip has no mass."""
 FINGER_SHARE = 0.1

@@ -16,7 +16,8 @@ from cobot.folders import open_new
 
 MOTION_TIMEOUT_S = 100.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts, after
-which the service waits a few seconds for the arm to stop."""
+which the service waits a few seconds for the arm to stop.
+"""
 LONG_TIMEOUTS_S = {"/robot/move/sequence": 630.0, "/recordings": 150.0}
 """Minimum timeouts, s, for paths whose answer may take longer than one motion."""
 Json = dict[str, Any]

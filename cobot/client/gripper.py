@@ -24,7 +24,8 @@ class GripperCommands:
 
     def state(self) -> Json:
         """The state of the gripper: `type`, `connected`, `problem`, `state`, `command`, `held`,
-        `capabilities`."""
+        `capabilities`.
+        """
         return self._client._json("GET", "/robot/gripper")
 
     def move(

@@ -140,7 +140,8 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def tool(self) -> Json:
         """The tool: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion` of the TCP,
-        `shapes`, `gravity`."""
+        `shapes`, `gravity`.
+        """
         return self._json("GET", "/robot/tool")
 
     def set_tool(self, **changes: Any) -> Json:
@@ -320,7 +321,8 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def programs(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The stored programs, each with its newest version: `id`, `label`, `kind`, `version`, `author`,
-        `time`, `note`."""
+        `time`, `note`.
+        """
         return list(self._page("/programs", limit, after))
 
     def program(self, program: str, version: int | None = None) -> Json:

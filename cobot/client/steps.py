@@ -180,7 +180,8 @@ class Steps(Jobs):
         self, origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
     ) -> Iterator[PalletPlace]:
         """The places of a pallet; see `cobot.client.pallets.places`. `move_pose(**place.at(z=-0.1))` moves to
-        a point 0.1 m before a place."""
+        a point 0.1 m before a place.
+        """
         return places(origin, counts, offsets)
 
     def call(self, path: str | Path, timeout_s: float = math.inf) -> Json:

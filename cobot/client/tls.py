@@ -61,7 +61,8 @@ class SharedSocket(ssl.SSLSocket):
 
     def shutdown(self, how: int) -> None:
         """Shut down the connection without freeing memory that a reader still uses. The reader reads the end
-        of the stream."""
+        of the stream.
+        """
         super(ssl.SSLSocket, self).shutdown(how)
 
     def _in_turn(self, operation: Callable[[], Result]) -> Result:

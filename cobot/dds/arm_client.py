@@ -75,7 +75,8 @@ ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 LINE_BYTES = 1 << 16
 OWN_GOALS = 100
 """Number of own goals whose ids are stored; older ids are dropped. Only goals that are still running are
-looked up."""
+looked up.
+"""
 
 
 class Goal:

@@ -185,7 +185,7 @@ class ServiceIo:
 
 
 def _rejection(begin: str, service: DriverIoService, answer: Message) -> str:
-    """The reason why a request was not carried out; "" if it was."""
+    """The reason why a request was not carried out; "" after success."""
     name, done = service.done
     if answer[name] in done:
         return ""

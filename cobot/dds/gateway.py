@@ -37,9 +37,7 @@ DEPTH = 1000
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
 MAX_UNREAD = 64
-"""Maximum number of goals that were too large to read and for which a reason is kept. The newest ones are
-kept.
-"""
+"""Maximum number of stored reasons for goals that were too large to read. The newest ones are kept."""
 
 Made = TypeVar("Made", NodeService, NodePublisher, NodeSubscription)
 Key = TypeVar("Key", str, tuple[str, str])

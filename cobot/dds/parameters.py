@@ -90,8 +90,8 @@ class Parameter:
         return made
 
     def refusal(self, message: Message) -> str:
-        """The reason why this parameter cannot be set to an rcl_interfaces/msg/ParameterValue; "" if it
-        can.
+        """The reason why this parameter cannot be set to an rcl_interfaces/msg/ParameterValue; "" if it can
+        be set.
         """
         if self.set_ is None:
             return f"{self.name} cannot be set while cobot runs: {self.fixed}"
@@ -160,7 +160,8 @@ class Parameters:
 
     async def _change(self, asked: list[Message]) -> Message:
         """Set parameters. All are checked before the first one is set. Returns an
-        rcl_interfaces/msg/SetParametersResult."""
+        rcl_interfaces/msg/SetParametersResult.
+        """
         for each in asked:
             found = self._all.get(each["name"])
             if found is None:

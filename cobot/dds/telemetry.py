@@ -69,7 +69,7 @@ class TelemetryTopic:
     """A topic with its own rate.
 
     Attributes:
-            due_ns: time of the next message, on the monotonic clock.
+        due_ns: time of the next message, on the monotonic clock.
     """
 
     publisher: NodePublisher

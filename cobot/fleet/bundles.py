@@ -49,8 +49,8 @@ class Installed(StrictModel):
     Attributes:
         versions: versions of its programs in the service.
         programs_before, positions_before: programs and positions before; null for those that did not exist.
-        settings_before: the bundle with the settings that were in force, "" if there was none; None if this
-            bundle contains no settings.
+        settings_before: the bundle with the settings that were in force, "" without such a bundle; None if
+            this bundle contains no settings.
         restart_for: changes of settings that need a restart of the cell. `supervisor` is the process id of
             that cell's supervisor.
         complete: whether the whole bundle is active. An interrupted activation is rolled back at the next

@@ -197,7 +197,7 @@ def _go(
     roll_out: RollOut, watch_s: float, send: Send, states: Callable[[], dict[tuple[str, str], str]]
 ) -> str:
     """Stage the bundle everywhere, then activate it wave by wave. Returns the problem that ended the
-    roll-out; "" if there was none.
+    roll-out; "" if it was completed.
     """
     everywhere = [robot for wave in roll_out.waves for robot in wave]
     problem = _all(roll_out, everywhere, StageBundle(kind="stage", bundle=roll_out.bundle), send, [])

@@ -8,7 +8,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 class SameSite:
     """Rejects requests from pages of other sites, which otherwise could stop the fleet from a visitor's
-    browser."""
+    browser.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

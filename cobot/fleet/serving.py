@@ -1,5 +1,6 @@
 """`cobot fleet serve` and `cobot fleet certificate`: run the hub on this computer, and create
-certificates."""
+certificates.
+"""
 
 from __future__ import annotations
 

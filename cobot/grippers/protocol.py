@@ -32,7 +32,8 @@ class GripperError(Exception):
 
 class HeldObject(StrEnum):
     """The object in the fingers. INSIDE: the fingers close on it; OUTSIDE: they open inside a hollow
-    object."""
+    object.
+    """
 
     NONE = "none"
     HELD_INSIDE = "held_inside"

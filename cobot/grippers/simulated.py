@@ -26,11 +26,9 @@ WIDTH, SPEED, FORCE = "hand.width", "hand.speed", "hand.force"
 MEASURED_WIDTH, MEASURED_FORCE, MOVING = "hand.measured_width", "hand.measured_force", "hand.moving"
 MIN_FORCE_N, MIN_SPEED_M_S = 0.5, 0.001
 DEFAULT_FORCE_SHARE = 0.5
-"""Share of the largest force with which the fingers close if a command gives no force."""
+"""Force of the fingers if a command gives no force, as a share of the largest force."""
 BEYOND_M = 0.003
-"""Distance by which a grasp closes beyond the narrowest permitted object, m, so that the fingers press on
-it.
-"""
+"""A grasp closes this distance beyond the narrowest permitted object, m, so that the fingers press on it."""
 NEAR_M = 0.001
 PRESSING_N, PRESSING_SHARE = 1.0, 0.5
 """Minimum force, N, and minimum share of the commanded force. If fingers press with more but have not reached

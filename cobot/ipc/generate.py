@@ -41,7 +41,8 @@ _NOTE = "# Layout version {version}, records {digest}.\n"
 
 def records_digest() -> str:
     """A digest of the records of `cobot.ipc.layout`, of `cobot.ipc.records` and of the state block, for each
-    number of joints."""
+    number of joints.
+    """
     joints = range(1, MAX_DOF + 1)
     records = {f"state {dof}": state_dtype(dof) for dof in joints}
     for module in (layout, cycle_records):
@@ -56,7 +57,8 @@ def records_digest() -> str:
 
 def declarations() -> str:
     """The declarations for compiled modules: the numbers of the state block, and the rows of the measured
-    values."""
+    values.
+    """
     fields = "".join(f"    {_C_TYPES[field.kind]} {field.name}\n" for field in SCALARS)
     joints = [field.name for field in MEASURED if field.length == PER_JOINT]
     rows = "".join(f"    {name.upper()}_ROW = {row}\n" for row, name in enumerate(joints))

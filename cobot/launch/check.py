@@ -117,7 +117,8 @@ class _Report:
 
 def _address(web: WebSection) -> str:
     """Check that the address belongs to this computer. The port may be in use, because cobot itself may be
-    running."""
+    running.
+    """
     _resolve(web)
     return f"{web.host} port {web.port}"
 

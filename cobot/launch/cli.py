@@ -219,7 +219,8 @@ def _running(robots: Sequence[str]) -> list[Settings]:
 
 def _become_client(chosen: argparse.Namespace) -> NoReturn:
     """Replace this process by the program runner or the bridge for agents. Both are ordinary clients of the
-    service."""
+    service.
+    """
     url = options.url_of(chosen)
     if chosen.command == "lua":
         url = address(url, chosen.robot) if chosen.robot else url

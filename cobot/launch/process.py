@@ -97,7 +97,8 @@ def require_limits() -> None:
 
 def in_words(main: Callable[[], int]) -> int:
     """Run `main` and return its exit status. If the computer runs out of a resource, print a message and
-    return 2."""
+    return 2.
+    """
     try:
         return main()
     except (OSError, MemoryError, ImportError, RuntimeError) as exc:

@@ -163,7 +163,8 @@ class RunningConfig:
 
     def _copy_cell(self, source: Path, name: str) -> str:
         """Copy a cell file with its meshes. An invalid file is not an error here; the process that reads it
-        reports it."""
+        reports it.
+        """
         source = cell_file(source)
         try:
             meshes = load_cell(source).files

@@ -16,7 +16,8 @@ TRIES = 100
 
 class Task(Protocol):
     """Interface of a task. Random numbers must come from the generator that `reset` gets, so that a seed
-    defines an episode."""
+    defines an episode.
+    """
 
     def spaces(self) -> dict[str, spaces.Space[Any]]:
         """The spaces of the task's additional observations."""

@@ -21,7 +21,8 @@ IDS = (*SHOWN_IDS, "client")
 
 RECORD_SEPARATOR = b"\x1e"
 """First byte of each line that a process sends to the supervisor, as in RFC 7464. JSON text never contains
-it. A line without it, or without valid JSON, is treated as printed text."""
+it. A line without it, or without valid JSON, is treated as printed text.
+"""
 
 log_context: ContextVar[dict[str, str]] = ContextVar("log_context", default={})  # noqa: B039  never changed
 """Ids that are added to each line of the current task, by their names in `IDS`."""

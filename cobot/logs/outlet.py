@@ -21,7 +21,8 @@ from cobot.logs.repeats import Repeats
 CAPACITY = 2000
 LOOK_S = 1.0
 """Interval at which the thread checks whether repetitions have ended and whether writing works again, in
-seconds."""
+seconds.
+"""
 
 Item = TypeVar("Item")
 

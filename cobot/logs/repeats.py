@@ -57,7 +57,8 @@ class Repeats(Generic[Item]):
 
     def summary(self, *, all_of_them: bool = False) -> list[tuple[Item, int]]:
         """For each kind whose interval is over: its last item, and the number of items that were held
-        back."""
+        back.
+        """
         with self._lock:
             now_s = self._now_s()
             found = []

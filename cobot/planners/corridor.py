@@ -18,11 +18,12 @@ PARTS = 5
 """Number of rows in the curve's table for each step."""
 CALM_STEPS, CALM_TIMES = 1, 4
 """Number of steps on each side over which the curve is averaged, and number of times that the average is
-taken. This smooths the curve before its direction is computed: the direction of noise is random.
+taken. This smooths the curve before its direction is computed, because the direction of noise is random.
 """
 DENSE_STEPS = 0.5
 """With less than this many steps per point, the curve is linear between points: a spline exaggerates
-noise."""
+noise.
+"""
 STANDSTILL = 1e-2
 """If the speed is below this value, rad/s, the curve's direction is not meaningful, so time is not shifted
 along the curve.

@@ -24,8 +24,9 @@ STEPS = 40
 STEP_RAD = 0.2
 """Largest joint step of the search. It is limited because distances are not linear in the joints."""
 DEEPER_M = 1e-4
-"""Depth by which a contact may become deeper on the way, m, because distances are not linear along a
-straight motion."""
+"""A contact may become deeper by this distance on the way, m, because distances are not linear along a
+straight motion.
+"""
 SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
 """Random sampling around the start: the largest joint offset of each round, the number of samples per round,
 and the number of collision-free samples that are tried.

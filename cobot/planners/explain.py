@@ -30,10 +30,12 @@ MIN_SPEED, MAX_DURATION_S = 0.01, 600.0
 """The lowest speed that is tried, and the longest duration of a remedy."""
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
 """Shares of the distance to the start. A goal at the edge of the workspace is moved towards the start by
-these shares, in this order. Reason: at the edge a joint is at its limit, or the elbow is straight."""
+these shares, in this order. Reason: at the edge a joint is at its limit, or the elbow is straight.
+"""
 SHORT_OF, MIN_SHARE = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
 """If a line fails at a point, shorter lines are tried. They end at these shares of the distance to that
-point. The second value is the shortest share of the line that is offered."""
+point. The second value is the shortest share of the line that is offered.
+"""
 SPREAD = 8
 ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
 DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.name in BODY_FIELDS}

@@ -19,10 +19,10 @@ LOOK_S, MAX_LOOKS = 1e-3, 50_000
 hundredth of the allowance.
 """
 ALLOWANCE = 1e-4
-"""Amount by which a motion, its start or its goal may violate a constraint, rad or m."""
+"""A motion, its start or its goal may violate a constraint by this amount, rad or m."""
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
-"""Distance by which a projected configuration stays inside the constraints, rad or m, and the same as a share
-of the constraint's range, which counts if the range is narrow.
+"""A projected configuration stays this distance inside the constraints, rad or m. For a constraint with a
+narrow range, the distance is this share of the range.
 """
 
 

@@ -83,7 +83,8 @@ def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescripti
 
 def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
     """Limit each joint to `velocity`, rad/s, and `acceleration`, rad/s²; the jerk is reduced in
-    proportion."""
+    proportion.
+    """
     share = np.minimum(1.0, acceleration / limits.max_acceleration)
     return replace(
         limits,
@@ -95,7 +96,8 @@ def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> 
 
 def slowed_tcp(limits: CartesianLimits, velocity: float, acceleration: float) -> CartesianLimits:
     """Limit the TCP to `velocity`, m/s, and `acceleration`, m/s²; jerk and rotation are reduced in
-    proportion."""
+    proportion.
+    """
     faster = min(1.0, velocity / limits.max_linear_velocity)
     harder = min(1.0, acceleration / limits.max_linear_acceleration)
     return limits.scaled(faster, harder, harder)

@@ -34,7 +34,8 @@ MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
 
 GENTLE = 0.7
 """Share of the acceleration limits with which the arm slows down. The new motion may use the remaining
-part."""
+part.
+"""
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Shares of the time to rest. The new motion begins after the first of these shares at which the sum keeps
 the limits.

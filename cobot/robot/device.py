@@ -77,7 +77,7 @@ class Capabilities:
             raise ValueError(f"periods_s: {self.periods_s} must be above 0")
 
     def period_refusal(self, period_s: float) -> str:
-        """The reason why the device cannot be driven with this period; "" if it can."""
+        """The reason why the device cannot be driven with this period; "" if it can be driven."""
         if not self.periods_s or any(abs(period_s - each) < 1e-9 for each in self.periods_s):
             return ""
         valid = ", ".join(f"{each:g}" for each in self.periods_s)

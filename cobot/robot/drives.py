@@ -13,10 +13,12 @@ TOLERANCE = 1e-6
 """Tolerance for positions, rad or m, because files are rounded."""
 MILLIMETRES_PER_S_FROM = 20.0
 """Speed limit of a linear joint, m/s, above which the value was probably written in mm/s, because no arm
-is that fast."""
+is that fast.
+"""
 MILLIMETRES_FROM_RATIO = 100.0
 """Factor by which limits may exceed those of the model. Beyond it, they were probably written in a
-different unit."""
+different unit.
+"""
 UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
 
 

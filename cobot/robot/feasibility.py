@@ -15,9 +15,9 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""Share of a limit by which a value may exceed it, because clients round their motions."""
+"""A value may exceed its limit by this share of the limit, because clients round their motions."""
 PLANNED_TOLERANCE = 1e-9
-"""Share of a limit by which rounding may make a planned motion exceed it."""
+"""Rounding may make a planned motion exceed a limit by this share of the limit."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000
@@ -25,8 +25,8 @@ MAX_EFFORT_STEPS = 2000
 The steps are longer if there would be more than `MAX_EFFORT_STEPS` of them.
 """
 EFFORT_TOLERANCE = 1e-3
-"""Share of its limit by which an effort may exceed the limit between two samples, if accelerations take 0.1 s
-to build up.
+"""Between two samples an effort may exceed its limit by this share of the limit, if accelerations take 0.1
+s to build up.
 """
 
 PLACES = 33

@@ -14,8 +14,10 @@ from cobot.robot.io_points import ANALOG_SHARE
 
 @dataclass(slots=True, eq=False)
 class SentOutput:
-    """Attributes:
-    is_late: whether cobot has reported that the device did not confirm the value in time.
+    """A value that was sent to an output.
+
+    Attributes:
+        is_late: whether cobot has reported that the device did not confirm the value in time.
     """
 
     value: float

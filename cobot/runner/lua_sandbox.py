@@ -116,7 +116,7 @@ class Sandbox:
     """A Lua runtime for one run of one program.
 
     Attributes:
-        failure: the latest `CobotError` that was reported to the program; None if there was none.
+        failure: the latest `CobotError` that was reported to the program; None before the first one.
     """
 
     def __init__(self, functions: Mapping[str, Function], watch: ProgramWatch, limits: LuaLimits) -> None:

@@ -9,7 +9,8 @@ from cobot.clock import SYSTEM, Clock
 MAX_STEPS_PER_S = 20.0
 BURST = 20
 """Number of steps that may follow each other without a delay. After a pause of this many intervals, all of
-them are available again."""
+them are available again.
+"""
 
 
 class StepPace:

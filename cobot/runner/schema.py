@@ -28,7 +28,8 @@ Waypoints = Annotated[list[AnyTarget], Field(min_length=1, max_length=MAX_STEPS)
 
 class Sequence(RequestModel):
     """Steps that run in order, in each iteration after the motion to home. `waypoints` are steps that only
-    move."""
+    move.
+    """
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["waypoints"]}, {"required": ["steps"]}]}

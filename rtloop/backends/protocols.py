@@ -487,8 +487,8 @@ def capabilities_of(backend: object) -> Capabilities:
     capability.
 
     Raises:
-            ConfigError: the attribute `capabilities` is not a `Capabilities`. On a class it may be a
-                descriptor that is meant for instances.
+        ConfigError: the attribute `capabilities` is not a `Capabilities`. On a class it may be a
+            descriptor that is meant for instances.
     """
     capabilities = getattr(backend, "capabilities", SIMULATED)
     if isinstance(backend, type) and hasattr(capabilities, "__get__"):

@@ -20,11 +20,14 @@ the cycle no longer asks, so a device that answers again is not switched on unex
 
 @dataclass(slots=True)
 class _Attempt:
-    """Attributes:
-    begun_s, looked_s: times at which the attempt began and at which the cycle last asked for its result, on
-    the monotonic clock. result: result of the attempt; None until the thread has ended it. is_cancelled:
-    whether the drives must be switched off after the attempt. is_off: whether the drives have been switched
-    off after the attempt.
+    """An attempt to enable the device.
+
+    Attributes:
+        begun_s, looked_s: times at which the attempt began and at which the cycle last asked for its result,
+            on the monotonic clock.
+        result: result of the attempt; None until the thread has ended it.
+        is_cancelled: whether the drives must be switched off after the attempt.
+        is_off: whether the drives have been switched off after the attempt.
     """
 
     begun_s: float = field(default_factory=time.monotonic)

@@ -18,7 +18,7 @@ CLAIMS = {
     "payload": ("set_tool",),
     "io": ("set_output",),
 }
-"""For each capability, the methods of which a class must implement at least one."""
+"""For each capability, a list of methods. A class must implement at least one of them."""
 
 
 def options(cell: CheckedBackend) -> str:

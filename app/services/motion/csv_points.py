@@ -24,7 +24,8 @@ WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
 """Maximum ratio of the number of cells in a row to the number of cells in the header. If the ratio is
-larger, decimal commas have probably split numbers."""
+larger, decimal commas have probably split numbers.
+"""
 NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
@@ -65,8 +66,8 @@ class _Numbers:
         return value
 
     def _require_one_sign(self, cell: str, place: str) -> None:
-        """Check that all cells use the same decimal sign. A cell such as `1.234,5` is rejected itself;
-        otherwise the first cell that differs is rejected.
+        """Check that all cells use the same decimal sign. A cell with both signs, such as `1.234,5`, is
+        rejected. Otherwise the first cell that differs from the earlier ones is rejected.
         """
         for sign in ",.":
             if sign in cell:

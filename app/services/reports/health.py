@@ -168,7 +168,7 @@ class HealthService:
 
 
 def _seconds_since(moments_ns: list[int], now_ns: int) -> dict[str, float | None]:
-    """Return the time since the last intervention of each kind, s; None if there was none."""
+    """Return the time since the last intervention of each kind, s; None before the first one."""
     seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
     return dict(zip(KINDS, seconds, strict=True))
 

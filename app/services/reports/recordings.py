@@ -19,9 +19,7 @@ from cobot.recording.control import HANG_S, SILENT_S, ask, socket_path
 from cobot.recording.store import Recording, RecordingStore
 
 START_S = 30.0
-"""Maximum time for which the first recorder of a `cobot run` may not answer because it is still starting,
-s.
-"""
+"""Maximum time that the first recorder of a `cobot run` takes to start, s. Until then it need not answer."""
 LOOK_S = 0.2
 """Interval at which the service checks that the recorder is alive, s."""
 

@@ -94,7 +94,8 @@ class JobRecord:
 
     Attributes:
         request: the request, or the newest change of its goal, in a short and readable form.
-        path, body: path and body of the HTTP request; "" and None if there was none. A long body is omitted.
+        path, body: path and body of the HTTP request; "" and None for a job without an HTTP request. A long
+            body is omitted.
         owner: the client that requested it.
         parent: id of the sequence's job, if the job belongs to a sequence.
         motion_id: number of the job's newest motion, once there is one.

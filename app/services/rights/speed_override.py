@@ -21,7 +21,7 @@ from cobot.types import RESTING
 REST_TIMEOUT_S = 3.0
 """Time within which a motion must be at rest after a request to pause, s."""
 MAX_PAUSE_S = 3600.0
-"""Maximum time by which pauses extend the timeout of a motion, s."""
+"""Pauses extend the timeout of a motion by at most this time, s."""
 FRACTIONS = (0.01, 1.0)
 """Smallest and largest fraction of full speed that may be set. A fraction of 0 is also permitted."""
 

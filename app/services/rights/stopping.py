@@ -213,8 +213,8 @@ class StopService:
         )
 
     def _unclaimed_motion(self) -> str | None:
-        """Describe a motion without a claim, which is from a local client or from an earlier service that has
-        died.
+        """Describe a motion without a claim. A local client, or an earlier service that has died, has started
+        it.
         """
         try:
             state = self._link.state()

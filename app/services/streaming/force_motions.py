@@ -57,7 +57,7 @@ from cobot.types import Array
 ANSWER_S = 2.0
 """Timeout for rtloop's answer when a session begins, s."""
 MIN_ROOM_N = 20.0
-"""Minimum amount by which the default of `max_force` exceeds `force`, N."""
+"""The default of `max_force` exceeds `force` by at least this amount, N."""
 MOVED_RAD = 1e-3
 """Maximum motion of a joint that is permitted while the path is planned, rad."""
 INSERT_SHARE = 0.2

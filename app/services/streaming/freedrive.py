@@ -75,7 +75,7 @@ class FreedriveState:
     Attributes:
         session: number of the current session; None while freedrive is off.
         left_s: time until freedrive ends unless it is renewed, s; 0 while it is off.
-        limited_by: reason why the arm does not follow the push; "" if it does.
+        limited_by: reason why the arm does not follow the push; "" while it follows.
         ended: reason why freedrive last ended; "" if it has never ended.
     """
 
@@ -113,7 +113,7 @@ class Guidance:
             step_s: time since the last target, s.
 
         Returns:
-            The target, and the reason why the arm does not follow the push; "" if it does.
+            The target, and the reason why the arm does not follow the push; "" if it follows.
         """
         asked = (external - np.clip(external, -self._touch, self._touch)) / self._damping
         bounded, why = self._within_limits(asked, position)

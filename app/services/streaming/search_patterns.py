@@ -40,9 +40,7 @@ class Search:
 
 
 LEVER_M = 0.05
-"""Length by which an angle of a tilt is multiplied to get a distance, m, so that one speed fits all
-patterns.
-"""
+"""Lever that converts an angle of a tilt to a distance, m, so that one speed fits all patterns."""
 LEANINGS = 12
 """Number of directions in which a tilt leans, one after the other."""
 

@@ -88,7 +88,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
 
     def write_keyed(self, payload: bytes, key: bytes, inline: bytes = b"", *, disposes: bool = False) -> int:
         """Send a sample of a keyed topic, which replaces the previous one. For discovery, with the lock
-        held."""
+        held.
+        """
         return self._store(payload, inline, key=key, disposes=disposes)
 
     def close(self) -> None:

@@ -21,7 +21,8 @@ from cobot.grippers.protocol import (
 
 SPEEDS_M_S, FORCES_N = (0.005, 0.1), (1.0, 70.0)
 """Ranges of the speed at which the width changes, and of the continuous force. Source: data sheet of the
-Franka Hand."""
+Franka Hand.
+"""
 CLOSED_M = 0.001
 """Width at or below which the fingers hold nothing, m, even if the hand reports an object."""
 

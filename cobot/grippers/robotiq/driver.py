@@ -38,7 +38,7 @@ from cobot.grippers.robotiq.urcap import PORT, UrcapLink
 from cobot.strict import shown
 
 BEYOND_M = 0.003
-"""Distance by which a grasp aims beyond the narrowest permitted object, m, because the fingers must press on
+"""A grasp aims this distance beyond the narrowest permitted object, m, because the fingers must press on
 it.
 """
 NEAR = 2
@@ -278,5 +278,5 @@ class RobotiqGripper:
 
 
 def _words(fault: int) -> str:
-    """A fault as text; "" without a fault."""
+    """The active fault as text; "" without a fault."""
     return FAULTS.get(fault, f"fault {fault:#04x}, which the manual does not list" if fault else "")

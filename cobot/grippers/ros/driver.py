@@ -30,7 +30,7 @@ from cobot.motions.fields import Finite
 PARALLEL = "ParallelGripperCommand"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BEYOND_M = 0.003
-"""Distance by which a grasp aims beyond the narrowest permitted object, m, because the fingers must press on
+"""A grasp aims this distance beyond the narrowest permitted object, m, because the fingers must press on
 it.
 """
 NEAR_M = 0.003

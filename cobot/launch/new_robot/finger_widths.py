@@ -120,7 +120,8 @@ class Linkage:
 
     def measure(self, span: tuple[float, float]) -> MeasuredFingers | str:
         """Measure the width over a range of the first joint, rad. Returns the reason if that is
-        impossible."""
+        impossible.
+        """
         sides = self._sides(span[0])
         if isinstance(sides, str):
             return sides

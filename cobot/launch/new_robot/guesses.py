@@ -32,7 +32,8 @@ ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Guessed ratios: full speed is reached within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0
 """The largest acceleration that is guessed, rad/s² or m/s². A velocity that needs a larger acceleration,
-such as 1e4, counts as a placeholder."""
+such as 1e4, counts as a placeholder.
+"""
 MANY_TURNS_RAD = 8.0 * np.pi
 """Range above which the file probably uses degrees, because few joints turn that far."""
 EFFORT_RESERVE = 2.5

@@ -19,12 +19,14 @@ from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1
 """Limits for a hull: a distance, m, and a share of the mesh's size. A hull is wrong if one of its points
-is further from the mesh than both."""
+is further from the mesh than both.
+"""
 CELLS = 24
 """Number of grid cells along the longest side."""
 CLUSTERS = 40
 """Number of cells along the longest side of the mesh. Before the decomposition, all vertices of a cell are
-merged."""
+merged.
+"""
 MAX_SOLIDS = 8
 CONCAVITY = 0.12
 """Concavity above which a solid is divided again, as a share of the solid's size."""

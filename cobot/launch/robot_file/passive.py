@@ -43,7 +43,8 @@ def _has_effect(tendon: mujoco.MjsTendon) -> bool:
 
 def _remove_margins(spec: mujoco.MjSpec) -> list[str]:
     """Set the margins of contacts to 0, so that contact forces act only where shapes touch. cobot keeps
-    distances by its own settings."""
+    distances by its own settings.
+    """
     overrides = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     shapes = [*spec.geoms, *spec.pairs]
     had = any(shape.margin or shape.gap for shape in shapes) or bool(spec.option.enableflags & overrides)

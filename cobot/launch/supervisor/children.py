@@ -58,7 +58,8 @@ class Children:
 
     def fleet(self, url: str) -> Child:
         """The process that connects this cell to a fleet, if it belongs to one. It is a client of the
-        service."""
+        service.
+        """
         command = [*RUN_MODULE, "cobot.fleet.cell", *self._both_files, *(("--url", url) if url else ())]
         environment = {FLEET_TOKEN_VARIABLE: self._fleet_token} | self._certificate()
         return Child("fleet", command, self._log, environment=environment)

@@ -31,7 +31,8 @@ KNOT_S, LOOK_S = 0.01, 0.004
 """Time between the knots of a transition, and between the samples at which its limits are checked."""
 JERK = 1.15
 """Share of the jerk limit that a transition may use. Plans use 0.8 of what the arm permits, so this is still
-less than the arm's limit."""
+less than the arm's limit.
+"""
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 """The quintic from 0 to 1 whose velocity and acceleration are 0 at both ends."""

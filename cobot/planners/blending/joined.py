@@ -37,11 +37,13 @@ only.
 """
 INSIDE = 0.998
 """Share of the radius within which the samples of a blend must be. The curve between the samples may use
-the remaining part."""
+the remaining part.
+"""
 SAMPLES = 400
 MIN_RADIUS_M = 1e-6
 """Minimum blend radius, m. A smaller radius counts as 0, because no arm is that accurate, and rounding
-would determine the blend."""
+would determine the blend.
+"""
 TOLD = 0.9
 """Share of a blend radius. A note reports each blend that uses less of its radius."""
 

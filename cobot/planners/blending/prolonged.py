@@ -30,7 +30,8 @@ RESERVE = (0.998, 0.98, 0.92)
 """Shares of the velocity, acceleration and jerk limits that a motion uses if it can be extended."""
 KEPT_S = 3.0
 """Motions that ended longer ago than this time, s, are not joined again, because the new motions do not
-depend on them."""
+depend on them.
+"""
 
 
 def begin_stretch(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:

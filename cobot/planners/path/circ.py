@@ -144,7 +144,8 @@ def _arc_finding(quantity: str, value: float, limit: float, unit: str = "m") -> 
 
 def _sine(normal: Array, first: Array, second: Array) -> float:
     """Sine of the angle between two vectors whose cross product is `normal`; 0 if either is the zero
-    vector."""
+    vector.
+    """
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.linalg.norm(normal)) / size if size > 0.0 else 0.0
 

@@ -28,7 +28,8 @@ from cobot.types import Array, JointLimits
 
 STEP_RAD = 0.4
 """Maximum turn of a joint between two places, rad. If a joint would turn further, a place is added between
-them."""
+them.
+"""
 SAME_RAD = 1e-6
 """Joint positions that differ by less than this, rad, count as equal."""
 STEPS = 60

@@ -23,7 +23,8 @@ parameterization.
 """
 POSE_SHARE = 0.5 * PATH_SHARE
 """Share of the allowed deviation at the places themselves, for an arm that reaches most poses
-approximately."""
+approximately.
+"""
 BETWEEN = np.array([0.25, 0.5, 0.75])
 """Places within each interval at which the deviation is checked, as shares of the interval."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
@@ -43,7 +44,8 @@ the path is singular there, because the joints would jump.
 """
 SHARE_RAD = 0.1
 """Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance,
-rad. This makes the parameter increase even where no joint moves."""
+rad. This makes the parameter increase even where no joint moves.
+"""
 SWINGING = 1.5
 """If a curve through the places is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500

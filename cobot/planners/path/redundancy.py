@@ -35,7 +35,8 @@ limit from start to end, s².
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
 """Weights of the curvature of the arm angle, relative to the weight of its distance from the path through
-the graph. The weights are tried in this order."""
+the graph. The weights are tried in this order.
+"""
 PULLS, EDGE, HELD = 8, 0.15, 1e9
 """Three values for smoothing: the number of rounds in which points outside the corridor are moved back into
 it; how far inside they are moved, as a share of the distance from the edge to the path through the graph; and
@@ -69,9 +70,8 @@ ENCLOSING = Mesh(
     max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
     max(mesh.step_rad * mesh.factor for mesh in MESHES),
 )
-"""A mesh that contains every way through any of `MESHES`: it contains all their arm angles, only the places
-that they share, and steps as large as theirs. If there is no way through this mesh, there is none through the
-others.
+"""A mesh that contains every way through any of `MESHES`: it contains all their arm angles, only the
+places that they share, and steps as large as theirs. If this mesh has no way, the others have none either.
 """
 
 

@@ -50,7 +50,8 @@ SHARES = (1.0, 0.5, 0.25)
 """Sizes of a random change, as shares of `Improving.step_rad`."""
 STEPS_RAD, GROWTH, DECAY = (0.02, 0.4), 1.3, 0.97
 """Smallest and largest step, rad. Then the factors by which the step changes: after a successful change,
-and after an unsuccessful one."""
+and after an unsuccessful one.
+"""
 LOOKS = 48
 """Number of places at which a curve is checked before the complete proof that it is collision-free."""
 PATH_SAMPLES = 200

@@ -49,7 +49,8 @@ removes together.
 FIRST_SHARES, LATER_SHARES = 2 * (0.1, 0.25, 0.4), (0.4,)
 """The searches of the first round, and of each later round. Each value limits the extra length of a path
 beyond the direct way, as a share of the extra length of the best path. The smaller the space, the sooner a
-search finds a path in it. Small spaces without a path in the first round are not searched again."""
+search finds a path in it. Small spaces without a path in the first round are not searched again.
+"""
 ATTEMPTS = 3000
 """Maximum number of attempts to add a node in one of these searches."""
 MUCH_WORK, MUCH_LONGER = 100_000, 0.5

@@ -23,7 +23,8 @@ DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 SAMPLES = 192
 """Number of places at which a path is checked for collisions before it is timed. Only the timed motion is
-proven collision-free. A second proof before would take longer than the few timings that it saves."""
+proven collision-free. A second proof before would take longer than the few timings that it saves.
+"""
 LOOKS = 4
 """Number of samples per piece at which constraints are checked before the path is timed."""
 

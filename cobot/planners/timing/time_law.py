@@ -241,7 +241,8 @@ class _Problem:
 
     def solve(self) -> _Law:
         """The fastest motion that keeps the limits at the checked places, stretched to keep them
-        everywhere."""
+        everywhere.
+        """
         if self._bounded:
             for stations, bounds in zip(self._bounded, self._bounds(), strict=True):
                 stations.bound(*bounds)

@@ -35,7 +35,8 @@ second twice.
 """
 TOO_FAR = 1.5
 """Factor by which a moving average may exceed the corridor. Beyond this factor, longer averages are not
-tried."""
+tried.
+"""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 """Maximum number of rounds; maximum number of turns per round; and maximum of the turns multiplied by the
 control points, in total.

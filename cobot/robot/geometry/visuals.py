@@ -63,7 +63,8 @@ class Visual(BaseModel):
 
     def sizes(self) -> list[float]:
         """The dimensions of the shape. Box: edges. Sphere: radius. Cylinder: radius and length. Mesh:
-        scale."""
+        scale.
+        """
         if self.shape == "mesh":
             return self.scale or [1.0, 1.0, 1.0]
         return [*(self.size or []), *(self.radius or []), *(self.length or [])]

@@ -73,7 +73,8 @@ STEPS_ALONG = 20
 BRANCH_RAD = 0.5
 """Maximum length of the pieces into which a continued motion is split, m and rad. The other values are the
 maximum number of pieces, the maximum number of steps per piece, and the largest turn of a joint in a
-piece, rad."""
+piece, rad.
+"""
 
 Clearance = Callable[[Array], float]
 

@@ -65,7 +65,7 @@ def row_of(pose: Pose) -> Array:
 
 def reach_gap(model: RobotModel, pose: Pose) -> float:
     """A lower bound of the distance of a pose from the arm's reach in this orientation, m. It is 0 if the
-    pose is within reach, or if only other joint limits prevent it.
+    pose is within reach, or if only joint limits that do not bound the reach prevent the pose.
     """
     return model.inverse_kinematics.gap(row_of(pose))
 

@@ -24,9 +24,11 @@ PENDANT = "the teach pendant is on (T1 or T2): select AUTO and switch it off"
 
 @dataclass(frozen=True, slots=True)
 class RmiReport:
-    """Attributes:
-    drives: "on" or "off", "" if unknown.
-    text: alarms and everything else that a user should read.
+    """The report of the Remote Motion Interface.
+
+    Attributes:
+        drives: "on" or "off"; "" if unknown.
+        text: alarms and everything else that a user should read.
     """
 
     drives: str = ""

@@ -22,9 +22,11 @@ MM_PER_M = 1000.0
 
 
 class JointUnits:
-    """Attributes:
-    per_unit: degrees per rad, or mm per m for a linear axis, shape (dof,). horizon: whether joint 3 in Stream
-    Motion is measured from the horizon.
+    """The conversion between joints and axes.
+
+    Attributes:
+        per_unit: degrees per rad, or mm per m for a linear axis, shape (dof,).
+        horizon: whether joint 3 in Stream Motion is measured from the horizon.
     """
 
     def __init__(self, limits: JointLimits, horizon: bool = False) -> None:

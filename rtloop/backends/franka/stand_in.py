@@ -34,7 +34,7 @@ START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
 """Distance of the robot's own reference from the measured position, rad."""
 LOST = 20
-"""Number of packets of which one is lost, while packets are lost."""
+"""While packets are lost, one in this number is lost."""
 
 
 class FrankaStandIn:

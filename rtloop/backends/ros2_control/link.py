@@ -61,7 +61,7 @@ class Facts:
     """The facts that the link reports.
 
     Attributes:
-        problem: reason why the link does not work; "" if it does.
+        problem: reason why the link does not work; "" while it works.
         action: name of the action that accepts the goals; "" if it is unknown.
         ready: whether the action server is available.
         choices: the candidates, if several actions match the settings.
@@ -141,8 +141,8 @@ class ControllerLink(Protocol):
         ...
 
     def cancel(self) -> str:
-        """Cancel all goals of the action and wait for the answer. Return the reason of a failure, or "" if
-        there was none.
+        """Cancel all goals of the action and wait for the answer. Return "" after success, otherwise the
+        reason of the failure.
         """
         ...
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from rtloop.backends.rsi.options import EXTERNAL_AXES, KUKA_LIMIT, ROBOT_AXES, is_external
 
 MONITOR_MARGIN = 1.0
-"""Amount by which the limit of AXISCORRMON, which ends RSI, exceeds the limit of AXISCORR. It is also KUKA's
-default.
+"""The limit of AXISCORRMON, which ends RSI, exceeds the limit of AXISCORR by this amount. It is also
+KUKA's default.
 """
 PRECISION = 6
 NO_FLAG = -1

@@ -26,8 +26,8 @@ MIN_POLYSCOPE, MIN_POLYSCOPE_X, POLYSCOPE_X = (5, 23), (10, 11), (10,)
 MOTOR_TORQUE = "actual_current_as_torque"
 """RTDE variable with the measured motor currents, converted to torques, N·m."""
 HELD_STEPS = 4
-"""Number of control steps without a message for which the newest torques stay in effect. After that they fade
-out.
+"""The newest torques stay in effect for this number of control steps without a message. After that they
+fade out.
 """
 SPEED_SHARE = 1.1
 """Share of a joint's velocity limit above which the program ends the torques and stops the arm."""
@@ -41,10 +41,12 @@ frozen.
 """
 MAX_CONSTANT = 10
 """Number of packages with the same values and motor currents after which the values of an arm at rest
-count as frozen. The noise of measured currents never repeats."""
+count as frozen. The noise of measured currents never repeats.
+"""
 STIFFNESS_SHARE = 0.09
 """Stiffness as a share of the simulation's maximum stiffness. The stiffest springs then have 30 rad/s,
-because several milliseconds pass between measuring and exerting a torque."""
+because several milliseconds pass between measuring and exerting a torque.
+"""
 
 
 def torque_rate(limits: JointLimits) -> Array:

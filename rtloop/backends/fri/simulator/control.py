@@ -1,5 +1,6 @@
 """Control interface of a running simulated cabinet, for tests and people: one JSON object per line, over
-TCP."""
+TCP.
+"""
 
 from __future__ import annotations
 

@@ -43,14 +43,15 @@ MOVING = {SafetyMode.NORMAL, SafetyMode.REDUCED}
 
 
 class UrController:
-    """
+    """The simulated controller.
+
     Attributes:
         time_s: time since the controller was switched on, s.
         robot_mode, safety, runtime: modes and program state as RTDE reports them.
         events: descriptions of events, the newest last.
         owners: sessions that have claimed RTDE inputs, by the names of these inputs.
         messages: error messages that are still to be sent over the primary interface.
-        blocked: reason why a protective stop cannot be unlocked; "" if it can.
+        blocked: reason why a protective stop cannot be unlocked; "" if nothing prevents it.
     """
 
     def __init__(self, arm: ControllerArm, options: UrControllerOptions, transport: UrTransport) -> None:

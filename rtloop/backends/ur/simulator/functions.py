@@ -37,11 +37,12 @@ class _Socket:
 
 
 class ProgramContext:
-    """
+    """What the functions of a program have commanded.
+
     Attributes:
-        goal: joint position for this control period, shape (dof,), rad; None for none.
-        torque: joint torques for this control period in addition to gravity, shape (dof,), N·m; None for
-            none.
+        goal: joint position for this control period, shape (dof,), rad; None without a goal.
+        torque: joint torques for this control period in addition to gravity, shape (dof,), N·m; None without
+            torques.
         brake_rad_s2: deceleration while there is no goal, rad/s².
         is_guided: whether the arm is in freedrive.
     """
