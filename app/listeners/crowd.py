@@ -94,11 +94,12 @@ def _settled_s(visit: Visit) -> float:
 
 
 class Crowd:
-    """places: maximum number of connections.
+    """All connections of the service.
 
     Args:
-        places: maximum number of connections. per_address: maximum number of connections from one address.
-            reserve: number of additional reserve places.
+        places: maximum number of connections.
+        per_address: maximum number of connections from one address.
+        reserve: number of additional reserve places.
     """
 
     def __init__(self, places: int, per_address: int, reserve: int) -> None:

@@ -51,17 +51,20 @@ _DEFAULT_LIMITS = ParticipantLimits()
 class Participant:
     """A member of a DDS domain.
 
-    interfaces: names or IPv4 addresses of the interfaces to use and announce; None means all except loopback,
-    including interfaces that come up later.
-    localhost_only: whether to communicate only on this computer, as with ROS_LOCALHOST_ONLY.
-    peers: IPv4 addresses of computers that multicast does not reach; their first participants get
-        announcements.
-    name: entity name that other participants may show.
-    user_data: user data, which for ROS contains the enclave.
-    on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
-    loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
+    Args:
+        interfaces: names or IPv4 addresses of the interfaces to use and announce; None means all except
+            loopback, including interfaces that come up later.
+        localhost_only: whether to communicate only on this computer, as with ROS_LOCALHOST_ONLY.
+        peers: IPv4 addresses of computers that multicast does not reach; their first participants get
+            announcements.
+        name: entity name that other participants may show.
+        user_data: user data, which for ROS contains the enclave.
+        on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
+        loss: a test's model of a bad network. It is called once for each datagram in either direction, and
+            returns True to drop the datagram.
 
-    Errors: NetworkError if an interface or a free port is missing.
+    Raises (constructor):
+        NetworkError: an interface or a free port is missing.
     """
 
     # There are many parameters, because these are all the settings of DDS. Most have defaults.

@@ -76,10 +76,11 @@ class Qos:
 class Sample:
     """One received sample.
 
-    payload: the serialised bytes with their 4-byte encapsulation header. related: the inline QoS
-    `related_sample_identity`, if any. source_time: seconds since 1970 on the writer's clock, if the writer
-    has sent a time. vendor: vendor of the writer's DDS, such as 0x010F for Fast DDS and 0x0110 for Cyclone
-    DDS.
+    Attributes:
+        payload: the serialised bytes with their 4-byte encapsulation header.
+        related: the inline QoS `related_sample_identity`; None if the sample has none.
+        source_time: seconds since 1970 on the writer's clock; None if the writer has sent no time.
+        vendor: vendor of the writer's DDS, such as 0x010F for Fast DDS and 0x0110 for Cyclone DDS.
     """
 
     payload: bytes
@@ -115,12 +116,15 @@ class RemoteEndpoint:
 class ParticipantLimits:
     """Limits for the memory and the work that peers can cause in this participant; sizes in bytes.
 
-    payload: size of one sample, sent or received. history: size of the samples that one writer keeps for its
-    readers; the oldest are removed first. history_samples: maximum number of samples that a writer without a
-    depth keeps. buffered_per_writer: size of incomplete and out-of-order samples from one remote writer.
-    buffered: the same for all remote writers together. Above this limit, the writer with the most buffered
-    bytes loses its samples. undelivered: size of the samples of one reader that wait for its callback.
-    window: how far ahead of the next sample a kept sample may be.
+    Attributes:
+        payload: size of one sample, sent or received.
+        history: size of the samples that one writer keeps for its readers; the oldest are removed first.
+        history_samples: maximum number of samples that a writer without a depth keeps.
+        buffered_per_writer: size of incomplete and out-of-order samples from one remote writer.
+        buffered: the same for all remote writers together. Above this limit, the writer with the most
+            buffered bytes loses its samples.
+        undelivered: size of the samples of one reader that wait for its callback.
+        window: how far ahead of the next sample a kept sample may be.
     """
 
     payload: int = 16 * _MIB

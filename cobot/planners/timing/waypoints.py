@@ -30,9 +30,7 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""Without permission from the client, a motion may take at most this factor longer than its points
-specify.
-"""
+"""A motion may take at most this factor longer than its points specify, without the client's permission."""
 ASIDE = 0.1
 """Share of the delay at each end that is left out when the slow interval is reported."""
 FEW = 5_000

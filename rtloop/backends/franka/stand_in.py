@@ -40,12 +40,15 @@ LOST = 20
 class FrankaStandIn:
     """A stand-in for the robot, with the state that survives a lost connection.
 
-    Attributes (set by the test that drives it): lose: number of packets that are lost before the next state
-        arrives. fail: exception that the next exchange raises. faults: lasting faults, as names of
-        `rtloop.contract.FAULTS`. refuses: the kind of control that is rejected, "positions" or "torques".
-        real_time: whether the computer is real-time. positions, torques: commands since control began, cycle
-        by cycle. While packets are lost, they are the robot's own continuation. wire: all commanded
-        positions.
+    Attributes (set by the test that drives it):
+        lose: number of packets that are lost before the next state arrives.
+        fail: exception that the next exchange raises.
+        faults: lasting faults, as names of `rtloop.contract.FAULTS`.
+        refuses: the kind of control that is rejected, "positions" or "torques".
+        real_time: whether the computer is real-time.
+        positions, torques: commands since control began, cycle by cycle. While packets are lost, they are the
+            robot's own continuation.
+        wire: all commanded positions.
     """
 
     def __init__(self) -> None:

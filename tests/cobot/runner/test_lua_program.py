@@ -289,7 +289,7 @@ def test_coroutines_work() -> None:
         ("sleep(print)", r"sleep must be a number, got a function"),
         ("from_json('{')", r"test\.lua:1: from_json: not valid JSON"),
         ("from_json(('['):rep(1e6))", r"not valid JSON"),
-        ("local t = {} t[1] = t to_json(t)", r"nested more than 16 deep"),
+        ("local t = {} t[1] = t to_json(t)", r"nested more than 16 levels deep"),
         ("to_json({1, a = 2})", r"keys 1, 2, 3 \.\.\. or texts"),
         ("textmsg(('x'):rep(3, ',')) error('mine')", r"test\.lua:1: mine$"),
         ("error({})", r"an error that is not a text: table"),

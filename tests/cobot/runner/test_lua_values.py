@@ -46,7 +46,10 @@ def test_data_is_as_json_knows_it_both_ways(literal: str, expected: Any) -> None
         ("{1, a = 2}", "it must have either the keys"),
         ("{[true] = 1}", "it must have either the keys"),
         ("'\\xff'", "it is not UTF-8 text"),
-        ("(function() local t = {}; t[1] = t; return t end)()", f"nested more than {DEEPEST} levels deep"),
+        (
+            "(function() local t = {}; t[1] = t; return t end)()",
+            f"it is nested more than {DEEPEST} levels deep",
+        ),
     ],
 )
 def test_what_is_no_data_is_refused(literal: str, sentence: str) -> None:
