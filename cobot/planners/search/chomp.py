@@ -15,8 +15,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor
-from scipy.linalg.lapack import dpotrs
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
@@ -27,7 +25,7 @@ from cobot.robot.description import RobotDescription
 from cobot.trajectory import Notice, Trajectory
 from cobot.types import RRT_CONNECT, Array
 
-POINTS, MAX_POINTS = 40, 100
+POINTS, MAX_POINTS = 30, 100
 ITERATIONS = 120
 LOOK = 5
 """Number of iterations between two checks of the path."""
@@ -49,7 +47,6 @@ SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""
 STRAIGHT_STARTS = 3
-Factor = tuple[Array, bool]
 
 
 def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
@@ -105,9 +102,9 @@ def _optimise(
     Raises:
         PlanningTimeout: see `plan_chomp`.
     """
-    ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
-    margin_m = robot.collision.margin_m
-    least_m = float(max(margin_m, min(margin_m + SPARE_M, ends - 1e-9)))
+    margin_m, spare_m = robot.collision.margin_m, robot.collision.margin_m + SPARE_M
+    ends = robot.collision.clearance.distances(corners[[0, -1]], spare_m).min(initial=spare_m)
+    least_m = float(max(margin_m, ends - 1e-9))
     points = _sample(corners)
     with robot.collision.keeping(least_m) as clearance:
         while True:
@@ -134,8 +131,8 @@ def _descend(
     collisions.
     """
     limits, count = robot.limits, len(points)
-    stiffness, factor = _smoothness(count)
-    pull = _pull(points[0], points[-1], count)
+    spread = _spread(count)
+    smoothest = -spread @ _pull(points[0], points[-1], count)
     weight, free = SMOOTHNESS_WEIGHT, None
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
@@ -148,12 +145,13 @@ def _descend(
             if free is not None and iteration >= least_iterations:
                 break
         inner = points[1:-1]
-        step = _solve(factor, weight * (stiffness @ inner + pull) + push[1:-1])
-        largest = float(np.abs(step).max())
+        step = weight * (inner - smoothest) + spread @ push[1:-1]
+        largest = max(float(step.max()), -float(step.min()))
         if largest < 1e-9:
             break
-        inner -= step * min(STEP_RAD / largest, 1.0 / weight)
-        _into_limits(inner, limits.min_position, limits.max_position, factor)
+        step *= min(STEP_RAD / largest, 1.0 / weight)
+        inner -= step
+        _into_limits(inner, limits.min_position, limits.max_position, spread)
         if iteration % 40 == 39:
             weight *= 0.3  # gives collisions more weight
     return points, free
@@ -178,7 +176,9 @@ def _sample(corners: Array) -> Array:
     same.
     """
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
+    places = np.linspace(0.0, reached[-1], POINTS)
+    if len(corners) > 2:
+        places = np.union1d(places, reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
@@ -190,18 +190,12 @@ def _double(points: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _smoothness(count: int) -> tuple[Array, Factor]:
-    """A of the paper's equation 16 for squared accelerations, and its Cholesky factor. The gradient is A q +
-    b.
+def _spread(count: int) -> Array:
+    """A⁻¹, where A is that of the paper's equation 16 for squared accelerations. The gradient of the smoothness
+    is A q + b, therefore its covariant step is q + A⁻¹ b.
     """
     difference = _differences(count)[:, 1:-1]
-    stiffness = difference.T @ difference
-    return stiffness, cho_factor(stiffness)
-
-
-def _solve(factor: Factor, right: Array) -> Array:
-    """`scipy.linalg.cho_solve` without its checks, which take longer than the solution."""
-    return np.asarray(dpotrs(factor[0], right, lower=factor[1])[0])
+    return np.asarray(np.linalg.inv(difference.T @ difference))
 
 
 def _slopes(points: Array) -> Array:
@@ -219,6 +213,7 @@ def _pull(start: Array, goal: Array, count: int) -> Array:
     return np.asarray(difference[:, 1:-1].T @ ends)
 
 
+@lru_cache(maxsize=32)
 def _differences(count: int) -> Array:
     """Second differences of `count` points of a path that is at rest at both ends. Beyond each end, the path
     continues with a point equal to the end.
@@ -230,7 +225,7 @@ def _differences(count: int) -> Array:
     return difference
 
 
-def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
+def _into_limits(inner: Array, low: Array, high: Array, spread: Array) -> None:
     """Move the path into the joint limits, in place, as in the paper's section 4.3: subtract the violation,
     smoothed by A⁻¹.
     """
@@ -238,7 +233,7 @@ def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
         if (inner <= high).all() and (inner >= low).all():
             return
         violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))
-        correction = _solve(factor, violation)
+        correction = spread @ violation
         for joint in np.flatnonzero(violation.any(axis=0)):
             row = int(np.abs(violation[:, joint]).argmax())
             inner[:, joint] -= correction[:, joint] * violation[row, joint] / correction[row, joint]
