@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from foreign_trajectories import problems
@@ -43,38 +43,17 @@ def durations(requests: int) -> Iterator[Row]:
     ours_ms: list[float] = []
     theirs_ms: list[float] = []
     for planner in (PlannerName.LIN, PlannerName.CIRC, PlannerName.OMPL):
-        ratios: list[float] = []
-        without: list[float] = []
-        priced: list[float] = []
-        free: list[float] = []
-        while len(ratios) < requests:
-            motion = _motion(robot, planner, random)
-            if motion is None:
-                continue
-            path = JointCurve.of_trajectory(motion)
-            begun = time.process_time()
-            with_tcp = planner is not PlannerName.OMPL
-            least_s = _toppra(robot, path, with_tcp)
-            theirs_ms.append(1e3 * (time.process_time() - begun))
-            begun = time.process_time()
-            limits = robot.limits.scaled(1.0, 1.0, SPEED.jerk)
-            timed = time_optimal(robot, path, limits)
-            ours_ms.append(1e3 * (time.process_time() - begun))
-            if len(priced) < PRICED * requests:
-                best_s = Optimiser(path, with_room(robot, limits), STEPS).shortest_s(timed.progress)
-                priced.append(timed.trajectory.duration_s / best_s)
-                free.append(_toppra(robot, path, False) / best_s)
-            ratios.append(motion.duration_s / least_s)
-            without.append(_without_jerk(robot, path, with_tcp) / least_s)
-        yield _beside_toppra(f"duration of {planner}", ratios)
-        yield _beside_toppra(f"{planner} without jerk limits", without)
-        p50, p95, largest = np.percentile(priced, (50.0, 95.0, 100.0))
+        found = _measured(robot, planner, random, requests)
+        ours_ms += found.ours_ms
+        theirs_ms += found.theirs_ms
+        yield _beside_toppra(f"duration of {planner}", found.ratios)
+        yield _beside_toppra(f"{planner} without jerk limits", found.without_jerk)
         yield row(
             f"duration of {planner}, joint limits alone, as a share of what linear programs find, with jerk",
             "",
-            (float(p50), float(p95), float(largest)),
+            _three(found.priced),
             "toppra, without jerk",
-            tuple(float(each) for each in np.percentile(free, (50.0, 95.0, 100.0))),
+            _three(found.priced_toppra),
             columns=RATIOS,
             ratio_of="p50",
         )
@@ -85,27 +64,73 @@ def durations(requests: int) -> Iterator[Row]:
         ("3 lin motions, 50 mm at 2 corners", lambda: _blended(robot, random), True),
         ("what TOTG sends at all limits", lambda: _retimed(robot, random), False),
     ):
-        ratios = []
+        ratios: list[float] = []
         while len(ratios) < requests:
-            motion = motion_of()
-            if motion is not None:
+            if (motion := motion_of()) is not None:
                 path = JointCurve.of_trajectory(motion)
                 ratios.append(motion.duration_s / _toppra(robot, path, with_tcp))
         yield _beside_toppra(f"duration of {name}", ratios)
 
 
+@dataclass(slots=True)
+class _Measured:
+    """Motions of one planner.
+
+    Attributes:
+        ours_ms, theirs_ms: CPU time of the time law and of toppra.
+        ratios, without_jerk: durations with and without jerk limits, as shares of toppra's.
+        priced, priced_toppra: durations under joint limits alone, and toppra's, as shares of what linear
+            programs find with jerk; of some motions.
+    """
+
+    ours_ms: list[float] = field(default_factory=list)
+    theirs_ms: list[float] = field(default_factory=list)
+    ratios: list[float] = field(default_factory=list)
+    without_jerk: list[float] = field(default_factory=list)
+    priced: list[float] = field(default_factory=list)
+    priced_toppra: list[float] = field(default_factory=list)
+
+
+def _measured(
+    robot: RobotDescription, planner: PlannerName, random: np.random.Generator, requests: int
+) -> _Measured:
+    found, with_tcp = _Measured(), planner is not PlannerName.OMPL
+    while len(found.ratios) < requests:
+        motion = _motion(robot, planner, random)
+        if motion is None:
+            continue
+        path = JointCurve.of_trajectory(motion)
+        begun = time.process_time()
+        least_s = _toppra(robot, path, with_tcp)
+        found.theirs_ms.append(1e3 * (time.process_time() - begun))
+        begun = time.process_time()
+        limits = robot.limits.scaled(1.0, 1.0, SPEED.jerk)
+        timed = time_optimal(robot, path, limits)
+        found.ours_ms.append(1e3 * (time.process_time() - begun))
+        if len(found.priced) < PRICED * requests:
+            best_s = Optimiser(path, with_room(robot, limits), STEPS).shortest_s(timed.progress)
+            found.priced.append(timed.trajectory.duration_s / best_s)
+            found.priced_toppra.append(_toppra(robot, path, False) / best_s)
+        found.ratios.append(motion.duration_s / least_s)
+        found.without_jerk.append(_without_jerk(robot, path, with_tcp) / least_s)
+    return found
+
+
 def _beside_toppra(name: str, shares: list[float]) -> Row:
-    p50, p95, largest = np.percentile(shares, (50.0, 95.0, 100.0))
     return row(
         f"{name}, as a share of toppra's, which knows no jerk",
         "",
-        (float(p50), float(p95), float(largest)),
+        _three(shares),
         "toppra",
         (1.0, 1.0, 1.0),
         columns=RATIOS,
         ratio_of="p50",
         aim="1.1 (p50), 1.25 (p95) where jerk allows it",
     )
+
+
+def _three(values: list[float]) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.percentile(values, (50.0, 95.0, 100.0)))
 
 
 def _motion(robot: RobotDescription, planner: PlannerName, random: np.random.Generator) -> Trajectory | None:
