@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
-from typing import Any
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from functools import partial
+from hashlib import blake2b
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from cobot.robot.cloud import lane_nodes
 from cobot.robot.covers import cover
+from cobot.robot.kept_arrays import KeptArrays
 from cobot.types import Array
 
 LOSS_M = 0.008
@@ -25,17 +27,29 @@ NO_DEPTH = -1.0
 _BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 _Geom = mujoco.mjtGeom
 
+_TREES, _NODES = KeptArrays(32_000_000), KeptArrays(32_000_000)
+"""The spheres around each shape, and the same spheres in the frame of a joint or of the world."""
 
-Shape = tuple[Callable[..., Array], *tuple[Any, ...]]
-"""A function that returns the spheres around a shape, followed by the arguments of this function."""
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """A shape that spheres enclose.
+
+    Attributes:
+        key: the same for equal shapes. A mesh is represented by its digest.
+        make: computes the spheres around the shape.
+    """
+
+    key: tuple[Hashable, ...]
+    make: Callable[[], Array]
 
 
 def tree_around(mj: mujoco.MjModel, geom: int) -> Array:
     """The spheres around a geom, in the geom's own frame, as rows of the same form as those of `cover`. The
     caller must not change them.
     """
-    tree, *arguments = _shape(mj, geom)
-    return tree(*arguments)
+    shape = _shape(mj, geom)
+    return _TREES.get(shape.key, shape.make)
 
 
 def nodes_around(mj: mujoco.MjModel, geom: int, turn: Array, offset: Array) -> npt.NDArray[np.float32]:
@@ -43,51 +57,49 @@ def nodes_around(mj: mujoco.MjModel, geom: int, turn: Array, offset: Array) -> n
 
     The caller must not change them, because an arm in a different scene uses the same array again.
     """
-    return _nodes(_shape(mj, geom), turn.tobytes(), offset.tobytes())
+    shape = _shape(mj, geom)
+
+    def make() -> npt.NDArray[np.float32]:
+        return lane_nodes(_TREES.get(shape.key, shape.make), turn, offset)
+
+    return _NODES.get((shape.key, turn.tobytes(), offset.tobytes()), make)
 
 
-@lru_cache(maxsize=256)
-def _nodes(shape: Shape, turn: bytes, offset: bytes) -> npt.NDArray[np.float32]:
-    tree, *arguments = shape
-    return lane_nodes(tree(*arguments), np.frombuffer(turn).reshape(3, 3), np.frombuffer(offset))
-
-
-def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
+def _shape(mj: mujoco.MjModel, geom: int) -> _Shape:
     kind, size = int(mj.geom_type[geom]), mj.geom_size[geom].tolist()
     if kind == _Geom.mjGEOM_MESH:
         hull = _hull(mj, int(mj.geom_dataid[geom]))
         if hull is not None:
-            return _mesh_tree, *hull
+            digest = blake2b(hull[0].tobytes() + hull[1].tobytes(), digest_size=16).digest()
+            return _Shape((kind, digest), partial(_mesh_tree, *hull))
     if kind in (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE):
-        return _capsule_tree, size[0], size[1] if kind == _Geom.mjGEOM_CAPSULE else 0.0
+        half = size[1] if kind == _Geom.mjGEOM_CAPSULE else 0.0
+        return _Shape((kind, size[0], half), partial(_capsule_tree, size[0], half))
     if kind == _Geom.mjGEOM_CYLINDER:
-        return _cylinder_tree, size[0], size[1]
+        return _Shape((kind, *size[:2]), partial(_cylinder_tree, *size[:2]))
     if kind == _Geom.mjGEOM_BOX:
-        return _box_tree, *size
-    return _bounding_tree, *mj.geom_aabb[geom].tolist()
+        return _Shape((kind, *size), partial(_box_tree, *size))
+    bounds = mj.geom_aabb[geom].tolist()
+    return _Shape((kind, *bounds), partial(_bounding_tree, *bounds))
 
 
-def _hull(mj: mujoco.MjModel, mesh: int) -> tuple[bytes, bytes] | None:
+def _hull(mj: mujoco.MjModel, mesh: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]] | None:
     """The vertices of a mesh, and MuJoCo's graph of its convex hull; None if the mesh has no hull."""
     first = int(mj.mesh_graphadr[mesh])
     if first < 0:
         return None
     corners, faces = (int(number) for number in mj.mesh_graph[first : first + 2])
     begin, count = int(mj.mesh_vertadr[mesh]), int(mj.mesh_vertnum[mesh])
-    graph = mj.mesh_graph[first : first + 2 + 3 * corners + 6 * faces]
-    return mj.mesh_vert[begin : begin + count].tobytes(), graph.tobytes()
+    return mj.mesh_vert[begin : begin + count], mj.mesh_graph[first : first + 2 + 3 * corners + 6 * faces]
 
 
-@lru_cache(maxsize=256)
-def _mesh_tree(vertices: bytes, graph: bytes) -> Array:
-    points, numbers = np.frombuffer(vertices, dtype=np.float32), np.frombuffer(graph, dtype=np.int32)
-    corners, faces = int(numbers[0]), int(numbers[1])
-    used, places = np.unique(numbers[2 + 3 * corners + 3 * faces :], return_inverse=True)
-    hull = points.reshape(-1, 3)[used].astype(np.float64)
+def _mesh_tree(vertices: npt.NDArray[np.float32], graph: npt.NDArray[np.int32]) -> Array:
+    corners, faces = int(graph[0]), int(graph[1])
+    used, places = np.unique(graph[2 + 3 * corners + 3 * faces :], return_inverse=True)
+    hull = vertices[used].astype(np.float64)
     return cover(hull, places.reshape(-1, 3), LOSS_M, FLOOR_M)
 
 
-@lru_cache(maxsize=256)
 def _box_tree(x: float, y: float, z: float) -> Array:
     corners = np.array([[i, j, k] for i in (-x, x) for j in (-y, y) for k in (-z, z)])
     return cover(corners, _BOX_FACES, LOSS_M, FLOOR_M)
@@ -97,13 +109,12 @@ def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
     """The spheres around the bounding box of a different shape. The box is given by its centre and its half
     sizes.
     """
-    tree = _box_tree(*half).copy()
+    tree = _box_tree(*half)
     tree[:, :3] += (x, y, z)
     tree[:, 4] = NO_DEPTH
     return tree
 
 
-@lru_cache(maxsize=256)
 def _cylinder_tree(radius_m: float, half_m: float) -> Array:
     """The spheres around the prism that encloses a cylinder. Depths in the prism are reduced by the most that
     they can exceed those in the cylinder.
@@ -117,7 +128,6 @@ def _cylinder_tree(radius_m: float, half_m: float) -> Array:
     return tree
 
 
-@lru_cache(maxsize=256)
 def _capsule_tree(radius_m: float, half_m: float) -> Array:
     """One sphere around a capsule. Its children are a row of spheres from one end of the axis to the
     other.

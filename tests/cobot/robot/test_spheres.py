@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
 import subprocess
@@ -24,7 +25,8 @@ from cobot.robot.clearance import INSTRUCTIONS, Clearance
 from cobot.robot.collision import RESOLUTION_M, geom_pairs
 from cobot.robot.covers import cover
 from cobot.robot.description import RobotDescription
-from cobot.robot.enclosing import LOSS_M, tree_around
+from cobot.robot.enclosing import LOSS_M, nodes_around, tree_around
+from cobot.robot.kept_arrays import KeptArrays
 from cobot.types import Array
 
 SEED = 20261130
@@ -365,3 +367,19 @@ def test_obstacles_push_a_path_as_without_spheres(
             assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
             pushed += int(np.abs(expected[0]).max() > 0.0)
     assert pushed > 3
+
+
+def test_the_spheres_of_a_mesh_are_kept_without_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oracle is the size of the keys by which the spheres are found again."""
+    trees, nodes = KeptArrays(10_000_000), KeptArrays(10_000_000)
+    monkeypatch.setattr("cobot.robot.enclosing._TREES", trees)
+    monkeypatch.setattr("cobot.robot.enclosing._NODES", nodes)
+    random = np.random.default_rng(SEED + 9)
+    points = 0.05 * random.normal(size=(20_000, 3)).astype(np.float32)
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="fine", uservert=points.ravel().tolist())
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="fine")
+    mj = spec.compile()
+    first = nodes_around(mj, 0, np.eye(3), np.zeros(3))
+    assert nodes_around(mj, 0, np.eye(3), np.zeros(3)) is first
+    assert len(pickle.dumps([*trees._kept, *nodes._kept])) < 1000 < points.nbytes
