@@ -8,11 +8,11 @@ from libc.math cimport INFINITY, M_PI, cos, fmax, fmin, isinf, log, sqrt
 from libc.stdint cimport uint64_t
 from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
-from posix.time cimport CLOCK_MONOTONIC, clock_gettime, timespec
 
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, doubles
+from cobot.planners.monotonic cimport now_s
 from cobot.planners.splitmix cimport uniform
 from cobot.robot.clearance cimport Clearance
 
@@ -90,7 +90,7 @@ cdef int _grow(
     """
     cdef int dof = clearance.dof
     cdef uint64_t state = seed
-    cdef double end_s = _now_s() + timeout_s
+    cdef double end_s = now_s() + timeout_s
     cdef double wanted[MAX_DOF]
     cdef double ahead[AHEAD * MAX_DOF]
     cdef unsigned blocked = 0
@@ -105,7 +105,7 @@ cdef int _grow(
     for index in range(goal_count):
         if _add(&trees[1], &goals[index * dof], -1, dof) < 0:
             return NO_MEMORY
-    if _now_s() > end_s:
+    if now_s() > end_s:
         return 0
     for index in range(goal_count):
         if clearance.c_is_edge_free(start, &goals[index * dof]):
@@ -158,7 +158,7 @@ cdef int _draw(
     cdef int index
     while count < AHEAD:
         drawn[0] += 1
-        if drawn[0] % LOOK == 0 and (_now_s() > end_s or (most and drawn[0] > most)):
+        if drawn[0] % LOOK == 0 and (now_s() > end_s or (most and drawn[0] > most)):
             return 0
         wanted = &out[count * dof]
         if isinf(shorter_than_rad) or uniform(state) < 0.5:
@@ -286,12 +286,6 @@ cdef double _apart(const double* first, const double* second, int dof) noexcept 
     for i in range(dof):
         square += (first[i] - second[i]) * (first[i] - second[i])
     return sqrt(square)
-
-
-cdef double _now_s() noexcept nogil:
-    cdef timespec now
-    clock_gettime(CLOCK_MONOTONIC, &now)
-    return now.tv_sec + 1e-9 * now.tv_nsec
 
 
 cdef object _branch(const Tree* tree, int node):

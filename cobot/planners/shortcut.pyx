@@ -1,12 +1,13 @@
 """Shortens a free polyline by cuts and by moving its corners: each must save length and is proven free."""
 
-from libc.math cimport fmax, fmin, sqrt
+from libc.math cimport INFINITY, fmax, fmin, sqrt
 from libc.stdint cimport uint64_t
 from libc.string cimport memcmp, memcpy, memmove
 
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, doubles
+from cobot.planners.monotonic cimport now_s
 from cobot.planners.splitmix cimport uniform
 from cobot.robot.clearance cimport Clearance
 
@@ -34,31 +35,32 @@ cdef struct Way:
     int dof
     double* touching    # edges that are not free: both ends of each
     int touching_count
+    double end_s        # no motion is checked after this time of the monotonic clock
 
 
-def shorten(Clearance clearance, corners, uint64_t seed):
+def shorten(Clearance clearance, corners, uint64_t seed, double end_s=INFINITY):
     """See shortcut.pyi."""
     cdef Way way
-    kept = _open(clearance, corners, &way)
+    kept = _open(clearance, corners, end_s, &way)
     with nogil:
         _cut_short(clearance, &way, seed)
         _leave_out(clearance, &way)
     return kept[0][: way.count].copy()
 
 
-def draw_in(Clearance clearance, corners):
+def draw_in(Clearance clearance, corners, double end_s=INFINITY):
     """See shortcut.pyi."""
     cdef Way way
     cdef int index
-    kept = _open(clearance, corners, &way)
+    kept = _open(clearance, corners, end_s, &way)
     with nogil:
         for index in range(1, way.count - 1):
-            _draw_in(clearance, &way.corners[(index - 1) * way.dof], way.dof)
+            _draw_in(clearance, &way, index)
         _leave_out(clearance, &way)
     return kept[0][: way.count].copy()
 
 
-cdef _open(Clearance clearance, corners, Way* way):
+cdef _open(Clearance clearance, corners, double end_s, Way* way):
     """Fill in a way with these corners and room for more. Returns the arrays that it points to."""
     cdef int dof = clearance.dof
     given = np.array(corners, dtype=np.float64).reshape(-1, dof)
@@ -66,7 +68,7 @@ cdef _open(Clearance clearance, corners, Way* way):
     room[: len(given)] = given
     reached, touching = np.zeros(len(room)), np.empty(2 * KEPT * dof)
     way.corners, way.reached = doubles(room, room.size), doubles(reached, len(reached))
-    way.count, way.dof = len(given), dof
+    way.count, way.dof, way.end_s = len(given), dof, end_s
     way.touching, way.touching_count = doubles(touching, len(touching)), 0
     if way.count < 2 or not np.isfinite(given).all():
         raise ValueError("a polyline of finite corners, at least two, is needed")
@@ -81,7 +83,7 @@ cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogi
     cdef Cut cut
     _measure(way)
     for _trial in range(TRIALS):
-        if way.count == 2 or failures == FAILURES:
+        if way.count == 2 or failures == FAILURES or now_s() > way.end_s:
             return
         if _find_cut(way, &state, &cut) and _is_free(clearance, way, cut.begin, cut.end):
             _make(way, &cut)
@@ -174,7 +176,7 @@ cdef void _leave_out(Clearance clearance, Way* way) noexcept nogil:
     cdef int dof = way.dof
     cdef int index = 1
     cdef int count
-    while index < way.count - 1:
+    while index < way.count - 1 and now_s() <= way.end_s:
         if _is_free(clearance, way, &way.corners[(index - 1) * dof], &way.corners[(index + 1) * dof]):
             count = way.count - index - 1
             memmove(&way.corners[index * dof], &way.corners[(index + 1) * dof], count * dof * sizeof(double))
@@ -185,11 +187,12 @@ cdef void _leave_out(Clearance clearance, Way* way) noexcept nogil:
             index += 1
 
 
-cdef void _draw_in(Clearance clearance, double* three, int dof) noexcept nogil:
-    """Move the second of three corners towards the line between the others."""
-    cdef const double* before = three
-    cdef double* here = three + dof
-    cdef const double* after = three + 2 * dof
+cdef void _draw_in(Clearance clearance, Way* way, int index) noexcept nogil:
+    """Move a corner towards the line between its neighbours."""
+    cdef int dof = way.dof
+    cdef double* here = &way.corners[index * dof]
+    cdef const double* before = here - dof
+    cdef const double* after = here + dof
     cdef double foot[MAX_DOF]
     cdef double moved[MAX_DOF]
     cdef double along = 0.0
@@ -204,6 +207,8 @@ cdef void _draw_in(Clearance clearance, double* three, int dof) noexcept nogil:
     for i in range(dof):
         foot[i] = before[i] + fmax(0.0, fmin(1.0, along / square)) * (after[i] - before[i])
     for _halving in range(HALVINGS):
+        if now_s() > way.end_s:
+            break
         share = 0.5 * (low + high)
         for i in range(dof):
             moved[i] = here[i] + share * (foot[i] - here[i])

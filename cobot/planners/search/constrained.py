@@ -118,25 +118,25 @@ class _Steps:
     def __init__(self, held: Held, clearance: Clearance, request: MotionRequest) -> None:
         self._held = held
         self._clearance = clearance
-        self._timeout_s = request.timeout_s
+        self._end_s = time.monotonic() + request.timeout_s
         self._random = np.random.default_rng(request.seed)
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
         """Several paths. There are fewer if the first ones took much work."""
-        end_s, begun = time.monotonic() + self._timeout_s, self._clearance.evaluations
+        begun = self._clearance.evaluations
         found: list[list[Array]] = []
-        while len(found) < SEARCHES and (way := self._connect(start, goals, end_s)):
+        while len(found) < SEARCHES and (way := self._connect(start, goals)):
             found.append(self._shorten(way))
             if self._clearance.evaluations - begun > MUCH_WORK:
                 break
         return found
 
-    def _connect(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
+    def _connect(self, start: Array, goals: Array) -> list[Array] | None:
         """The places of a path, each one step away from the previous place; None if the time is over."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
-        while time.monotonic() < end_s:
+        while not self._is_over():
             index = near.nearest(target)
             places, _ = self._toward(near[index], target)
             newest = near.add(index, places)
@@ -152,6 +152,9 @@ class _Steps:
             target = self._draw_target(near)
         return None
 
+    def _is_over(self) -> bool:
+        return time.monotonic() >= self._end_s
+
     def _draw_target(self, tree: _Tree) -> Array:
         """A configuration for this tree to grow towards."""
         low, high = self._held.low, self._held.high
@@ -163,7 +166,7 @@ class _Steps:
     def _shorten(self, way: list[Array]) -> list[Array]:
         """Shorten a path wherever steps lead straight from one of its places to a later one."""
         for _ in range(SHORTCUTS):
-            if len(way) < 3:
+            if len(way) < 3 or self._is_over():
                 break
             begin, end = sorted(self._random.choice(len(way), 2, replace=False))
             places, arrived = self._toward(way[begin], way[end])
@@ -183,6 +186,8 @@ class _Steps:
         if not all(self._is_step(a, b) for a, b in itertools.pairwise(rows)):
             return np.array(way)
         for _ in range(EVENINGS):
+            if self._is_over():
+                break
             for index in range(1, count - 1):
                 before, after = rows[index - 1], rows[index + 1]
                 place = self._held.project(0.5 * (before + after))

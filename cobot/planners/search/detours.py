@@ -8,6 +8,7 @@ the next roadmap, until the path no longer improves.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -34,7 +35,12 @@ ROUND_WORK = 10_000
 
 
 def without_detours(
-    clearance: Clearance, paths: Sequence[Array], goals: Array, bounds: tuple[Array, Array], seed: int
+    clearance: Clearance,
+    paths: Sequence[Array],
+    goals: Array,
+    bounds: tuple[Array, Array],
+    seed: int,
+    end_s: float = np.inf,
 ) -> Array:
     """A collision-free polyline that is no longer than the shortest of the given paths.
 
@@ -43,17 +49,18 @@ def without_detours(
             shape (n, dof) each.
         goals: joint angles of the goals, shape (k, dof).
         bounds: the lowest and the highest allowed joint angles, shape (dof,) each.
+        end_s: time of `time.monotonic` after which no further change is tried.
     """
     random = np.random.default_rng(seed)
     best = min(paths, key=length)
     cloud = np.vstack([divide(path, STEP_RAD)[1:-1] for path in paths])
     stalls, number = 0, 0
-    while stalls < STALLS:
+    while stalls < STALLS and time.monotonic() <= end_s:
         nodes = np.vstack([best[:1], cloud, goals])
         before_rad = length(best)
         way = shortest(clearance, nodes, len(goals), before_rad, ROUND_WORK)
         if way is not None:
-            best = shorten(clearance, way, seed)
+            best = shorten(clearance, way, seed, end_s)
         stalls = stalls + 1 if length(best) > (1.0 - GAIN) * before_rad else 0
         drawn = _draw(best, goals, bounds, SPREADS_RAD[number % len(SPREADS_RAD)], random)
         number += 1

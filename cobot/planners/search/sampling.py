@@ -106,11 +106,14 @@ def _search(
     """The corners of a polyline that keeps this distance; None if the request's time, or for RRTConnect the
     number of attempts, or for another algorithm the share of the time, ends before one is found.
     """
+    end_s = time.monotonic() + request.timeout_s
     with robot.collision.keeping(distance_m) as clearance:
         if request.algorithm == RRT_CONNECT:
             return _connect(robot, clearance, start, goals, request, attempts)
         found = _Search(robot, clearance, start, goals, request.algorithm).run(share * request.timeout_s)
-        return None if found is None else draw_in(clearance, shorten(clearance, found, request.seed))
+        if found is None:
+            return None
+        return draw_in(clearance, shorten(clearance, found, request.seed, end_s), end_s)
 
 
 def _connect(
@@ -134,7 +137,7 @@ def _connect(
     if found is None:
         return None
     away = np.linalg.norm(goals - start, axis=1)
-    direct_rad, best = float(away.min()), shorten(clearance, found, seed)
+    direct_rad, best = float(away.min()), shorten(clearance, found, seed, deadline_s)
     paths, begun = [best], clearance.evaluations  # the work for the first path does not count
 
     def is_enough() -> bool:
@@ -153,16 +156,18 @@ def _connect(
             near = goals[away <= longest_rad]
             found = connect(clearance, start, near, *bounds, seed, left_s, RANGE_RAD, longest_rad, ATTEMPTS)
             if found is not None:
-                paths.append(shorten(clearance, found, seed))
+                paths.append(shorten(clearance, found, seed, deadline_s))
                 best = min(best, paths[-1], key=length)
         if is_enough():
             break
         near = goals[away <= length(best) + ROUNDING_RAD]
-        best = min(best, without_detours(clearance, paths or [best], near, bounds, seed), key=length)
+        best = min(
+            best, without_detours(clearance, paths or [best], near, bounds, seed, deadline_s), key=length
+        )
         if is_enough() or is_too_much() or not paths:
             break
         paths = []
-    return draw_in(clearance, best)
+    return draw_in(clearance, best, deadline_s)
 
 
 @lru_cache(maxsize=64)

@@ -21,7 +21,7 @@ from cobot.planners.search import sampling
 from cobot.planners.search.detours import length, without_detours
 from cobot.planners.search.sampling import find_path, room
 from cobot.planners.shortcut import draw_in, shorten
-from cobot.robot.clearance import INSTRUCTIONS
+from cobot.robot.clearance import INSTRUCTIONS, Clearance
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, PlannerName, Scaling
 
@@ -57,6 +57,42 @@ def test_corners_are_drawn_in_as_far_as_the_way_stays_free(robot: RobotDescripti
         saved.append(1.0 - length(drawn) / length(corners))
     assert min(saved) >= 0.0
     assert max(saved) > 0.05
+
+
+def test_no_motion_is_checked_for_a_shorter_path_when_the_time_is_over(robot: RobotDescription) -> None:
+    problem = next(scenes.problems(robot, "shelf", 1, SEED))
+    clearance = problem.robot.collision.clearance
+    bounds = robot.limits.min_position, robot.limits.max_position
+    corners = connect(clearance, problem.start, problem.goal[None], *bounds, 0, WAIT_S, 0.5)
+    assert corners is not None
+    clearance.enclose()
+    before, end_s = clearance.evaluations, time.monotonic()
+    for same in (
+        shorten(clearance, corners, 0, end_s),
+        draw_in(clearance, corners, end_s),
+        without_detours(clearance, [corners], problem.goal[None], bounds, 0, end_s),
+    ):
+        np.testing.assert_array_equal(same, corners)
+    assert clearance.evaluations == before
+
+
+def test_a_found_path_is_shortened_until_the_time_of_the_request(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends_s: list[float] = []
+
+    def note(clearance: Clearance, corners: Array, *rest: float) -> Array:
+        ends_s.append(rest[-1])
+        return corners
+
+    for name in ("shorten", "draw_in"):
+        monkeypatch.setattr(f"cobot.planners.search.sampling.{name}", note)
+    problem = next(scenes.problems(robot, "shelf", 1, SEED))
+    request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), timeout_s=WAIT_S)
+    begun_s = time.monotonic()
+    find_path(problem.robot, request, problem.goal[None])
+    assert len(ends_s) >= 2
+    assert begun_s + WAIT_S <= min(ends_s) <= max(ends_s) <= time.monotonic() + WAIT_S
 
 
 def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription) -> None:

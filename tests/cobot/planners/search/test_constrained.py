@@ -17,6 +17,7 @@ from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.planners import MotionRequest, plan
 from cobot.planners.held import ALLOWANCE, Held
 from cobot.planners.projection import Projection
+from cobot.planners.search.constrained import _Steps
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse_all
 from cobot.trajectory import Trajectory
@@ -239,3 +240,23 @@ def test_a_tool_that_points_the_opposite_way_is_turned_into_its_cone(robot: Robo
     assert held.keeps(joints)
     assert held.excess(joints[None]).max() <= 0.0
     assert not held.keeps(robot.limits.max_position + 0.1)
+
+
+def test_a_found_path_is_not_shortened_or_evened_out_after_the_time_of_the_request(
+    robot: RobotDescription,
+) -> None:
+    start, goal = (np.array(robot.positions[name].joints) for name in ("work", "home"))
+    request = asked(robot, goal, Constraints(Cone(Z, np.pi)), timeout_s=0.0)
+    assert request.constraints is not None
+    clearance = robot.collision.clearance
+    steps = _Steps(Held(robot, request.constraints, start), clearance, request)
+    way = [start, 0.5 * (start + goal) + 0.1, goal]
+    before = clearance.evaluations
+    assert steps._shorten(list(way)) == way
+    assert clearance.evaluations == before
+    steps.even_out(way)
+    without_time = clearance.evaluations - before
+    _Steps(Held(robot, request.constraints, start), clearance, replace(request, timeout_s=WAIT_S)).even_out(
+        way
+    )
+    assert clearance.evaluations - before > 5 * without_time
