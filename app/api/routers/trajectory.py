@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, cast
 
@@ -14,12 +14,11 @@ from app.api.dependencies import Call, Gone
 from app.api.documentation.samples import link
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas.jobs import ACCEPTED, Wait, answer_accepted
+from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.api.schemas.robot import LogAnswer, LogQuery
 from app.api.schemas.trajectories import CsvQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
-from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from cobot import audit
 from cobot.access.roles import Role
@@ -50,7 +49,8 @@ async def send_trajectory(
         return points
 
     caller = call.caller(gone, JobKind.TRAJECTORY, f"{len(body.points)} points", wait=wait)
-    return await _send(call, caller, call.services.trajectories.send(read, options, caller))
+    sending = call.services.trajectories.send(read, options, caller)
+    return await answer_end(call, caller, sending, _answer)
 
 
 @router.endpoint("POST /trajectory/send_csv", Role.OPERATOR, timeout_s=60.0, control=True, **SEND)
@@ -74,7 +74,8 @@ async def send_csv(
     audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
     read = partial(read_points, file.file, query.separator, call.services.robot.limits.names)
     caller = call.caller(gone, JobKind.TRAJECTORY, file.filename or "", wait=query.wait)
-    return await _send(call, caller, call.services.trajectories.send(read, options, caller))
+    sending = call.services.trajectories.send(read, options, caller)
+    return await answer_end(call, caller, sending, _answer)
 
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
@@ -82,15 +83,6 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
     """Results of trajectories: accepted, arrived, stopped or rejected, with the reason."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.trajectories.lines))
-
-
-async def _send(
-    call: Call, caller: Caller, sending: Coroutine[Any, Any, StartedTrajectory]
-) -> SentAnswer | Response:
-    if caller.waits:
-        return _answer(await sending)
-    assert caller.job is not None
-    return answer_accepted(call, await call.services.jobs.begin(caller.job, sending))
 
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:
