@@ -87,7 +87,7 @@ def main(
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if the service could not start.
 
     Args:
-        arguments: see `app.arguments`.
+        arguments: see `app.__main__`.
         ros_token: token of the DDS process.
         fleet_token: token of the fleet process.
         blanks: processes that were started in advance and become the first planning processes.

@@ -39,44 +39,47 @@ def _an_ipv4_address(value: str) -> str:
     return value
 
 
-def _a_host(value: str) -> str:
-    if not re.fullmatch(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?|[0-9a-f:.]*:[0-9a-f:.]*", value):
-        raise ValueError(
-            f"{shown(value)} is not a host name or address such as robot.example or 192.168.0.10: "
-            "in lower case, without a scheme, a port or a wildcard"
-        )
-    return value
+def _matching(pattern: str, what: str) -> AfterValidator:
+    """Require a text that matches a pattern. `what` completes the sentence of the error, with an example."""
 
+    def check(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise ValueError(f"{shown(value)} is not {what}")
+        return value
 
-def _an_origin(value: str) -> str:
-    if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+", value):
-        raise ValueError(
-            f"{shown(value)} is not the origin of a web page, such as https://app.example or "
-            "http://localhost:3000: a scheme, a host in lower case, and the port if it is not the default one"
-        )
-    return value
-
-
-def _a_zenoh_endpoint(value: str) -> str:
-    if not re.fullmatch(r"(tcp|tls)/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}", value):
-        raise ValueError(f"{shown(value)} is not the address of a hub, such as tls/hall-3.example:7447")
-    return value
-
-
-def _a_panel(value: str) -> str:
-    if not re.fullmatch(r"https?://[^\s<>\"']+", value):
-        raise ValueError(f"{shown(value)} is not the address of a panel, such as http://cell-3.example:8007")
-    return value
+    return AfterValidator(check)
 
 
 FleetName = Annotated[str, Field(pattern=f"^{NAME}$")]
 RobotName = Annotated[FleetName, AfterValidator(_a_robot_name)]
 LeastRole = Literal[RoleName, "none"]
-ZenohEndpoint = Annotated[str, AfterValidator(_a_zenoh_endpoint)]
-PanelUrl = Annotated[str, AfterValidator(_a_panel)]
+ZenohEndpoint = Annotated[
+    str,
+    _matching(
+        r"(tcp|tls)/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}",
+        "the address of a hub, such as tls/hall-3.example:7447",
+    ),
+]
+PanelUrl = Annotated[
+    str, _matching(r"https?://[^\s<>\"']+", "the address of a panel, such as http://cell-3.example:8007")
+]
 IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
-Host = Annotated[str, AfterValidator(_a_host)]
-Origin = Annotated[str, AfterValidator(_an_origin)]
+Host = Annotated[
+    str,
+    _matching(
+        r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?|[0-9a-f:.]*:[0-9a-f:.]*",
+        "a host name or address such as robot.example or 192.168.0.10: in lower case, without a scheme, a "
+        "port or a wildcard",
+    ),
+]
+Origin = Annotated[
+    str,
+    _matching(
+        r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+",
+        "the origin of a web page, such as https://app.example or http://localhost:3000: a scheme, a host in "
+        "lower case, and the port if it is not the default one",
+    ),
+]
 
 # Validators of a field that also use earlier fields in the same section.
 
