@@ -58,6 +58,8 @@ arm counts as at rest, rad.
 FROZEN_ASKED = 5
 """Maximum number of consecutive polls with identical measured values while the device reports progress."""
 FROZEN_RAD = 1e-3
+MAX_REPEATS = 2
+"""Maximum number of consecutive polls without a new position in which the calculated velocity is kept."""
 NEAREST = 0.1
 """Minimum time between two points of a motion, as a share of the point period."""
 END_S = 1e-9
@@ -172,6 +174,7 @@ class TrajectoryDriver:
         self._halting, self._halted = False, 0
         self._loading: Accepted | Rejected = ACCEPTED  # Whether the device accepts the motion.
         self._same, self._same_at = 0, np.zeros(dof)
+        self._repeats, self._velocity = 0, np.zeros(dof)
         self._cycles = 0
 
     # Backend
@@ -390,11 +393,23 @@ class TrajectoryDriver:
                 raise BackendError(self._loading.reason) from exc
 
     def _find_velocity(self, found: Measured) -> None:
-        """Calculate the velocity if the device does not measure it."""
+        """Calculate the velocity if the device does not measure it. The same position again does not mean
+        that the arm is at rest, because some devices have new values less often than they are polled.
+        """
         before = self._said
-        if "velocity" not in self.capabilities.measured and before.values.size and before.result is ACCEPTED:
-            was = before.values.reshape(-1)[: self._dof]
-            found.velocity[:] = (found.position - was) / self._state_period_s
+        if (
+            "velocity" in self.capabilities.measured
+            or not before.values.size
+            or before.result is not ACCEPTED
+        ):
+            return
+        moved = found.position - before.values.reshape(-1)[: self._dof]
+        if moved.any() or self._repeats >= MAX_REPEATS:
+            self._velocity = moved / (self._state_period_s * (self._repeats + 1))
+            self._repeats = 0
+        else:
+            self._repeats += 1
+        found.velocity[:] = self._velocity
 
     def _check_movement(self, found: Measured, done_s: float) -> Accepted | Rejected:
         """Check whether the measured values are plausible. They must change while the device executes a

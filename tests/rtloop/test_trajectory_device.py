@@ -265,6 +265,47 @@ def test_a_reset_waits_for_an_arm_that_creeps(noisy: tuple[Noisy, Rig]) -> None:
     assert rig.answer(rig.send(Command.RESET)) == ""
 
 
+@pytest.mark.parametrize("polls", [1, 2, 3])
+def test_an_arm_does_not_seem_at_rest_between_two_values_of_a_slow_device(
+    settings: Settings, robot: RobotDescription, polls: int
+) -> None:
+    """Oracle: the velocity of the motion. At rest, the velocity is soon zero."""
+
+    class Rare(ToyArm):
+        """It has new values once in so many polls, and measures no velocity."""
+
+        capabilities = replace(ToyArm.capabilities, measured=frozenset({"position"}))
+        asked = 0
+
+        def state(self, measured: Measured) -> None:
+            super().state(measured)
+            measured.velocity[:] = 0.0
+            self.asked += 1
+            if self.asked % polls == 1 % polls:
+                self.shown = measured.position.copy()
+            measured.position[:] = self.shown
+
+    device = ToyDevice(robot.limits.dof, realtime=False)
+    device.place(np.array(robot.positions["home"].joints))
+    driver = as_backend(Rare(settings, robot.limits, device), 7, 0.001, threaded=False)
+    assert isinstance(driver, TrajectoryDriver)
+    made = Rig(settings, robot, backend=driver)
+    planned = motion(made, 0.5)
+    assert made.start(planned) == ""
+    measured = Measured(7)
+    seen: list[float] = []
+    while made.mode is LoopMode.TRAJECTORY:
+        made.step()
+        measured.values[:] = driver._said.values
+        seen.append(measured.velocity[0])
+    quarter = len(seen) // 4
+    peak = np.abs(planned.sample(np.linspace(0.0, planned.duration_s, 500), 1)[:, 0]).max()
+    assert min(seen[quarter : 2 * quarter]) > 0.2 * peak
+    assert max(seen) < 1.1 * peak
+    assert seen[-1] == pytest.approx(0.0, abs=settings.rt.settle_velocity_rad_s)
+    made.close()
+
+
 def test_what_it_cannot_do_is_refused_by_name(rig: Rig) -> None:
     assert "takes whole motions only" in rig.stream()
     assert rig.start(motion(rig)) == ""
