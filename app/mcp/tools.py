@@ -206,8 +206,8 @@ async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
 
 async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any]:
     """Run a plan that an operator has approved, or that is within the fence of this robot's settings. Answers
-    when the motion or the gripper command has ended; `success` reports whether it reached its goal. If you
-    disconnect meanwhile, both stop.
+    when the motion or the gripper command has ended; `success` reports whether the goal was reached. If you
+    disconnect before that, the motion or the command is stopped.
     """
     rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope

@@ -81,7 +81,7 @@ def add_serve(actions: Any) -> None:
         "--tokens",
         type=Path,
         metavar="FILE",
-        help="file of tokens, with certificates; default: FOLDER/tokens.json",
+        help="file of tokens; needs --certificates FOLDER; default: FOLDER/tokens.json",
     )
     serve.add_argument(
         "--recordings",

@@ -111,7 +111,7 @@ class RobotModel:
 
     @property
     def base(self) -> str:
-        """The name of the body in whose frame all poses are."""
+        """The name of the body whose frame is used for all poses."""
         return str(self.mj.body(self._base).name)
 
     @property

@@ -34,7 +34,7 @@ class RobotMessages:
     world is called `world`.
 
     Args:
-        base: name of the body in whose frame poses are given.
+        base: name of the body whose frame is used for all poses.
         tcp: name of the site at the TCP.
         prefix: prefix of frame names, such as "iiwa/", if several robots share one tree.
         clock: clock of the times in the state.

@@ -130,7 +130,7 @@ def test_a_trajectory_is_sent_and_waited_for(shell: Shell, tmp_path: Path) -> No
     assert (sent["status"], sent["result"]) == ("sent", "ARRIVED")
     assert shell.run.joints() == pytest.approx(WORK, abs=0.01)
     status, out, err = shell("send", str(as_csv), "--move-to-start")
-    assert (status, "has arrived" in out) == (0, True), err
+    assert (status, "has reached its goal" in out) == (0, True), err
     assert shell.run.joints() == pytest.approx(home, abs=0.01)
     status, _, err = shell("send", str(bad))
     assert (status, "is not valid JSON" in err) == (1, True)
@@ -175,8 +175,8 @@ def test_jobs_without_an_id_cannot_be_changed(shell: Shell) -> None:
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (["run", "--url", "http://localhost:1"], "run: --url is for a SEQUENCE"),
-        (["run", "--json"], "run: --json is for a SEQUENCE"),
+        (["run", "--url", "http://localhost:1"], "run: --url needs a SEQUENCE"),
+        (["run", "--json"], "run: --json needs a SEQUENCE"),
         (["run", "a.json", "--port", "1"], "run: --port cannot be used with a SEQUENCE"),
         (["run", "a.json", "--iterations", "0"], "'0' is not a number from 1 to 1000000"),
         (["stop", "--json"], "stop: --token, --certificate and --json need --url"),

@@ -194,7 +194,7 @@ def test_cobot_check_looks_at_the_certificate(cell: Run, folder: Path, tmp_path:
             "speed",
             {"fraction": 0.5},
             "forbidden",
-            "from admin (fleet.accept.speed), and ada has",
+            "from admin (fleet.accept.speed), but ada has",
         ),
         ("start", {"program": "nothing"}, "not_found", "nothing"),
         ("start", {"program": "slow", "version": 7}, "not_found", "7"),

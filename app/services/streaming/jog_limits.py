@@ -19,8 +19,8 @@ JOINT_SHARE = 0.5
 """Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
 """Maximum velocity towards a limit, as a multiple of the remaining distance, 1/s. This makes the approach
-exponential: the velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away it would require too much
-deceleration, so the deceleration is constant there.
+exponential: the velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away this would require too
+much deceleration, so the deceleration is constant there.
 """
 JOINT_ROOM = 0.01
 """Distance from a joint's limit that is kept free, rad or m, so that a planned motion can begin there."""

@@ -64,8 +64,8 @@ COARSE = 1.02
 """A motion that must be stretched by more than this to keep its limits is divided into more cells."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
-"""Number of cells at each end of the path in whose middle the jerk is limited too, because it changes most
-when the motion starts from rest.
+"""Number of cells at each end of the path where the jerk is also limited in the middle of the cell,
+because it changes most when the motion starts from rest.
 """
 
 
@@ -330,7 +330,7 @@ def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
 
     Returns:
         The indices of the knots among these places; the indices at which the jerk is limited; and the cells
-        in whose middle the jerk is limited too.
+        with an additional limit of the jerk in the middle.
     """
     knots = np.append(np.arange(cells), 2 * cells)
     ending = np.append(np.arange(ENDING_CELLS), np.arange(cells - ENDING_CELLS, cells))

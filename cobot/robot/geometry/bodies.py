@@ -94,7 +94,7 @@ class Geometry:
     """The geometry of one robot.
 
     Attributes:
-        base: index of the body in whose frame all poses of the API are.
+        base: index of the body whose frame is used for all poses of the API.
         tcp: index of the body that carries the TCP, and the pose of the TCP in the frame of this body.
         meshes: for each mesh, the vertices, shape (n, 3), m, and the triangles, shape (k, 3).
     """

@@ -284,7 +284,7 @@ def test_swapped_joints_are_found_at_rest(arm: Ros2ControlArm, double: Double) -
         raise BackendError(fails(arm))
     new = double.arm(connect_s=20.0)
     try:
-        assert "its controller at" in refused(new)
+        assert "its controller has it at" in refused(new)
     finally:
         new.close()
     assert double.seen()["position"] == place

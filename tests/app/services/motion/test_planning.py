@@ -501,7 +501,7 @@ def test_what_ends_every_worker_as_it_prepares_is_given_up_after_two(
     monkeypatch.setattr(planning, "_preparation", lambda *_: ahead)
 
     async def check() -> None:
-        with pytest.raises(PlanningError, match=r"SIGSEGV, like the one before"):
+        with pytest.raises(PlanningError, match=r"SIGSEGV, like the previous one"):
             await planning.compute(light_planner.pid, WAIT_S)
         await until(lambda: planning.warm)
 
