@@ -254,7 +254,8 @@ class SceneService:
             scene = replace(self._with_fixtures(scene, edits), version=self._version)
             scene = replace(scene, objects=await _with_room(scene.objects))
             if scene.load == self.scene.load:
-                await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
+                if self._replan_within_s > 0.0:
+                    await self._planning.prepare(scene, processes=1)
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
@@ -291,6 +292,7 @@ class SceneService:
         stored, and sent to the real-time loop once the scene is in force.
         """
         checker, remaining = await self._examine(partial(self._robot.collision.among, scene))
+        await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
         in_force = asyncio.Event()
         leading = self._begin_way_around(remaining, scene, in_force)
         try:
