@@ -8,6 +8,8 @@ import contextlib
 import errno
 import os
 import stat
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from cobot.errors import UnavailableError, exhausted
@@ -23,8 +25,20 @@ def keep(path: Path, content: bytes, what: str) -> None:
     Raises:
         UnavailableError: there is no space or no permission; the old file is unchanged.
     """
+    stage(path, content, what)()
+
+
+def stage(path: Path, content: bytes, what: str) -> Callable[[], None]:
+    """Write the content to disk beside the file, and return the function that replaces the file with it.
+
+    If this function is not called, the next content takes the place of this one.
+
+    Raises:
+        UnavailableError: see `keep`. The returned function may raise it, too.
+    """
     new = path.with_name(f"{path.name}.new")
-    try:
+
+    def write() -> None:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         new.unlink(missing_ok=True)  # left by a killed process, or a file of a different user
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -32,14 +46,23 @@ def keep(path: Path, content: bytes, what: str) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+
+    def put_in_place() -> None:
         os.replace(new, path)
         _settle(path.parent)
-    except OSError as exc:
-        with contextlib.suppress(OSError):
-            new.unlink(missing_ok=True)
-        raise exhausted(exc) or UnavailableError(
-            f"{path}: cannot be written: {exc.strerror}; {what} is unchanged"
-        ) from exc
+
+    def attempt(step: Callable[[], None]) -> None:
+        try:
+            step()
+        except OSError as exc:
+            with contextlib.suppress(OSError):
+                new.unlink(missing_ok=True)
+            raise exhausted(exc) or UnavailableError(
+                f"{path}: cannot be written: {exc.strerror}; {what} is unchanged"
+            ) from exc
+
+    attempt(write)
+    return partial(attempt, put_in_place)
 
 
 def read_kept(path: Path) -> bytes:

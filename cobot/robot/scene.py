@@ -7,7 +7,7 @@ remains.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass as checked
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.cloud import CloudTree
 from cobot.robot.geometry.cells import tree_of
-from cobot.robot.kept import keep, read_kept
+from cobot.robot.kept import read_kept, stage
 from cobot.strict import sentences
 from cobot.types import Array, Numbers3, Numbers6, Numbers7
 
@@ -172,10 +172,20 @@ class SceneFile:
         """Replace the file. The new content is on disk when this returns.
 
         Raises:
-            UnavailableError: there is no space or no permission; the old file is unchanged.
+            UnavailableError: see `stage`.
+        """
+        self.stage(scene)()
+
+    def stage(self, scene: Scene) -> Callable[[], None]:
+        """Write the scene beside the file, and return the function that replaces the file with it. See
+        `cobot.robot.kept.stage`.
+
+        Raises:
+            UnavailableError: there is no space or no permission; the old file is unchanged. The returned
+                function may raise it, too.
         """
         own = {name: each for name, each in scene.objects.items() if name not in self.fixed}
-        keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
+        return stage(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
 
 
 def scene_in(text: bytes, *, by_voxels: bool = True) -> Scene:

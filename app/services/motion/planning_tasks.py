@@ -24,6 +24,7 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
+from cobot.trajectory_parts import cut
 from cobot.types import Array
 
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
@@ -119,6 +120,28 @@ def change_goal(
     from cobot.planners.retarget import retarget
 
     return retarget(robot, request, under_way, now_s, from_s)
+
+
+def lead_around(
+    robot: RobotDescription,
+    request: MotionRequest,
+    under_way: Trajectory,
+    now_s: float,
+    from_s: float,
+    free_s: float,
+) -> ChangeOver | None:
+    """Change a motion that touches something, as `change_goal` does.
+
+    Args:
+        free_s: path time from `now_s` that must be free, s.
+
+    Returns:
+        None if the motion touches nothing, or something within `free_s`.
+    """
+    contact = robot.collision.first_contact(cut(under_way, now_s, under_way.duration_s))
+    if contact is None or contact.free_s < free_s:
+        return None
+    return change_goal(robot, request, under_way, now_s, from_s)
 
 
 def join_motions(

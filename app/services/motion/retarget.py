@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import change_goal
+from app.services.motion.planning_tasks import change_goal, lead_around
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job, JobKind, JobState
 from app.services.rights.ownership import Ownership
@@ -24,7 +26,9 @@ from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.requests import MotionRequest
+from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
+from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
@@ -35,6 +39,8 @@ ATTEMPTS = 3
 FREE_WAYS = (PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO)
 """Planners that choose the path between start and goal themselves."""
 KINDS = (JobKind.MOVE, JobKind.EXECUTE)
+
+Result = TypeVar("Result")
 
 log = logging.getLogger("cobot.motion")
 
@@ -59,6 +65,21 @@ class Retargeted:
     duration_s: float
     planning_s: float
     note: str
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A path around objects that a planning process searches.
+
+    Attributes:
+        since_s: beginning of the search, on the link's clock.
+        search: returns the new path; None if the motion need not leave its path, or has no room to stop.
+    """
+
+    claim: Claim
+    job: Job
+    since_s: float
+    search: asyncio.Task[ChangeOver | None]
 
 
 class RetargetService:
@@ -109,38 +130,58 @@ class RetargetService:
         finally:
             self._busy = False
 
-    async def lead_around(self, within_s: float, scene: Scene, in_force: asyncio.Event) -> bool:
-        """Redirect the running motion to its goal along a different path, because an object is in the current
-        path.
+    def seek_way(self, under_way: Trajectory, within_s: float, free_s: float, scene: Scene) -> Way | None:
+        """Begin to search a different path for the running motion to its goal, in case an object of a coming
+        scene is in the current path.
 
         Only a motion whose path can be chosen freely is redirected: a single motion without constraints,
         actions or conditions, by a planner that moves the joints.
 
         Args:
+            under_way: trajectory of the motion.
+            within_s: timeout for the search, s.
+            free_s: path time from now that must be free, s. Otherwise nothing is searched.
+        """
+        claim = self._ownership.moving
+        if not isinstance(claim, Claim) or self._busy:
+            return None
+        goal, job = claim.goal, claim.job
+        if goal is None or job is None or claim.trajectory is not under_way:
+            return None
+        if goal.planner not in FREE_WAYS or goal.constraints is not None:
+            return None
+        try:
+            self._claim_of(job)
+        except CobotError:
+            return None
+        way = replace(goal, goal=under_way.end, planner=PlannerName.OMPL, in_tool=False)
+        work = self._task(claim, under_way, way, within_s + MIN_LEAD_S, partial(lead_around, free_s=free_s))
+        search = asyncio.create_task(self._planning.compute(work, within_s, scene))
+        search.add_done_callback(_note)
+        return Way(claim, job, self._link.clock.now_s(), search)
+
+    async def lead_around(self, way: Way, within_s: float, in_force: asyncio.Event) -> bool:
+        """Redirect the running motion to its goal along a different path, because an object is in the current
+        path.
+
+        Args:
             within_s: time in which the new path must be found and sent to the real-time loop, s.
-            scene: the scene with the object.
-            in_force: event that is set once plans are made and checked in this scene. Before that, the new
-                path is not sent.
+            in_force: event that is set once plans are made and checked in the scene with the object. Before
+                that, the new path is not sent.
 
         Returns:
             Whether the motion was redirected. If not, it continues as before.
         """
-        claim = self._ownership.moving
-        if not isinstance(claim, Claim) or self._busy:
+        if self._busy:
             return False
-        goal, job, trajectory = claim.goal, claim.job, claim.trajectory
-        if goal is None or job is None or trajectory is None:
-            return False
-        if goal.planner not in FREE_WAYS or goal.constraints is not None:
-            return False
-        self._busy, begun_s = True, self._link.clock.now_s()
+        claim, self._busy = way.claim, True
         try:
-            self._claim_of(job)
             async with asyncio.timeout(within_s):
-                way = replace(goal, goal=trajectory.end, planner=PlannerName.OMPL, in_tool=False)
-                found = await self._plan(claim, way, within_s + MIN_LEAD_S, within_s, scene)
+                found = await claim.run_interruptibly(_result_of(way.search))
+                if found is None:
+                    return False
                 await in_force.wait()
-                await self._hand_over(claim, job, found, self._link.clock.now_s())
+                await self._hand_over(claim, way.job, found, self._link.clock.now_s())
         except (TimeoutError, CobotError) as exc:
             log.info(
                 "%smotion %s: no way around: %s", self._link.label, claim.motion_id, str(exc) or "too late"
@@ -148,7 +189,7 @@ class RetargetService:
             return False
         finally:
             self._busy = False
-        self._report(claim, found, self._link.clock.now_s() - begun_s)
+        self._report(claim, found, self._link.clock.now_s() - way.since_s)
         return True
 
     def _claim_of(self, job: Job) -> Claim:
@@ -177,7 +218,9 @@ class RetargetService:
         for attempt in range(1, ATTEMPTS + 1):
             planned_s = self._link.clock.now_s()
             left_s = timeout_s - (planned_s - begun_s)
-            found = await self._plan(claim, goal, lead_s, left_s)
+            assert claim.trajectory is not None
+            work = self._task(claim, claim.trajectory, goal, lead_s, change_goal)
+            found = await claim.run_interruptibly(self._planning.compute(work, left_s))
             took_s = self._link.clock.now_s() - planned_s
             lead_s = self._lead_s = min(2.0 * took_s + MIN_LEAD_S, MAX_LEAD_S)
             try:
@@ -196,25 +239,24 @@ class RetargetService:
             return self._report(claim, found, self._link.clock.now_s() - begun_s)
         raise AssertionError
 
-    async def _plan(
+    def _task(
         self,
         claim: Claim,
+        under_way: Trajectory,
         goal: MotionRequest,
         lead_s: float,
-        timeout_s: float,
-        scene: Scene | None = None,
-    ) -> ChangeOver:
-        trajectory, state = claim.trajectory, self._link.state()
-        assert trajectory is not None
+        change: Callable[..., Result],
+    ) -> Callable[[RobotDescription], Result]:
+        """A task for a planning process: change the goal of a motion at a path time from now, s."""
+        state = self._link.state()
         now_s = state.path_time_s if state.motion_id == claim.motion_id else 0.0
-        work = partial(
-            change_goal,
-            request=self._goals.request(goal, trajectory.end),
-            under_way=trajectory,
+        return partial(
+            change,
+            request=self._goals.request(goal, under_way.end),
+            under_way=under_way,
             now_s=now_s,
             from_s=now_s + lead_s,
         )
-        return await claim.run_interruptibly(self._planning.compute(work, timeout_s, scene))
 
     async def _hand_over(self, claim: Claim, job: Job, found: ChangeOver, planned_s: float) -> None:
         """Make the real-time loop continue with the new trajectory.
@@ -250,6 +292,16 @@ class RetargetService:
             planning_s,
             whole.note,
         )
+
+
+async def _result_of(search: asyncio.Task[ChangeOver | None]) -> ChangeOver | None:
+    return await search
+
+
+def _note(search: asyncio.Task[ChangeOver | None]) -> None:
+    """Note the error of a search whose result may not be needed any more."""
+    if not search.cancelled() and (error := search.exception()) is not None:
+        log.debug("no way around: %s", error)
 
 
 def _require_goal(goal: MotionRequest) -> None:

@@ -13,7 +13,7 @@ from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
-from app.services.motion.retarget import RetargetService
+from app.services.motion.retarget import RetargetService, Way
 from app.services.motion.scene_edits import Edit, clear, named, with_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
@@ -72,17 +72,15 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class _Remaining:
-    """The remaining part of the current motion, checked in a scene that has changed.
+    """The remaining part of the current motion.
 
     Attributes:
         since_s: time at which the arm was at the beginning of `left`, on the link's clock.
-        contact: the first contact of this part; None if it is free.
     """
 
     handed_over: HandedOver
     since_s: float
     left: Trajectory
-    contact: FirstContact | None
 
 
 class SceneService:
@@ -254,8 +252,6 @@ class SceneService:
             scene = replace(self._with_fixtures(scene, edits), version=self._version)
             scene = replace(scene, objects=await _with_room(scene.objects))
             if scene.load == self.scene.load:
-                if self._replan_within_s > 0.0:
-                    await self._planning.prepare(scene, processes=1)
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
@@ -289,21 +285,26 @@ class SceneService:
 
     async def _take_over(self, scene: Scene) -> Changed:
         """Apply a scene. If an object is in the current path, a path around it is searched while the scene is
-        stored, and sent to the real-time loop once the scene is in force.
+        checked and stored, and sent to the real-time loop once the scene is in force.
         """
-        checker, remaining = await self._examine(partial(self._robot.collision.among, scene))
-        await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
-        in_force = asyncio.Event()
-        leading = self._begin_way_around(remaining, scene, in_force)
+        remaining, in_force, leading = self._find_remaining(), asyncio.Event(), None
+        way = await self._seek_way(remaining, scene)
+        staging = asyncio.create_task(asyncio.to_thread(self._file.stage, scene))
         try:
-            ours = await self._store(scene, checker)
+            checker, contact = await self._examine(partial(self._robot.collision.among, scene), remaining)
+            if way is None:
+                await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
+            elif remaining is not None and contact is not None:
+                leading = self._begin_way_around(way, remaining, contact, in_force)
+            await self._store(scene, staging)
         except BaseException:  # also if cancelled
+            staging.cancel()
             if leading is not None:
                 leading.cancel()
             raise
         if scene.loads != self.scene.loads:
             self._robot.model.carry(self._robot.model.tool, scene)
-        self._robot.collision.take_over(ours)
+        self._robot.collision.take_over(checker)
         self._planning.scene = scene
         self._motion.scene_changed_s = self._link.clock.now_s()
         self._link.events.publish("scene", version=scene.version, objects=sorted(scene.objects))
@@ -311,23 +312,19 @@ class SceneService:
         if self._under_way() is not (None if remaining is None else remaining.handed_over):
             if leading is not None:
                 leading.cancel()
-            # a different motion has begun, or this one has ended
-            _, remaining = await self._examine(lambda: checker)
+            remaining = self._find_remaining()  # a different motion has begun, or this one has ended
+            _, contact = await self._examine(checker.twin, remaining)
         elif leading is not None:
             in_force.set()
-            remaining = None if await _is_led(leading) else remaining
-        stopped = "" if remaining is None else await self._stop_if_invalid(checker, remaining)
+            contact = None if await _is_led(leading) else contact
+        stopped = "" if remaining is None else await self._stop_if_invalid(remaining, contact)
         await self._planning.prepare()
         return Changed(scene, stopped, self._robot.collision.contacts(self._link.state().position))
 
-    async def _store(self, scene: Scene, checker: CollisionChecker) -> CollisionChecker:
-        """Write the scene to disk and inform the real-time loop. Returns a copy of the checker for the
-        service, because threads use the original.
-        """
+    async def _store(self, scene: Scene, staging: asyncio.Task[Callable[[], None]]) -> None:
+        """Write the scene to disk and inform the real-time loop."""
         before = self.scene
-        _, ours = await asyncio.gather(
-            asyncio.to_thread(self._file.write, scene), asyncio.to_thread(checker.twin)
-        )
+        await asyncio.to_thread(await staging)
         try:
             await self._tell(scene)
         except Exception as exc:
@@ -338,7 +335,6 @@ class SceneService:
             if isinstance(exc, ExecutionError):
                 raise ConflictError(str(exc)) from exc
             raise
-        return ours
 
     async def _tell(self, scene: Scene) -> None:
         if scene.loads == self.scene.loads:
@@ -361,41 +357,40 @@ class SceneService:
             return None
         return handed_over
 
-    async def _examine(
-        self, make: Callable[[], CollisionChecker]
-    ) -> tuple[CollisionChecker, _Remaining | None]:
-        """Make a checker and check the remaining part of the current motion, both in one thread.
-
-        Returns:
-            The checker, and the remaining part; None if nothing remains.
-        """
-        handed_over, left = self._under_way(), None
+    def _find_remaining(self) -> _Remaining | None:
+        """Find the remaining part of the current motion; None if nothing remains."""
+        handed_over = self._under_way()
+        if handed_over is None:
+            return None
         state, since_s = self._link.state(), self._link.clock.now_s()
-        if handed_over is not None:
-            motion_id, trajectory = handed_over
-            time_s = max(0.0, state.path_time_s) if state.motion_id == motion_id else 0.0
-            if time_s < trajectory.duration_s:
-                left = cut(trajectory, time_s, trajectory.duration_s)
+        motion_id, trajectory = handed_over
+        time_s = max(0.0, state.path_time_s) if state.motion_id == motion_id else 0.0
+        if time_s >= trajectory.duration_s:
+            return None
+        return _Remaining(handed_over, since_s, cut(trajectory, time_s, trajectory.duration_s))
+
+    async def _examine(
+        self, make: Callable[[], CollisionChecker], remaining: _Remaining | None
+    ) -> tuple[CollisionChecker, FirstContact | None]:
+        """Make a checker and find the first contact of the remaining motion, both in one thread."""
 
         def examine() -> tuple[CollisionChecker, FirstContact | None]:
             checker = make()
-            return checker, None if left is None else checker.first_contact(left)
+            return checker, None if remaining is None else checker.first_contact(remaining.left)
 
-        checker, contact = await asyncio.to_thread(examine)
-        if handed_over is None or left is None:
-            return checker, None
-        return checker, _Remaining(handed_over, since_s, left, contact)
+        return await asyncio.to_thread(examine)
 
-    async def _stop_if_invalid(self, checker: CollisionChecker, remaining: _Remaining) -> str:
+    async def _stop_if_invalid(self, remaining: _Remaining, contact: FirstContact | None) -> str:
         """Stop the current motion if its remaining path collides. Return the reason, or "" if the motion
         continues.
         """
-        if remaining.contact is None:
+        if contact is None:
             return ""
-        problem = await asyncio.to_thread(checker.refusal, remaining.left, remaining.contact)
+        twin = await asyncio.to_thread(self._robot.collision.twin)
+        problem = await asyncio.to_thread(twin.refusal, remaining.left, contact)
         why = (
-            f"the scene has changed (version {checker.scene.version}), and the remaining motion is no "
-            f"longer valid: {problem}"
+            f"the scene has changed (version {self.scene.version}), and the remaining motion is no longer "
+            f"valid: {problem}"
         )
         log.warning("motion %d is stopped: %s", remaining.handed_over[0], why)
         try:
@@ -404,20 +399,32 @@ class SceneService:
             return f"{why}; {exc}"
         return why
 
-    def _begin_way_around(
-        self, remaining: _Remaining | None, scene: Scene, in_force: asyncio.Event
-    ) -> asyncio.Task[bool] | None:
-        """Begin to redirect the current motion around an object in its path, if the settings permit this and
-        the arm could still stop afterwards. The task returns whether the motion was redirected.
+    async def _seek_way(self, remaining: _Remaining | None, scene: Scene) -> Way | None:
+        """Let a planning process find out whether an object of a coming scene is in the current path, and
+        search a path around it, if the settings permit this. Returns before it has done so.
         """
         within_s = self._replan_within_s
-        if within_s == 0.0 or remaining is None or remaining.contact is None:
+        if within_s == 0.0 or remaining is None:
             return None
-        left_s = remaining.since_s + within_s - self._link.clock.now_s()  # the arm has moved on meanwhile
-        free_s = min(within_s + STOPS_WITHIN_S, remaining.left.duration_s)
-        if left_s <= 0.0 or remaining.contact.free_s < free_s:
+        way = self._retargeting.seek_way(remaining.handed_over[1], within_s, self._free_s(remaining), scene)
+        await asyncio.sleep(0.0)  # the search is sent before threads compete for the interpreter
+        return way
+
+    def _begin_way_around(
+        self, way: Way, remaining: _Remaining, contact: FirstContact, in_force: asyncio.Event
+    ) -> asyncio.Task[bool] | None:
+        """Begin to redirect the current motion around an object in its path, if the arm could still stop
+        afterwards. The task returns whether the motion was redirected.
+        """
+        # the arm has moved on meanwhile
+        left_s = remaining.since_s + self._replan_within_s - self._link.clock.now_s()
+        if left_s <= 0.0 or contact.free_s < self._free_s(remaining):
             return None
-        return asyncio.create_task(self._retargeting.lead_around(left_s, scene, in_force))
+        return asyncio.create_task(self._retargeting.lead_around(way, left_s, in_force))
+
+    def _free_s(self, remaining: _Remaining) -> float:
+        """The part of the remaining motion that must be free if a path around an object is searched, s."""
+        return min(self._replan_within_s + STOPS_WITHIN_S, remaining.left.duration_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """Convert a pose to the base frame. `frame` may have been made by the same change."""
