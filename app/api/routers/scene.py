@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from fastapi import Request
 
@@ -22,6 +23,7 @@ from app.api.solids import solid_of
 from app.services.motion.scene import Changed, SceneService
 from app.services.motion.scene_edits import Edit, clear, detach, remove_frame, remove_object
 from cobot.access.roles import Role
+from cobot.robot.scene import COMPOUND
 from cobot.types import Numbers7, Pose
 
 router = EndpointRouter(tags=["scene"])
@@ -70,7 +72,8 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
 
 
 async def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
-    item = await asyncio.to_thread(solid_of, f"objects.{name}", solid, by_voxels=True)
+    make = partial(solid_of, f"objects.{name}", solid, by_voxels=True)
+    item = await asyncio.to_thread(make) if solid.shape in COMPOUND else make()
     return service.put_object(name, item, solid.frame_id)
 
 

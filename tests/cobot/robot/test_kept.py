@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cobot.robot.kept import keep, read_kept
+from cobot.robot.kept import keep, read_kept, stage
 
 
 def mode(path: Path) -> int:
@@ -42,6 +42,17 @@ def test_what_lies_in_the_way_of_the_new_file_is_not_followed(tmp_path: Path) ->
     keep(tmp_path / "tool.json", b"mine", "the tool")
     assert target.read_bytes() == b"theirs"
     assert not (tmp_path / "tool.json").is_symlink()
+
+
+def test_what_is_staged_leaves_the_file_as_it_is_until_it_takes_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "tool.json"
+    keep(path, b"old", "the tool")
+    stage(path, b"given up", "the tool")
+    put = stage(path, b"new", "the tool")
+    assert read_kept(path) == b"old"
+    put()
+    assert read_kept(path) == b"new"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_pipe_in_place_of_the_file_keeps_nobody_waiting(tmp_path: Path) -> None:

@@ -464,6 +464,67 @@ def test_while_a_way_around_is_planned_the_goal_does_not_change(
     around.post("/scene", {"clear": True}).raise_for_status()
 
 
+def test_an_object_beside_the_path_changes_nothing_and_costs_no_search(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    path = around.get("/robot/motion?samples=5").json()["path"]
+    searched = list[Any]()
+    monkeypatch.setattr(
+        "app.services.motion.planning_tasks.change_goal", lambda *asked: searched.append(asked)
+    )
+    assert around.post("/scene", ball_at(around, -1.0)).json()["stopped"] == ""
+    assert not searched
+    assert around.get("/robot/motion?samples=5").json()["path"] == path
+    monkeypatch.undo()
+    new_goal(around, job, FAR | {"speed": 0.3}).raise_for_status()  # nothing is left of the look
+    assert ended(around, job)["state"] == "finished"
+
+
+def test_an_object_too_near_to_go_around_stops_the_motion_without_a_search(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    searched = list[Any]()
+    monkeypatch.setattr(
+        "app.services.motion.planning_tasks.change_goal", lambda *asked: searched.append(asked)
+    )
+    assert "ball" in around.post("/scene", ball_at(around, around.joints()[0] + 0.25)).json()["stopped"]
+    assert not searched
+    assert ended(around, job)["state"] == "cancelled"
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
+def test_the_search_begins_before_the_scene_is_checked(
+    around: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the order in which the planning process and the service get the scene."""
+    around.post("/scene", {"clear": True}).raise_for_status()
+    around.go_home()
+    job = moving(around, FAR | {"speed": 0.3})
+    got, compute, scene = list[str](), PlanningHere.compute, around.app.state.services.scene
+    examine = scene._examine
+
+    async def search(*values: Any, **named: Any) -> Any:
+        got.append("search")
+        return await compute(*values, **named)
+
+    async def check(*values: Any) -> Any:
+        got.append("check")
+        return await examine(*values)
+
+    monkeypatch.setattr(PlanningHere, "compute", search)
+    monkeypatch.setattr(scene, "_examine", check)
+    assert around.post("/scene", ball_at(around, 1.1)).json()["stopped"] == ""
+    assert got == ["search", "check"]
+    assert ended(around, job)["state"] == "finished"
+    around.post("/scene", {"clear": True}).raise_for_status()
+
+
 def test_a_check_that_takes_longer_than_the_setting_stops_the_motion(
     around: VirtualService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
