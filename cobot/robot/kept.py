@@ -29,7 +29,7 @@ def keep(path: Path, content: bytes, what: str) -> None:
 
 
 def stage(path: Path, content: bytes, what: str) -> Callable[[], None]:
-    """Write the content to disk beside the file, and return the function that replaces the file with it.
+    """Write the content to a second file on disk, and return the function that replaces the file with it.
 
     If this function is not called, the next content takes the place of this one.
 

@@ -177,7 +177,7 @@ class SceneFile:
         self.stage(scene)()
 
     def stage(self, scene: Scene) -> Callable[[], None]:
-        """Write the scene beside the file, and return the function that replaces the file with it. See
+        """Write the scene to a second file, and return the function that replaces the file with it. See
         `cobot.robot.kept.stage`.
 
         Raises:
