@@ -280,7 +280,8 @@ class MotionService:
             begin_s: path time of the trajectory at which the motion began.
 
         Raises:
-            ExecutionError: the retraction is not possible, or the arm has not reached its end.
+            ExecutionError: the retraction is not possible, or the arm has not reached the end of the
+                retraction.
         """
         contact = signals.contact
         assert contact is not None

@@ -23,8 +23,9 @@ relative to the other of the two motions, rad per m. A motion below these values
 joint path from the line. Then only its speed is limited.
 """
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
-"""A vector is limited along these directions, rad from its tangent: an octagon within the circle. The octagon
-is exact at its corners, on the tangent and the normal. In between it is up to 8 % too strict.
+"""Directions along which a vector is limited, as angles from its tangent, rad. These limits form an
+octagon within the circle. The octagon is exact at its corners, on the tangent and the normal. In between
+it is up to 8 % too strict.
 """
 NEARLY_STRAIGHT = 0.01
 """If the normal acceleration at full speed is below this share of its limit, only the acceleration along the
