@@ -7,7 +7,8 @@ omitted, and `cobot_rtloop_up` is then 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
@@ -25,7 +26,6 @@ from starlette.datastructures import State
 from app.api.middleware.timing import BUCKETS_S
 from app.robot_services import Services
 from app.services.reports.health import VERSIONS
-from app.services.state.robot_state import RobotState
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
 from cobot.launch.running_config import ProcessState
@@ -34,6 +34,37 @@ from cobot.types import LoopMode
 CYCLE_BUCKETS_US = (5, 10, 20, 30, 50, 75, 100, 150, 200, 300, 500, 750, 1000)
 """Upper bounds of the buckets, µs. rtloop counts in steps of 1 µs; its last bucket is "1023 or more"."""
 MIDDLES_S = (np.arange(HISTOGRAM_BUCKETS) + 0.5) * 1e-6
+ROBOT_METRICS: dict[str, tuple[Callable[..., Any], str, list[str]]] = {
+    "rtloop_up": (GaugeMetricFamily, "1 while the real-time process publishes.", []),
+    "ready": (GaugeMetricFamily, "1 while the robot accepts motions.", []),
+    "mode": (GaugeMetricFamily, "1 for the mode that rtloop is in.", ["mode"]),
+    "session_open": (GaugeMetricFamily, "1 while a streaming session is open.", []),
+    "realtime_granted": (
+        GaugeMetricFamily,
+        "1 if the system grants a permission that real-time processes need.",
+        ["what"],
+    ),
+    "cycle_max_seconds": (GaugeMetricFamily, "The longest duration since rtloop started.", ["phase"]),
+    "cycle_seconds": (
+        HistogramMetricFamily,
+        (
+            "Duration of the parts of the cycle. Values above 1.0235 ms count as 1.0235 ms; the sum is "
+            "accurate to half a microsecond per value."
+        ),
+        ["phase"],
+    ),
+    "cycles": (CounterMetricFamily, "Cycles of the real-time process.", []),
+    "overruns": (CounterMetricFamily, "Cycles that began too late.", []),
+    "torn_reads": (
+        CounterMetricFamily,
+        "Blocks of shared memory that rtloop could not read at the first attempt.",
+        [],
+    ),
+    "sessions": (CounterMetricFamily, "Requested streaming sessions.", []),
+    "interventions": (CounterMetricFamily, "Interventions of the safety layer.", ["kind"]),
+    "motions": (CounterMetricFamily, "Ended motions by result.", ["result"]),
+}
+"""The metrics of each robot: their type, their meaning, and their labels in addition to the robot."""
 
 
 class Metrics(Collector):
@@ -89,88 +120,53 @@ class Metrics(Collector):
 
 def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
     """Make the metrics of all robots: one family per metric, with the robot's name as a label."""
-    up = GaugeMetricFamily("cobot_rtloop_up", "1 while the real-time process publishes.", labels=["robot"])
-    ready = GaugeMetricFamily("cobot_ready", "1 while the robot accepts motions.", labels=["robot"])
-    mode = GaugeMetricFamily("cobot_mode", "1 for the mode that rtloop is in.", labels=["robot", "mode"])
-    session = GaugeMetricFamily(
-        "cobot_session_open", "1 while a streaming session is open.", labels=["robot"]
-    )
-    permission = GaugeMetricFamily(
-        "cobot_realtime_granted",
-        "1 if the system grants a permission that real-time processes need.",
-        labels=["robot", "what"],
-    )
-    slowest = GaugeMetricFamily(
-        "cobot_cycle_max_seconds", "The longest duration since rtloop started.", labels=["robot", "phase"]
-    )
-    cycles = CounterMetricFamily("cobot_cycles", "Cycles of the real-time process.", labels=["robot"])
-    overruns = CounterMetricFamily("cobot_overruns", "Cycles that began too late.", labels=["robot"])
-    torn = CounterMetricFamily(
-        "cobot_torn_reads",
-        "Blocks of shared memory that rtloop could not read at the first attempt.",
-        labels=["robot"],
-    )
-    sessions = CounterMetricFamily("cobot_sessions", "Requested streaming sessions.", labels=["robot"])
-    interventions = CounterMetricFamily(
-        "cobot_interventions", "Interventions of the safety layer.", labels=["robot", "kind"]
-    )
-    motions = CounterMetricFamily("cobot_motions", "Ended motions by result.", labels=["robot", "result"])
-    times = HistogramMetricFamily(
-        "cobot_cycle_seconds",
-        "Duration of the parts of the cycle. Values above 1.0235 ms count as 1.0235 ms; the sum is accurate "
-        "to half a microsecond per value.",
-        labels=["robot", "phase"],
-    )
+    families = {
+        name: kind(f"cobot_{name}", text, labels=["robot", *labels])
+        for name, (kind, text, labels) in ROBOT_METRICS.items()
+    }
     for name, services in robots.items():
-        ready.add_metric([name], float(not services.health.obstacles()))
-        for result, count in services.link.motions.ended.items():
-            motions.add_metric([name, result.name.lower()], count)
-        asked = services.link.sessions()
-        if asked is not None:
-            sessions.add_metric([name], asked)
-        try:
-            state, statistics = services.link.state(), services.link.statistics()
-        except UnavailableError:
-            up.add_metric([name], 0.0)
-            continue
-        up.add_metric([name], float(not services.link.silence(state)))
-        for each in LoopMode:
-            mode.add_metric([name, each.name], float(each is state.mode))
-        session.add_metric([name], float(state.session != 0))
-        for what in ("sched_fifo", "memory_locked"):
-            permission.add_metric([name, what], float(statistics[what]))
-        cycles.add_metric([name], int(statistics["cycles"]))
-        _count(state, name, overruns, torn, interventions)
-        _time(statistics, name, times, slowest)
-    yield from (up, ready, mode, session, permission, slowest, times)
-    yield from (cycles, overruns, torn, sessions, interventions, motions)
+        _add_values(families, name, services)
+    yield from families.values()
 
 
-def _count(
-    state: RobotState,
-    name: str,
-    overruns: CounterMetricFamily,
-    torn: CounterMetricFamily,
-    interventions: CounterMetricFamily,
-) -> None:
-    overruns.add_metric([name], state.overruns)
-    torn.add_metric([name], state.torn_reads)
+def _add_values(families: dict[str, Any], robot: str, services: Services) -> None:
+    def add(metric: str, value: float, *labels: str) -> None:
+        families[metric].add_metric([robot, *labels], value)
+
+    add("ready", float(not services.health.obstacles()))
+    for result, count in services.link.motions.ended.items():
+        add("motions", count, result.name.lower())
+    if (asked := services.link.sessions()) is not None:
+        add("sessions", asked)
+    try:
+        state, statistics = services.link.state(), services.link.statistics()
+    except UnavailableError:
+        add("rtloop_up", 0.0)
+        return
+    add("rtloop_up", float(not services.link.silence(state)))
+    for mode in LoopMode:
+        add("mode", float(mode is state.mode), mode.name)
+    add("session_open", float(state.session != 0))
+    for what in ("sched_fifo", "memory_locked"):
+        add("realtime_granted", float(statistics[what]), what)
+    add("cycles", int(statistics["cycles"]))
+    add("overruns", state.overruns)
+    add("torn_reads", state.torn_reads)
     for kind, count in zip(Intervention, state.interventions, strict=True):
-        interventions.add_metric([name, kind.name.lower()], count)
-
-
-def _time(
-    statistics: np.ndarray, name: str, times: HistogramMetricFamily, slowest: GaugeMetricFamily
-) -> None:
+        add("interventions", count, kind.name.lower())
     for phase in Phase:
-        labels = [name, phase.name.lower()]
-        counts = statistics["histogram"][phase]
-        below = np.cumsum(counts)
-        # Bucket i of rtloop contains times from i µs to less than i + 1 µs.
-        cumulative = [*(below[bound - 1] for bound in CYCLE_BUCKETS_US), below[-1]]
-        bounds_s = [bound / 1e6 for bound in CYCLE_BUCKETS_US]
-        times.add_metric(labels, _buckets(bounds_s, cumulative), float(counts @ MIDDLES_S))
-        slowest.add_metric(labels, 1e-6 * float(statistics["max_us"][phase]))
+        name = phase.name.lower()
+        families["cycle_seconds"].add_metric([robot, name], *_cycle_times(statistics["histogram"][phase]))
+        add("cycle_max_seconds", 1e-6 * float(statistics["max_us"][phase]), name)
+
+
+def _cycle_times(counts: np.ndarray) -> tuple[list[tuple[str, float]], float]:
+    """Convert a histogram of rtloop to Prometheus's buckets, and return them with the sum of the times, s."""
+    below = np.cumsum(counts)
+    # Bucket i of rtloop contains times from i µs to less than i + 1 µs.
+    cumulative = [*(below[bound - 1] for bound in CYCLE_BUCKETS_US), below[-1]]
+    bounds_s = [bound / 1e6 for bound in CYCLE_BUCKETS_US]
+    return _buckets(bounds_s, cumulative), float(counts @ MIDDLES_S)
 
 
 def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
