@@ -3,10 +3,18 @@
 from cobot.robot.mujoco cimport mjData, mjModel
 
 
+# The place of a body in the frame of the last joint that moves it; -1: it stands.
+cdef struct Frame:
+    int joint
+    double turn[9]
+    double offset[3]
+
+
 cdef class Dynamics:
     cdef object _mj
     cdef const mjModel* _model
     cdef mjData* _data
+    cdef Frame* _frames
     cdef int _dof
     cdef object _joints, _velocity
     cdef double* _c_joints
@@ -15,7 +23,4 @@ cdef class Dynamics:
     cdef void c_mass_matrix(self, const double* joints, double* full) noexcept nogil
     cdef void c_bias_torques(
         self, const double* joints, const double* velocity, double* torques
-    ) noexcept nogil
-    cdef void c_inverse(
-        self, const double* joints, const double* velocity, const double* acceleration, double* torques
     ) noexcept nogil

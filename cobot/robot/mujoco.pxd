@@ -26,6 +26,9 @@ cdef extern from "mujoco/mujoco.h" nogil:
         mjGEOM_MESH
 
     enum:
+        mjDSBL_GRAVITY
+
+    enum:
         mjSENS_FORCE
         mjSENS_TORQUE
 
@@ -69,7 +72,10 @@ cdef extern from "mujoco/mujoco.h" nogil:
         int* body_jntadr
         double* body_pos
         double* body_quat
+        double* body_ipos
+        double* body_iquat
         double* body_mass
+        double* body_inertia
         int* jnt_type
         int* jnt_qposadr
         int* jnt_dofadr

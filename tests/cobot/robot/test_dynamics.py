@@ -7,6 +7,7 @@ import copy
 import mujoco
 import numpy as np
 import pytest
+from odd_arm import odd_arm
 
 from cobot.robot.description import RobotDescription
 from cobot.robot.dynamics import Dynamics
@@ -51,14 +52,32 @@ def test_values_that_are_not_finite_end_nothing(robot: RobotDescription) -> None
         robot.model.forward(np.zeros(7))
 
 
-def test_inverse_dynamics_are_those_of_mujoco(robot: RobotDescription, states: Array) -> None:
-    mj, dynamics = robot.model.mj, Dynamics(robot.model.mj)
+def check_inverse(mj: mujoco.MjModel, dynamics: Dynamics, rows: Array) -> None:
+    """`rows`: joints, velocities and accelerations, shape (n, 3, dof)."""
     free = copy.copy(mj)
     free.dof_damping[:], free.dof_frictionloss[:] = 0.0, 0.0
     free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data, rows = mujoco.MjData(free), states[:6000].reshape(-1, 3, 7)
+    data = mujoco.MjData(free)
     found = dynamics.inverse(rows[:, 0], rows[:, 1], rows[:, 2])
     for (joints, velocity, acceleration), torques in zip(rows, found, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = joints, velocity, acceleration
         mujoco.mj_inverse(free, data)
         assert abs(torques - data.qfrc_inverse).max() < 1e-12 * max(1.0, abs(torques).max())
+
+
+def test_inverse_dynamics_are_those_of_mujoco(robot: RobotDescription, states: Array) -> None:
+    mj = robot.model.mj
+    check_inverse(mj, Dynamics(mj), states[:6000].reshape(-1, 3, 7))
+
+
+def test_inverse_dynamics_of_slides_branches_and_turned_axes_are_those_of_mujoco() -> None:
+    mj = odd_arm()
+    mj.dof_armature[:] = np.linspace(0.0, 0.3, mj.nv)
+    dynamics = Dynamics(mj)
+    rows = np.random.default_rng(6).uniform(-2.0, 2.0, (501, 3, mj.nv))
+    check_inverse(mj, dynamics, rows)
+    mj.body_mass[-2:], mj.body_ipos[-1], mj.opt.gravity[:] = (3.0, 0.0), (0.1, -0.2, 0.3), (1.0, 2.0, -9.0)
+    check_inverse(mj, dynamics, rows)
+    mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    for count in (0, 1, 7, 8, 9):
+        check_inverse(mj, dynamics, rows[:count])
