@@ -15,8 +15,9 @@ from benchmarks.planning.peers.searches import MissingPeer, run
 from benchmarks.table import Row, row
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
+from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length
-from cobot.planners.search.sampling import find_path
+from cobot.planners.search.sampling import RANGE_RAD, find_path, room
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
 
@@ -25,10 +26,12 @@ COLUMNS = ("p50", "p95", "max")
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """Times in ms of each problem, of its whole plan and of the search alone; lengths, rad; durations, s."""
+    """Times in ms of each problem: of its whole plan, its shortened path, and RRT-Connect alone; lengths,
+    rad; durations, s."""
 
     plan_ms: list[float]
     path_ms: list[float]
+    search_ms: list[float]
     lengths: list[float]
     durations: list[float]
     failures: list[str]
@@ -71,6 +74,15 @@ def _rows(arm: str, found: Results) -> Iterator[Row]:
         aim="5 / 50 / 500 ms",
     )
     yield row(
+        f"MotionBenchMaker, {arm}: RRT-Connect alone",
+        "ms",
+        _three(found.search_ms),
+        "shortened",
+        _three(found.path_ms),
+        columns=COLUMNS,
+        aim="0.5 ms at p50",
+    )
+    yield row(
         f"MotionBenchMaker, {arm}: solved",
         "%",
         (100.0 * len(found.plan_ms) / count,),
@@ -82,8 +94,8 @@ def _rows(arm: str, found: Results) -> Iterator[Row]:
 
 
 def measure(robot: RobotDescription, problems: Iterable[Problem]) -> Results:
-    """Plan each problem twice: as a whole, and the polyline alone."""
-    found = Results([], [], [], [], [])
+    """Plan each problem as a whole, then its shortened polyline, then RRT-Connect alone."""
+    found = Results([], [], [], [], [], [])
     for problem in problems:
         there = replace(robot, collision=robot.collision.among(problem.scene))
         request = MotionRequest(
@@ -103,7 +115,26 @@ def measure(robot: RobotDescription, problems: Iterable[Problem]) -> Results:
         corners = find_path(there, request, problem.goal[None])
         found.path_ms.append((time.process_time_ns() - begun_ns) / 1e6)
         found.lengths.append(length(corners))
+        found.search_ms.append(_search_ms(there, problem))
     return found
+
+
+def _search_ms(robot: RobotDescription, problem: Problem) -> float:
+    """The time of RRT-Connect alone, with the distance that `find_path` requires."""
+    limits, goals = robot.limits, problem.goal[None]
+    with robot.collision.keeping(room(robot, np.vstack([problem.start, goals]))) as clearance:
+        begun_ns = time.process_time_ns()
+        connect(
+            clearance,
+            problem.start,
+            goals,
+            limits.min_position,
+            limits.max_position,
+            1,
+            TIMEOUT_S,
+            RANGE_RAD,
+        )
+        return (time.process_time_ns() - begun_ns) / 1e6
 
 
 def _three(values: Sequence[float]) -> tuple[float, ...]:
