@@ -2,7 +2,7 @@
 
 The efforts of many rows are computed here, for eight rows at once, with the recursive Newton-Euler algorithm
 in the frames of the joints (R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, section 5.3). MuJoCo
-takes four times as long. All processors compute the same figures, see `interior_point.pyx`.
+takes nine times as long. All processors compute the same figures, see `interior_point.pyx`.
 
 Joint vectors are shape (dof,): rad, rad/s, N·m. Not thread safe. Values that are not finite give results that
 are not finite, and have no other effect.
@@ -63,12 +63,12 @@ cdef extern from *:
         out[2] += a[0] * b[1] - a[1] * b[0];
     }
 
-    static inline void turned(const Lanes *turn, const Lanes *given, Lanes *out) {
+    static inline void turn_by(const Lanes *turn, const Lanes *given, Lanes *out) {
         for (int i = 0; i < 3; i++)
             out[i] = turn[3 * i] * given[0] + turn[3 * i + 1] * given[1] + turn[3 * i + 2] * given[2];
     }
 
-    static inline void turned_back(const Lanes *turn, const Lanes *given, Lanes *out) {
+    static inline void turn_back(const Lanes *turn, const Lanes *given, Lanes *out) {
         for (int i = 0; i < 3; i++)
             out[i] = turn[i] * given[0] + turn[3 + i] * given[1] + turn[6 + i] * given[2];
     }
@@ -85,14 +85,15 @@ cdef extern from *:
         }
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++)
-                out[3 * i + k] = turn[3 * i] * own[k] + turn[3 * i + 1] * own[3 + k] + turn[3 * i + 2] * own[6 + k];
+                out[3 * i + k] = turn[3 * i] * own[k] + turn[3 * i + 1] * own[3 + k]
+                    + turn[3 * i + 2] * own[6 + k];
     }
 
     /* The efforts of up to LANES rows of joints, each of shape (count, dof). Unused lanes repeat the last
        row. */
     FOR_EACH_PROCESSOR
-    static void efforts_of(const Moved *joints, int dof, const double *gravity, const double *q, const double *v,
-                           const double *a, int count, double *out) {
+    static void compute_efforts(const Moved *joints, int dof, const double *gravity, const double *q,
+                                const double *v, const double *a, int count, double *out) {
         const Lanes none = {0.0};
         Lanes turn[JOINTS][9], offset[JOINTS][3], spin[JOINTS][3], spin_up[JOINTS][3], speed_up[JOINTS][3];
         Lanes force[JOINTS][3], moment[JOINTS][3], acceleration[JOINTS];
@@ -118,16 +119,16 @@ cdef extern from *:
                 offset[joint][i] = none + moved->offset[i];
             }
             if (moved->slides) {
-                turned(turn[joint], axis, carried);
+                turn_by(turn[joint], axis, carried);
                 for (int i = 0; i < 3; i++) offset[joint][i] += place * carried[i];
             }
             add_cross(spin_in, offset[joint], swung);
             for (int i = 0; i < 3; i++) carried[i] = speed_up_in[i];
             add_cross(spin_up_in, offset[joint], carried);
             add_cross(spin_in, swung, carried);
-            turned_back(turn[joint], carried, speed_up[joint]);
-            turned_back(turn[joint], spin_in, spin[joint]);
-            turned_back(turn[joint], spin_up_in, spin_up[joint]);
+            turn_back(turn[joint], carried, speed_up[joint]);
+            turn_back(turn[joint], spin_in, spin[joint]);
+            turn_back(turn[joint], spin_up_in, spin_up[joint]);
             Lanes by_rate[3];
             for (int i = 0; i < 3; i++) by_rate[i] = axis[i] * rate;
             if (moved->slides) {
@@ -168,8 +169,8 @@ cdef extern from *:
             for (int i = 0; i < 3; i++) effort += moved->axis[i] * load[i];
             for (int lane = 0; lane < count; lane++) out[lane * dof + joint] = effort[lane];
             if (moved->before < 0) continue;
-            turned(turn[joint], force[joint], passed);
-            turned(turn[joint], moment[joint], lever);
+            turn_by(turn[joint], force[joint], passed);
+            turn_by(turn[joint], moment[joint], lever);
             add_cross(offset[joint], passed, lever);
             for (int i = 0; i < 3; i++) {
                 force[moved->before][i] += passed[i];
@@ -191,8 +192,8 @@ cdef extern from *:
         double first[3]
         double second[9]
         double armature
-    void efforts_of(const Moved*, int, const double*, const double*, const double*, const double*, int,
-                    double*) noexcept nogil
+    void compute_efforts(const Moved*, int, const double*, const double*, const double*, const double*, int,
+                         double*) noexcept nogil
 
 
 
@@ -262,10 +263,10 @@ cdef class Dynamics:
         cdef int i
         for i in range(3):
             gravity[i] = 0.0 if self._model.opt.disableflags & mjDSBL_GRAVITY else self._model.opt.gravity[i]
-        _set_moved(self._model, self._frames, joints_moved)
+        _fold(self._model, self._frames, joints_moved)
         for row in range(0, rows, <Py_ssize_t>LANES):
             begin = row * self._dof
-            efforts_of(
+            compute_efforts(
                 joints_moved, self._dof, gravity, &q[begin], &v[begin], &a[begin],
                 min(rows - row, <Py_ssize_t>LANES), &out[begin],
             )
@@ -287,7 +288,7 @@ cdef class Dynamics:
         return torques
 
 
-cdef void _set_moved(const mjModel* model, Frame* frames, Moved* joints) noexcept nogil:
+cdef void _fold(const mjModel* model, Frame* frames, Moved* joints) noexcept nogil:
     """Fill in the joints. The model's masses may have changed since the last call."""
     cdef Frame* frame
     cdef Moved* moved
@@ -300,7 +301,7 @@ cdef void _set_moved(const mjModel* model, Frame* frames, Moved* joints) noexcep
     for body in range(1, model.nbody):
         frame = &frames[body]
         frame[0] = frames[model.body_parentid[body]]
-        _add_turned(frame.turn, &model.body_pos[3 * body], frame.offset)
+        _shift(frame.turn, &model.body_pos[3 * body], frame.offset)
         mju_quat2Mat(own, &model.body_quat[4 * body])
         _turn(frame.turn, own)
         for each in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
@@ -309,7 +310,7 @@ cdef void _set_moved(const mjModel* model, Frame* frames, Moved* joints) noexcep
             moved.before, moved.rest = frame.joint, model.qpos0[each]
             moved.slides = model.jnt_type[each] == mjJNT_SLIDE
             moved.armature = model.dof_armature[each]
-            _add_turned(frame.turn, &model.jnt_pos[3 * each], frame.offset)
+            _shift(frame.turn, &model.jnt_pos[3 * each], frame.offset)
             memcpy(moved.turn, frame.turn, sizeof(moved.turn))
             memcpy(moved.offset, frame.offset, sizeof(moved.offset))
             frame.joint = each
@@ -332,7 +333,7 @@ cdef void _add_mass(const mjModel* model, const Frame* frame, int body, Moved* m
     cdef double square = 0.0
     cdef int i, k, n
     memcpy(centre, frame.offset, sizeof(centre))
-    _add_turned(frame.turn, &model.body_ipos[3 * body], centre)
+    _shift(frame.turn, &model.body_ipos[3 * body], centre)
     memcpy(turn, frame.turn, sizeof(turn))
     mju_quat2Mat(own, &model.body_iquat[4 * body])
     _turn(turn, own)
@@ -358,7 +359,8 @@ cdef void _turn(double* turn, const double* by) noexcept nogil:
             turn[i + k] = before[i] * by[k] + before[i + 1] * by[3 + k] + before[i + 2] * by[6 + k]
 
 
-cdef void _add_turned(const double* turn, const double* given, double* out) noexcept nogil:
+cdef void _shift(const double* turn, const double* given, double* out) noexcept nogil:
+    """Move a point by an offset that a matrix turns."""
     cdef int i
     for i in range(3):
         out[i] += turn[3 * i] * given[0] + turn[3 * i + 1] * given[1] + turn[3 * i + 2] * given[2]
