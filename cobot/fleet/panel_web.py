@@ -42,7 +42,7 @@ from cobot.errors import (
     PayloadError,
     UnavailableError,
 )
-from cobot.fleet.connections import HubConnection
+from cobot.fleet.connections import HubServer
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.panel_link import OpenPanel, PanelLink, PanelPerson, require_room
 from cobot.fleet.panel_messages import (
@@ -294,10 +294,9 @@ class PanelServer:
         panels = PanelApp(hub, hub.panels, lambda: len(self._server.server_state.connections))
         app = TrustedHostMiddleware(SameSite(panels), hosts, www_redirect=False)
         self._listener = listener
-        self._server = uvicorn.Server(
+        self._server = HubServer(
             uvicorn.Config(
                 app,
-                http=HubConnection,
                 log_config=None,
                 access_log=False,
                 lifespan="off",

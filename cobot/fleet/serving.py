@@ -144,7 +144,7 @@ def _certificate(chosen: argparse.Namespace) -> int:
 def _serve(chosen: argparse.Namespace) -> int:
     import uvicorn
 
-    from cobot.fleet.connections import HubConnection
+    from cobot.fleet.connections import HubServer
     from cobot.fleet.hub import Hub
     from cobot.fleet.panel_web import PanelServer
     from cobot.fleet.web import make_app
@@ -180,14 +180,13 @@ def _serve(chosen: argparse.Namespace) -> int:
             opened.callback(PanelServer(hub, panels, hosts, folder).close)
         config = uvicorn.Config(
             make_app(hub, hosts, tokens, 0 if panels is None else panels.getsockname()[1]),
-            http=HubConnection,
             log_config=None,
             access_log=False,
             timeout_graceful_shutdown=1,
             ssl_certfile=folder and folder / "hub" / "hub.pem",
             ssl_keyfile=folder and folder / "hub" / "hub.key",
         )
-        uvicorn.Server(config).run(sockets=[listener])
+        HubServer(config).run(sockets=[listener])
     return 0
 
 

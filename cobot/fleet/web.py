@@ -47,6 +47,9 @@ CSP = (
     "form-action 'none'"
 )
 GONE = "gone"
+BUNDLES = "/bundles"
+MAX_BODY_BYTES = 2 * 2**20
+"""Maximum size of a body that is not a bundle: a roll-out to 10,000 robots with the longest names."""
 MAX_STOPS = 100
 """Maximum number of stops that are in progress at the same time. Further stops wait for one of them to
 end.
@@ -150,20 +153,20 @@ class People:
 
 
 class LimitedBody:
-    """Rejects bodies that are larger than a bundle before they are read into memory."""
+    """Rejects bodies that are too large before they are read into memory. A body is read before the token."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        left = MAX_BUNDLE_BYTES
+        limit = left = MAX_BUNDLE_BYTES if scope.get("path") == BUNDLES else MAX_BODY_BYTES
 
         async def receive_part() -> Message:
             nonlocal left
             message = await receive()
             left -= len(message.get("body", b""))
             if left < 0:
-                raise HTTPException(413, f"the body has more than {MAX_BUNDLE_BYTES} bytes")
+                raise HTTPException(413, f"the body has more than {limit} bytes")
             return message
 
         await self._app(scope, receive_part if scope["type"] == "http" else receive, send)
@@ -292,7 +295,7 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str, stops: Capac
 
 
 def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
-    @app.post("/bundles")
+    @app.post(BUNDLES)
     async def add(request: Request, who: Person = person) -> dict[str, Any]:
         _require_operator(who, "a bundle")
         name, bundle = hub.roll_outs.add(await request.body())
