@@ -40,6 +40,7 @@ export class View {
     this.controls.update();
     this.blamed = ""; // names of the links that are red because of a fault
     this.framed = false;
+    this.spare = null; // the next ghost, made in advance
     this.arm = this.ghost = this.path = this.way = this.map = this.plan = this.still = this.joints = null;
     this.parts = new Map(); // of a simulated cell, by name and shape
     this.looks = new Map(); // what the links look like, by name
@@ -79,6 +80,7 @@ export class View {
     this.arm?.dispose();
     this.geometry = geometry;
     this.arm = new Drawn(geometry, this.looks);
+    this.makeSpare();
     this.arm.showCollision(this.collision);
     this.arm.cover(this.partNames ?? []);
     this.arm.closed = this.closed;
@@ -210,18 +212,26 @@ export class View {
 
   // The planned path, and a ghost that goes along it again and again; null for none.
   preview(plan) {
-    this.ghost?.dispose();
+    this.ghost?.root.removeFromParent();
     remove(this.path);
     this.ghost = this.path = this.plan = null;
     this.still = null;
     this.showClearance("plan", plan?.duration_s ? plan.closest_environment : null);
     if (plan?.duration_s && this.geometry) {
       this.plan = plan;
-      this.ghost = new Drawn(this.geometry, this.looks, true);
+      this.ghost = this.spare;
       this.path = this.line(plan.path.map((point) => point.position), PLANNED);
       this.scene.add(this.ghost.root);
     }
     this.draw();
+  }
+
+  // A ghost takes a while to make and its shaders to compile: it is there before it is shown, and is kept.
+  makeSpare() {
+    const before = this.spare;
+    this.spare = new Drawn(this.geometry, this.looks, true);
+    this.renderer.compile(this.spare.root, this.camera, this.scene);
+    before?.dispose(); // afterwards, so that the compiled shaders are used again
   }
 
   // A line between the nearest points, visible through everything; null for none. of: "arm" or "plan".

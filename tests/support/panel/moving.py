@@ -42,9 +42,11 @@ def test_a_motion_is_shown_before_it_is_run(panel: Panel) -> None:
     frames = panel.page.run("cobotPanel.view.frames")
     panel.until(f"cobotPanel.view.ghost && cobotPanel.view.frames > {frames} + 5")
     np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
+    panel.page.run("void (window.shown = cobotPanel.view.ghost)")
     panel.page.click("#discard")
     panel.until("!cobotPanel.view.ghost && document.querySelector('#execute').disabled")
     planned(panel, "work")
+    assert panel.page.run("cobotPanel.view.ghost === window.shown"), "the ghost is not made again"
     panel.page.click("#rehearse")
     panel.until("document.querySelector('#plan').innerText.startsWith('Simulation OK: ')")
     np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
