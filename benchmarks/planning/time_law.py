@@ -104,7 +104,7 @@ def _measured(
         least_s = _toppra(robot, path, with_tcp)
         found.theirs_ms.append(1e3 * (time.process_time() - begun))
         begun = time.process_time()
-        limits = robot.limits.scaled(1.0, 1.0, SPEED.jerk)
+        limits = robot.limits.scaled(*SPEED.shares)
         timed = time_optimal(robot, path, limits)
         found.ours_ms.append(1e3 * (time.process_time() - begun))
         if len(found.priced) < PRICED * requests:
