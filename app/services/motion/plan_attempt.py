@@ -9,12 +9,10 @@ from functools import partial
 from typing import TypeVar
 
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import explain
+from app.services.motion.planning_tasks import from_start, work_or_explain
 from cobot.clock import Clock
-from cobot.errors import LimitError, PlanningError
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
-from cobot.robot.limits import check_positions
 from cobot.types import Array
 
 ANSWER_S = 1.0
@@ -53,7 +51,6 @@ class PlanAttempt:
     def __init__(
         self,
         planning: PlanningService,
-        robot: RobotDescription,
         clock: Clock,
         asked: PlanOptions,
         begin: Array,
@@ -65,7 +62,7 @@ class PlanAttempt:
         Args:
             turn: lock that is held while a planning process works, so that plans use one process at a time.
         """
-        self._planning, self._robot, self._clock, self._turn = planning, robot, clock, turn
+        self._planning, self._clock, self._turn = planning, clock, turn
         self.asked, self.begin = asked, begin
         self._until_s = clock.now_s() + timeout_s
         self._explain_s = explain_s if asked.explain else 0.0
@@ -79,17 +76,17 @@ class PlanAttempt:
         """Return the result of `work` for the request. If it fails, the failure is explained if there is
         time.
         """
-        try:
-            if self.asked.start is not None and request.start is self.begin:
-                check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
-            return await self.compute(work)
-        except (PlanningError, LimitError) as exc:
-            budget_s = min(self._explain_s, self.spare_s)
-            if exc.findings and budget_s > 0.0:
-                exc.explanation = await self.compute(
-                    partial(explain, request=request, error=exc, budget_s=budget_s)
-                )
-            raise
+        if self.asked.start is not None and request.start is self.begin:
+            work = partial(from_start, work=work, start=self.begin)
+        if self._explain_s > 0.0:
+            work = partial(
+                work_or_explain,
+                work=work,
+                request=request,
+                explain_s=self._explain_s,
+                spare_s=self.spare_s,
+            )
+        return await self.compute(work)
 
     @property
     def spare_s(self) -> float:

@@ -6,12 +6,14 @@ which refers to the functions by name, does not load scipy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from cobot.config import Settings
-from cobot.errors import CobotError, InputError
+from cobot.errors import CobotError, InputError, LimitError, PlanningError
 from cobot.findings import Explanation
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.forecast import Forecast
@@ -21,6 +23,7 @@ from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, 
 from cobot.motions.stretches import Leg, Stretch
 from cobot.recording.path import RecordedPath
 from cobot.robot.description import RobotDescription
+from cobot.robot.limits import check_positions
 from cobot.robot.scene import Scene
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
@@ -29,6 +32,7 @@ from cobot.types import Array
 
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
 LegRequest = RatedMove | MotionRequest
+Result = TypeVar("Result")
 
 
 def plan_motion(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
@@ -210,3 +214,33 @@ def explain(
     from cobot.planners.explain import explain
 
     return explain(robot, request, error, budget_s)
+
+
+def work_or_explain(
+    robot: RobotDescription,
+    work: Callable[[RobotDescription], Result],
+    request: MotionRequest,
+    explain_s: float,
+    spare_s: float,
+) -> Result:
+    """The result of `work` for the request. If it fails, the failure is explained. This takes at most
+    `explain_s`, and ends `spare_s` after the work has begun.
+    """
+    begun_s = time.monotonic()
+    try:
+        return work(robot)
+    except (PlanningError, LimitError) as exc:
+        budget_s = min(explain_s, spare_s - (time.monotonic() - begun_s))
+        if exc.findings and budget_s > 0.0:
+            exc.explanation = explain(robot, request, exc, budget_s)
+        raise
+
+
+def from_start(robot: RobotDescription, work: Callable[[RobotDescription], Result], start: Array) -> Result:
+    """The result of `work`, whose request begins at joint positions that the client gave.
+
+    Raises:
+        LimitError: the start is beyond a limit.
+    """
+    check_positions(robot.limits, start, "start: the angle", 0.0)
+    return work(robot)

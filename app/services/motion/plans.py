@@ -114,7 +114,7 @@ class PlanService:
         begin = await self._present() if asked.start is None else self._read_start(asked.start)
         limits = deepcopy(self._robot.limits)
         attempt = PlanAttempt(
-            self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s, self._turn
+            self._planning, self._clock, asked, begin, timeout_s, self._explain_s, self._turn
         )
         try:
             async with asyncio.timeout(timeout_s):
@@ -148,9 +148,7 @@ class PlanService:
         if found is None:
             return plan
         options, begun_s = PlanOptions(samples=samples, explain=False), self._clock.now_s()
-        attempt = PlanAttempt(
-            self._planning, self._robot, self._clock, options, plan.start, timeout_s, 0.0, self._turn
-        )
+        attempt = PlanAttempt(self._planning, self._clock, options, plan.start, timeout_s, 0.0, self._turn)
         budget_s = min(budget_s, attempt.spare_s)
         better = await improve_within(
             self._clock, attempt.compute, request, found, budget_s, lambda: self._versions == versions

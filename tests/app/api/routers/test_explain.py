@@ -13,7 +13,7 @@ import pytest
 from cobot_run import PATIENT_PLANNING
 from scipy.spatial.transform import Rotation
 from thorough import few
-from virtual_service import VirtualService, virtual_service
+from virtual_service import PlanningHere, VirtualService, virtual_service
 
 from benchmarks.planning.explanations import examined
 from cobot.errors import LimitError
@@ -66,6 +66,21 @@ def test_a_refusal_says_all_of_it_as_numbers(service: VirtualService) -> None:
     assert (works["change"], works["endpoint"]) == ("goal", "/robot/plan/joints")
     assert works["body"] == {"joints": [2.97, *HOME[1:]]}
     assert explain["tried"][0]["change"] == "planner"
+
+
+def test_a_refusal_and_its_explanation_are_one_task(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second task would wait for the planning process again."""
+    tasks, compute = [], PlanningHere.compute
+
+    async def note(planning: PlanningHere, work: Any, *rest: Any) -> Any:
+        tasks.append(work)
+        return await compute(planning, work, *rest)
+
+    monkeypatch.setattr(PlanningHere, "compute", note)
+    assert refused(service, "joints", joints=[3.5, *HOME[1:]])["explain"]["works"]
+    assert len(tasks) == 1
 
 
 def test_from_another_start_a_named_position_keeps_its_name(service: VirtualService) -> None:
