@@ -356,7 +356,7 @@ def test_inputs_and_outputs_of_the_driver_of_universal_robots(double: Double) ->
         assert json.loads(double.be("ur_io")) == [8, 16]
         double.be("refuse_io")
         made.set_output("suction", 0.0)
-        until(lambda: bool(points()) and "set_io has rejected it" in made._facts.gpio_problem)
+        until(lambda: bool(points()) and "set_io has rejected the request" in made._facts.gpio_problem)
         double.be("silent_io")
         begun_s = time.monotonic()
         made.set_output("suction", 0.0)
@@ -409,7 +409,7 @@ def test_inputs_and_outputs_of_drivers_with_services(
             assert "Address cannot be read from" in made.status().text
         double.be("refuse_io")
         made.set_output("suction", 0.0)
-        until(lambda: bool(points()) and "has rejected it" in made._facts.gpio_problem)
+        until(lambda: bool(points()) and "has rejected the request" in made._facts.gpio_problem)
         double.be("silent_io")
         begun_s = time.monotonic()
         made.set_output("suction", 0.0)
