@@ -226,6 +226,7 @@ def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, t
             page.run(f"sessionStorage.setItem('cobot.token', '{locked.tokens[role]}')")
             page.visit(f"{locked.run.url}/")
             until(lambda: page.run("!!window.cobotPanel?.state"))
+            until(lambda: page.run("!document.querySelector('#simulation').hidden"))  # it moves the tabs
             page.click("#tab-setup")
             page.click("#tab-people")
 
