@@ -79,7 +79,7 @@ looked up.
 """
 
 
-class Goal:
+class TrajectoryGoal:
     """The newest goal.
 
     Attributes:
@@ -129,7 +129,7 @@ class ArmClient:
         self._listed_s = -math.inf
         self._lister = ControllerLister(node, settings["controller_manager"])
         self._look = asyncio.Event()
-        self._goal: Goal | None = None
+        self._goal: TrajectoryGoal | None = None
         self._own: deque[str] = deque(maxlen=OWN_GOALS)
         self._statuses: list[Message] = []
         self._scaling: float | None = None
@@ -341,7 +341,7 @@ class ArmClient:
     async def _start(self) -> None:
         if self._action is None or self._motion is None or not self._is_ready:
             raise CobotError(f"there is no server of the action {self._name or 'of the arm'}")
-        self._goal = goal = Goal()
+        self._goal = goal = TrajectoryGoal()
         self._own.append(goal.id["uuid"])
         task = asyncio.create_task(self._run(self._action, goal, self._message(*self._motion)))
         self._tasks.add(task)
@@ -353,7 +353,7 @@ class ArmClient:
             await asyncio.sleep(0.001)
         goal.late = goal.facts["accepted"] is None
 
-    async def _run(self, action: ActionCaller, goal: Goal, message: Message) -> None:
+    async def _run(self, action: ActionCaller, goal: TrajectoryGoal, message: Message) -> None:
         goal.sent_s = time.monotonic()
         goal.facts["accepted"] = await action.send(message, goal.id) is not None
         if not goal.facts["accepted"]:

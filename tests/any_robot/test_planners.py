@@ -185,10 +185,10 @@ def test_a_slide_is_spoken_of_in_metres_and_newtons(gantry: Made) -> None:
     goal = gantry.moved(0.0, 0.3)
     motion = plan(robot, MotionRequest(gantry.ready, goal, PlannerName.PTP, FULL))
     assert motion is not None
-    with pytest.raises(LimitError, match=r"the velocity of a1 reaches -?\S+ m/s, its limit is"):
+    with pytest.raises(LimitError, match=r"the velocity of a1 reaches -?\S+ m/s, but its limit is"):
         check_limits(motion, robot.limits.scaled(0.2, 1.0, 1.0))
     weak = replace(robot.limits, max_effort=0.05 * robot.limits.max_effort)
-    with pytest.raises(LimitError, match=r"a1 needs \S+ N, its limit is 1 N$"):
+    with pytest.raises(LimitError, match=r"a1 needs \S+ N, but its limit is 1 N$"):
         check_efforts(robot.model, motion, replace(weak, max_effort=np.array([1.0, *[1e5] * 7])))
 
 

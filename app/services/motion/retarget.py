@@ -68,7 +68,7 @@ class Retargeted:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class WayAround:
     """A path around objects that a planning process searches.
 
     Attributes:
@@ -130,7 +130,9 @@ class RetargetService:
         finally:
             self._busy = False
 
-    def seek_way(self, under_way: Trajectory, within_s: float, free_s: float, scene: Scene) -> Way | None:
+    def seek_way(
+        self, under_way: Trajectory, within_s: float, free_s: float, scene: Scene
+    ) -> WayAround | None:
         """Begin to search a different path for the running motion to its goal, in case an object of a coming
         scene is in the current path.
 
@@ -158,9 +160,9 @@ class RetargetService:
         work = self._task(claim, under_way, way, within_s + MIN_LEAD_S, partial(lead_around, free_s=free_s))
         search = asyncio.create_task(self._planning.compute(work, within_s, scene))
         search.add_done_callback(_note)
-        return Way(claim, job, self._link.clock.now_s(), search)
+        return WayAround(claim, job, self._link.clock.now_s(), search)
 
-    async def lead_around(self, way: Way, within_s: float, in_force: asyncio.Event) -> bool:
+    async def lead_around(self, way: WayAround, within_s: float, in_force: asyncio.Event) -> bool:
         """Redirect the running motion to its goal along a different path, because an object is in the current
         path.
 

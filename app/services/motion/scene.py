@@ -13,7 +13,7 @@ from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
-from app.services.motion.retarget import RetargetService, Way
+from app.services.motion.retarget import RetargetService, WayAround
 from app.services.motion.scene_edits import Edit, clear, named, with_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
@@ -399,7 +399,7 @@ class SceneService:
             return f"{why}; {exc}"
         return why
 
-    async def _seek_way(self, remaining: _Remaining | None, scene: Scene) -> Way | None:
+    async def _seek_way(self, remaining: _Remaining | None, scene: Scene) -> WayAround | None:
         """Let a planning process find out whether an object of a coming scene is in the current path, and
         search a path around it, if the settings permit this. Returns before it has done so.
         """
@@ -411,7 +411,7 @@ class SceneService:
         return way
 
     def _begin_way_around(
-        self, way: Way, remaining: _Remaining, contact: FirstContact, in_force: asyncio.Event
+        self, way: WayAround, remaining: _Remaining, contact: FirstContact, in_force: asyncio.Event
     ) -> asyncio.Task[bool] | None:
         """Begin to redirect the current motion around an object in its path, if the arm could still stop
         afterwards. The task returns whether the motion was redirected.

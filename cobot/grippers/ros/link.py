@@ -16,7 +16,7 @@ CLOSE_S = 2.0
 
 
 @dataclass(slots=True)
-class Goal:
+class GripperGoal:
     """A goal, and what was received about it.
 
     Attributes:
@@ -63,13 +63,13 @@ class DriverState:
     joint: tuple[Any, Any] | None = None
     joint_s: float = -1e9
     told_s: float = -1e9
-    goal: Goal = field(default_factory=Goal)
+    goal: GripperGoal = field(default_factory=GripperGoal)
     earlier: dict[str, Any] | None = None
     problem: str = ""
 
     def begin(self, now_s: float) -> int:
         """Start a new goal, and return its number."""
-        self.goal = Goal(self.goal.number + 1, now_s)
+        self.goal = GripperGoal(self.goal.number + 1, now_s)
         self.earlier = None
         return self.goal.number
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from cobot.dds import arm_client
-from cobot.dds.arm_client import MAX_LISTED, MAX_TEXT, ArmClient, Goal
+from cobot.dds.arm_client import MAX_LISTED, MAX_TEXT, ArmClient, TrajectoryGoal
 from rtloop.backends.ros2_control import words
 from rtloop.backends.ros2_control.link import MAX_LINE, facts_of
 
@@ -57,7 +57,7 @@ def test_the_facts_stay_short_whatever_the_driver_says(client: ArmClient) -> Non
     client._controller, client._listed_s = "chosen", float("inf")
     client._choices = ["/a" * 10_000] * 1000
     client._take_joints({"name": ["n" * 1000] * 1000, "position": [0.0] * 1000})
-    client._goal = Goal()
+    client._goal = TrajectoryGoal()
     client._goal.facts |= {"status": 6, "error_code": -4, "error_string": "e" * 3_000_000}
     answer = asyncio.run(client._answer({"ask": "facts"}, b""))
     assert len(json.dumps(answer)) < MAX_LINE

@@ -109,7 +109,7 @@ def test_heights_are_rounded_up_to_steps_and_an_error_names_one_that_fits():
     below = np.stack([0.02 * (places + 0.5), 0.02 * (rows + 0.5), heights - 1e-9], axis=-1).reshape(-1, 3)
     assert (inside(boxes, below) == 1).all()
     assert (inside(boxes, below + np.array([0.0, 0.0, step + 1e-6])) == 0).all()
-    with pytest.raises(InputError, match="none of 1 values is above the floor"):
+    with pytest.raises(InputError, match="none of the 1 values is above the floor"):
         columns(np.array([[0.0]]), 0.1, 0.0, 0.0)
 
 
