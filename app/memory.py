@@ -1,4 +1,4 @@
-"""Returns memory to the system after requests that needed much memory.
+"""Returns memory to the system after requests that used a lot of it.
 
 Python and the C library keep freed memory for reuse. After a flood of large messages they keep four times as
 much as the service needs.
@@ -19,7 +19,7 @@ LOOK_S, MAX_S = 2.0, 15.0
 effect.
 """
 GROWTH = 1.05
-"""Factor of growth above which memory is freed. Freeing takes some milliseconds."""
+"""Growth factor above which memory is freed. Freeing takes some milliseconds."""
 ARENAS = 2
 _M_ARENA_MAX = -8
 _libc = ctypes.CDLL(None)

@@ -1,4 +1,4 @@
-"""The state and the events of a robot, as the same messages that its recordings contain."""
+"""A robot's state and events, as the messages that its recordings contain."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 EVENTS = "/events"
 LATE_S = 0.1
-"""Age above which a measured state counts as late, s. A late state is reported as not measured in this
-cycle.
+"""Age above which a measured state is late, s. A late state is reported as not measured in this cycle.
 """
 
 
@@ -44,7 +43,7 @@ class RobotChannels:
         has_gripper: whether the robot has a gripper, which has its own topic.
 
     Attributes:
-        schemas: for each topic, the name of its type and the text that defines the type.
+        schemas: type name and type definition of each topic.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, *, has_gripper: bool) -> None:
@@ -62,8 +61,8 @@ class RobotChannels:
         self._caught: np.ndarray | None = None
 
     def states(self) -> dict[str, tuple[int, bytes]]:
-        """Return the newest state: for each topic, the time, ns since 1970, and the message. None if there is
-        no state.
+        """Return the newest state as one message for each topic, with its time, ns since 1970. The result is
+        empty if there is no state.
         """
         try:
             state = self._link.state()

@@ -1,8 +1,8 @@
 """The assignment of endpoints to nodes. `ros2 node list` and `ros2 node info` read it.
 
 Each participant publishes it as one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on
-the topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so each size has its own
-writer. The user data of a reader shows its release: from Iron on it contains the hash of the type.
+the topic ros_discovery_info. A gid is char[24] in Humble and char[16] in Iron and later, so each size has its
+own writer. The user data of a reader shows its release: in Iron and later it contains the type hash.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class NodeGraph:
 
 
 def is_later(reader: RemoteEndpoint) -> bool:
-    """Whether a reader belongs to ROS 2 Iron or a later release."""
+    """Whether a reader uses ROS 2 Iron or a later release."""
     return TYPE_HASH in reader.user_data
 
 

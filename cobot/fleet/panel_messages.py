@@ -1,7 +1,7 @@
 """The messages with which a hub forwards requests from a browser to the panel of a cell, and the answers.
 
 A request is a query with a signed `PanelRequest`; the body is an attachment. The answer is a piece of the
-content, with a `PanelHead` as an attachment. Long answers and WebSockets are streams, which the hub reads
+content, with a `PanelHead` attached. Long answers and WebSockets are streams, which the hub reads
 piece by piece. So a slow connection slows down the sender, and little data is in transit at any time.
 """
 
@@ -107,7 +107,7 @@ class OpenHttp(StrictModel):
 
 
 class OpenSocket(StrictModel):
-    """Open a WebSocket of the cell's service."""
+    """Open a WebSocket to the cell's service."""
 
     kind: Literal["socket"]
     path: SocketPath
@@ -122,7 +122,7 @@ class ReadStream(StrictModel):
 
 
 class SendMessage(StrictModel):
-    """Send the body as a message of a WebSocket."""
+    """Send the body as a WebSocket message."""
 
     kind: Literal["send"]
     stream: Id
@@ -163,12 +163,12 @@ class PanelRequest(StrictModel):
 
 
 class PanelHead(StrictModel):
-    """The description of a piece of an answer.
+    """The header of one piece of an answer.
 
     Attributes:
         code: "ok", or the code of the error that `text` explains.
-        stream: name of the stream that has further pieces; "" for none.
-        status, headers: of the HTTP answer; 0 in a piece without them.
+        stream: name of the stream with further pieces; "" if there are none.
+        status, headers: those of the HTTP answer; the status is 0 in a piece without them.
         frames: for a WebSocket: whether each message is text, and its number of bytes.
         ended: whether this is the last piece.
     """

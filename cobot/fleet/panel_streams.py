@@ -102,7 +102,7 @@ class PanelStreams:
         """
         if len(self._streams) >= MAX_STREAMS:
             raise BusyError(
-                f"{MAX_STREAMS} requests of panels are in progress in this cell; close a panel, or try again"
+                f"{MAX_STREAMS} panel requests are in progress in this cell; close a panel, or try again"
             )
         stream = PanelStream()
         self._streams[stream.name] = stream

@@ -150,8 +150,8 @@ class PanelApp:
             await RedirectResponse(f"/{name}/")(request.scope, request.receive, send)
             return
         wish = _wish_of(request, path)
-        require_room(panel.requests, MAX_REQUESTS, "requests of this panel")
-        require_room(self._requests, MAX_ALL_REQUESTS, "requests of panels at this hub")
+        require_room(panel.requests, MAX_REQUESTS, "requests from this panel")
+        require_room(self._requests, MAX_ALL_REQUESTS, "panel requests at this hub")
         panel.requests += 1
         self._requests += 1
         try:

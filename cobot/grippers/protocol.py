@@ -233,14 +233,14 @@ class IoPort(Protocol):
 
 class Gripper(Protocol):
     """A gripper. The constructor is called with (options, port), and must not connect. A class that also
-    needs settings of the robot defines `of_robot(settings, port)`, which is called instead of the
+    needs the robot's settings defines `of_robot(settings, port)`, which is called instead of the
     constructor.
 
     A separate thread calls the methods, one at a time. Each method may wait for the device for some tenths of
     a second, and may raise a GripperError. A command returns when the device has accepted it, not when the
     motion ends. A new command replaces a running one. After a GripperError, `connect` is called again.
 
-    `connect` and `disconnect` must not move the fingers, so that a held object stays held even while cobot
+    `connect` and `disconnect` must not move the fingers, so that a held object is not dropped while cobot
     restarts.
 
     Attributes:
@@ -272,7 +272,7 @@ class Gripper(Protocol):
         ...
 
     def grasp(self, grasp: Grasp) -> None:
-        """Move the fingers to an object and hold it."""
+        """Grip an object and hold it."""
         ...
 
     def release(self, width: float | None) -> None:

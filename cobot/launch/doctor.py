@@ -162,7 +162,7 @@ def governor(machine: Machine) -> Diagnosis:
     """Check whether the cores slow down while they are idle, because they are idle between two cycles."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
-        return Diagnosis("governor", Severity.OK, "Linux does not choose the cores' frequency here")
+        return Diagnosis("governor", Severity.OK, "Linux does not control the CPU frequency here")
     slow = sorted({each for each in found if each != "performance"})
     if not slow:
         return Diagnosis("governor", Severity.OK, f"performance on all {len(found)} cores")

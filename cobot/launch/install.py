@@ -181,7 +181,7 @@ def _require_system(what: str) -> None:
             f"{what} writes to /etc, so it needs root: type sudo {what}; --dry-run and --prefix need no root"
         )
     if shutil.which("systemctl") is None or shutil.which("systemd-sysusers") is None:
-        raise InstallError("there is no systemd here: use `cobot run`, or the container of compose.yaml")
+        raise InstallError("systemd not found: use `cobot run`, or the container in compose.yaml")
 
 
 def _require_readable(python: Path) -> None:

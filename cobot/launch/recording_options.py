@@ -38,12 +38,12 @@ def add_parsers(commands: Any) -> None:
         help="target folder; by default the current one",
     )
     plot = commands.add_parser("plot", help="draw a recording as an SVG file")
-    plot.add_argument("file", type=Path, metavar="FILE", help="an MCAP file of cobot's")
+    plot.add_argument("file", type=Path, metavar="FILE", help="an MCAP file from cobot")
     plot.add_argument(
         "--output", type=Path, metavar="FILE", help="SVG file to write; by default FILE with the ending .svg"
     )
     replay = commands.add_parser("replay", parents=[service], help="repeat a recorded motion")
-    replay.add_argument("file", type=Path, metavar="FILE", help="an MCAP file of cobot's")
+    replay.add_argument("file", type=Path, metavar="FILE", help="an MCAP file from cobot")
     replay.add_argument(
         "--move-to-start", action="store_true", help="first move to the start of the recording"
     )

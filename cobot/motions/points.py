@@ -126,8 +126,8 @@ def require_order(times: Array, labels: list[str]) -> None:
     if len(late):
         index = int(late[0]) + 1
         raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s; it must be later than the "
-            f"{times[index - 1]} s of {labels[index - 1]}, by at least {MIN_INTERVAL_S:g} s"
+            f"{labels[index]}: time_from_start is {times[index]} s; it must be at least "
+            f"{MIN_INTERVAL_S:g} s later than the {times[index - 1]} s of {labels[index - 1]}"
         )
 
 

@@ -206,7 +206,7 @@ def _joined(
         check_motion(robot, whole, limits)  # an error names the place in the whole motion
     except (LimitError, PlanningError) as exc:
         kind = CollisionError if isinstance(exc, CollisionError) else PlanningError
-        said = f"the way from the current motion to the new goal: {exc}"
+        said = f"the path from the current motion to the new goal: {exc}"
         raise kind(said, findings=exc.findings) from exc
     return whole
 

@@ -20,7 +20,7 @@ from cobot.recorder.robot import RobotRecorder
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 
 LAST_ANSWERS_S = 0.5
-"""Timeout at the end of the process for clients to read their answers, in seconds."""
+"""Time for clients to read the last answers before the process ends, s."""
 
 log = logging.getLogger("cobot.recorder")
 

@@ -10,7 +10,7 @@ from cobot.types import JointLimits
 from cobot.units import MILLIMETRES_FROM_M
 
 TOLERANCE = 1e-6
-"""Tolerance for positions, rad or m, because files are rounded."""
+"""Tolerance for positions rounded in files, rad or m."""
 MILLIMETRES_PER_S_FROM = 20.0
 """Speed limit of a linear joint, m/s, above which the value was probably written in mm/s, because no arm
 is that fast.

@@ -1,4 +1,4 @@
-"""The steps with force. Each contains the body of a POST /robot/force/... request."""
+"""Force steps. Each contains the body of a POST /robot/force/... request."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from cobot.strict import shown
 
 
 def name_of(step: ForceStep) -> str:
-    """The name of a motion with force: press, follow, search or insert."""
+    """The name of a force motion: press, follow, search or insert."""
     return next(name for name, kind in FORCE_STEPS.items() if isinstance(step, kind))
 
 
 def body_of(step: ForceStep) -> dict[str, Any]:
-    """The body of the step's request. It contains the fields that were given."""
+    """The body of the step's request, with the fields that the step gives."""
     body: dict[str, Any] = step.model_dump(exclude_unset=True, by_alias=True)[name_of(step)]
     return body
 
 
 def describe_force(step: ForceStep) -> str:
-    """A motion with force as text: `press (force 10, duration_s 1)`."""
+    """A force motion as text: `press (force 10, duration_s 1)`."""
     given = ", ".join(f"{name} {shown(value)}" for name, value in body_of(step).items())
     return f"{name_of(step)} ({given})"
 
@@ -32,13 +32,13 @@ def describe_force(step: ForceStep) -> str:
 def run_force(
     client: Client, step: ForceStep, frames: Mapping[str, PalletPlace] | None = None
 ) -> dict[str, Any]:
-    """Execute a motion with force. Returns the answer when the arm has stopped.
+    """Execute a force motion. Returns the answer when the arm has stopped.
 
     Args:
         frames: places of pallets by `frame_id`. The path of `follow` may be relative to one of these places.
 
     Raises:
-        CobotError: the error of the service, see `Client`.
+        CobotError: the service's error, see `Client`.
     """
     body = body_of(step)
     if "motion" in body:
@@ -48,7 +48,7 @@ def run_force(
 
 
 def describe_end(answer: Mapping[str, Any]) -> str:
-    """The end of a motion with force as text: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
+    """The result of a force motion as text: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
     words = [f"{answer['stopped_by']} after {answer['duration_s']:.2f} s"]
     contact, held_n = answer["contact"], answer["force_n"]
     words.append("no contact" if contact is None else f"contact at {contact['distance_m']:.3f} m")

@@ -68,7 +68,7 @@ class ProgramWatch:
         self._changed = threading.Condition()
 
     def end(self, reason: str) -> None:
-        """Request the end of the program."""
+        """Ask the program to stop."""
         self.told, self.reason = True, reason
         self.wake()
 

@@ -53,7 +53,7 @@ from cobot.logs import log_context
 from cobot.reasons import Reason
 
 MAX_ANSWERS = 64
-"""Maximum number of answers that wait for a client which does not read. If there are more, the oldest is
+"""Maximum number of answers that wait for a client to read them. If there are more, the oldest is
 dropped.
 """
 
@@ -266,7 +266,7 @@ class StreamConnection:
             case FrameKind.END:
                 self._required.end()
             case FrameKind.STATE:
-                raise InputError("only the service sends states; a client cannot")
+                raise InputError("only the service may send states")
 
     def _estop(self) -> None:
         self._streams.estop(self._required)

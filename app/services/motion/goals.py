@@ -116,8 +116,7 @@ class Goals:
         return self._settings.budget_s if asked_s is None else asked_s
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """Make the request to a planner for a goal, starting at the joint position `start`, shape (dof,),
-        rad.
+        """Make the planning request for a goal from the joint position `start`, shape (dof,), rad.
         """
         if goal.in_tool:
             goal = placed(goal, self._robot.model.forward(start))

@@ -1,8 +1,8 @@
-"""Keeps all active jobs of one robot, and the newest jobs that have ended.
+"""Keeps one robot's active jobs and its newest finished jobs.
 
-Records of ended jobs are kept in a file of JSON lines, which is limited in size. So records survive a restart
-of the service, although motions do not. A job is written when it begins and when it ends. If the file
-contains no end for a job, the job was interrupted by the end of the service.
+Records of finished jobs are in a JSON Lines file of limited size. So records survive a restart
+of the service, although motions do not. A job is written when it begins and when it ends. If a job
+has no end in the file, the service ended first and interrupted it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cobot.logs.outlet import Outlet
 from cobot.strict import shown
 
 KEPT = 1000
-"""Maximum number of ended jobs that are kept."""
+"""Maximum number of finished jobs that are kept."""
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
@@ -43,7 +43,7 @@ _RECORD = TypeAdapter(JobRecord)
 
 
 class _Piece(NamedTuple):
-    """A piece of text that is to be written to the file.
+    """Lines to write to the file.
 
     Attributes:
         number: number of changes to the book before the lines were made.
@@ -62,7 +62,7 @@ class JobBook:
         file: file for the records; None to keep them only in memory.
 
     Attributes:
-        ending: whether the service is shutting down. Jobs that end from then on count as interrupted.
+        ending: whether the service is shutting down. Jobs that end after that count as interrupted.
     """
 
     def __init__(self, link: RobotLink, file: Path | None = None) -> None:

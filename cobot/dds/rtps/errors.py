@@ -3,8 +3,8 @@
 RtpsError
 ├── MalformedError       a datagram violates the protocol; it is counted and never leaves the package
 ├── SampleTooLargeError  a sample is larger than the participant accepts
-├── ClosedError          the participant, writer or reader was closed before
-└── NetworkError         there is no free port, or no such interface
+├── ClosedError          the participant, writer or reader is closed
+└── NetworkError         no port is free, or the interface does not exist
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class FingerPair:
         hand = self._hand = OwnHand(fingers=(fingers[0], fingers[1]), **known)
         return hand, (
             f"gripper found; robot.gripper is simulated, {1e3 * hand.stroke_m:g} mm wide, "
-            f"{hand.max_force_n:g} N, {hand.max_speed_m_s:g} m/s; motions are planned with open fingers: "
+            f"{hand.max_force_n:g} N, {hand.max_speed_m_s:g} m/s; planning assumes open fingers: "
             + ", ".join(places)
             + (f"; mass {LIGHT_KG:g} kg assumed of {', '.join(light)}" if light else "")
         )

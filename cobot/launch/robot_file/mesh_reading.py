@@ -122,7 +122,7 @@ def _msh(content: bytes) -> tuple[Array, Indices]:
     counts = np.frombuffer(content, "<i4", 4).tolist()
     vertices, normals, coordinates, faces = counts
     if min(counts) < 0 or 16 + 4 * (3 * (vertices + normals + faces) + 2 * coordinates) != len(content):
-        raise InputError("is not a mesh of MuJoCo: its size does not match its counts")
+        raise InputError("is not a MuJoCo mesh: its size does not match its counts")
     places = np.frombuffer(content, "<f4", 3 * vertices, 16).astype(float).reshape(-1, 3)
     triangles = np.frombuffer(content, "<i4", 3 * faces, len(content) - 12 * faces).reshape(-1, 3)
     if not faces or triangles.min() < 0 or triangles.max() >= vertices:

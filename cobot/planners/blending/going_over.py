@@ -26,12 +26,12 @@ from cobot.types import Array, JointLimits
 WIDTHS_S = (0.2, 0.3, 0.15, 0.45)
 """Durations of the transition, in the order in which they are tried."""
 BEGINS = 6
-"""Number of start times that are tried for each duration, from the earliest possible one on."""
+"""Number of start times that are tried for each duration, beginning with the earliest."""
 KNOT_S, LOOK_S = 0.01, 0.004
 """Time between the knots of a transition, and between the samples at which its limits are checked."""
 JERK = 1.15
-"""Share of the jerk limit that a transition may use. Plans use 0.8 of what the arm permits, so this is still
-less than the arm's limit.
+"""Factor on the jerk limit of plans for a transition. Plans use 0.8 of what the arm permits, so this is still
+below the arm's limit.
 """
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
@@ -83,7 +83,7 @@ class LimitedPath:
         return cls(path, Coordinates(robot.model, path, limits, of_tcp, zones=zones), limits)
 
     def holds(self, robot: RobotDescription, law: Array, window: Trajectory) -> bool:
-        """Whether the arm keeps the limits during a transition.
+        """Whether the arm stays within the limits during a transition.
 
         Args:
             law: the path parameter and its three derivatives over time, shape (4, n).
@@ -126,7 +126,7 @@ def make_transition(
 
     Returns:
         The trajectory; the time in it at which the new trajectory would have begun; and the time from which
-        it equals the new trajectory. Returns None if no transition keeps the limits.
+        it equals the new trajectory. Returns None if no transition stays within the limits.
     """
     until_s = old.time_of(until)
     for width_s in WIDTHS_S:

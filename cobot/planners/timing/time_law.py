@@ -240,7 +240,7 @@ class _Problem:
         return best
 
     def solve(self) -> _Law:
-        """The fastest motion that keeps the limits at the checked places, stretched to keep them
+        """The fastest motion within the limits at the checked points, stretched to meet them
         everywhere.
         """
         if self._bounded:

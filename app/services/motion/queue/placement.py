@@ -1,9 +1,9 @@
 """Places the actions and conditions of queued moves on one motion, which grows.
 
-The motion continues along one trajectory after the other. Path times here count from the start of the motion,
+The motion follows one trajectory after another. Path times here count from the start of the motion,
 while path times for rtloop count from the start of the current trajectory. The part of the motion before a
-new trajectory stays unchanged. So the path of the TCP is continued from there, and the current move keeps its
-beginning.
+new trajectory stays unchanged. So the TCP path
+continues from there, and the current move keeps its start time.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class Placement:
 
     Attributes:
         offset_s: path time of the motion at which the trajectory begins.
-        times_s: for each move with signals, by its number, the path times at which it begins and at which
-            each of its legs ends.
+        times_s: for each move with signals, by its number, the path time of its start and of the end of
+            each leg.
         placed: for each move with signals, by its number, the places of its signals.
-        way: path of the TCP from the beginning of the first of these moves; None if no move has signals.
+        way: the TCP path from the start of the first of these moves; None if no move has signals.
         signals: all signals in the form that rtloop needs, with path times of the trajectory.
     """
 
@@ -49,7 +49,7 @@ class QueueSignals:
     def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
         """
         Args:
-            moves: function that returns the moves of the current motion that have not ended, in the order of
+            moves: function that returns the unfinished moves of the current motion, in the order of
                 execution.
         """
         self._motion = motion
@@ -76,7 +76,7 @@ class QueueSignals:
 
     @property
     def met(self) -> SignalFollower | None:
-        """The follower for the move whose condition has ended the motion."""
+        """The follower for the move whose condition stopped the motion."""
         return next((each for each in self._followers if each.contact is not None), None)
 
     @property
@@ -90,15 +90,15 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Record the pose of the TCP at which the motion has stopped, shape (7,). The moves end their own
-        followers.
+        """Record the pose of the TCP at which the motion has stopped, shape (7,). The moves close their
+        own followers.
         """
         self.look()
         for follower in self._followers:
             follower.note_rest(tcp)
 
     async def place_first(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
-        """Place the signals of the moves of a motion that will begin."""
+        """Place the signals of the moves in a motion that will begin."""
         self._motion_id = 0
         return await self._place(Placement(), run, moves, 0.0)
 
@@ -106,7 +106,7 @@ class QueueSignals:
         """Place the signals on the trajectory with which the motion will continue.
 
         Args:
-            moves: the moves that have not ended, and those that are added.
+            moves: the unfinished moves and the added ones.
         """
         before = self._placement
         return await self._place(before, run, moves, before.offset_s + run.stretch.offset_s)
@@ -168,10 +168,10 @@ class QueueSignals:
 def _times_s(
     before: Placement, run: QueueRun, offset_s: float, signalling: Sequence[QueuedMove]
 ) -> dict[int, list[float]]:
-    """Return the path times at which each move with signals begins, and at which each of its legs ends.
+    """Return the path times of the start of each move with signals, and of the end of each of its legs.
 
-    A move that has not ended may have no end on the new trajectory, because the arm passes its end on the old
-    one.
+    An unfinished move may have no end point on the new trajectory, because the arm passes this point on the
+    old one.
     """
     known = before.times_s
     found = {each.number: list(known[each.number]) for each in signalling if each.number in known}

@@ -10,8 +10,8 @@ from typing import Protocol
 class UrSession(Protocol):
     """
     Attributes:
-        out: bytes that are to be sent to the client. The network takes them from here.
-        is_over: whether the connection is closed once they are sent.
+        out: bytes to send to the client; the network removes them.
+        is_over: whether to close the connection after sending them.
     """
 
     out: bytearray
@@ -26,5 +26,5 @@ class UrSession(Protocol):
         ...
 
     def close(self) -> None:
-        """End the session, because the client has disconnected."""
+        """End the session after the client has disconnected."""
         ...

@@ -166,7 +166,7 @@ def test_a_follower_that_turns_its_axis_is_the_other_finger(tmp_path: Path) -> N
     assert isinstance(hand, OwnHand)
     assert [finger.axis for finger in hand.fingers] == [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]
     assert (hand.stroke_m, hand.max_force_n, hand.max_speed_m_s) == (0.08, 20.0, 1.0)
-    assert "motions are planned with open fingers: finger1 at 0.04 m, finger2 at -0.04 m" in said
+    assert "planning assumes open fingers: finger1 at 0.04 m, finger2 at -0.04 m" in said
 
 
 def test_fingers_without_masses_get_light_ones(tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ def made_with(folder: Path, mesh: str, content: bytes, **options: object) -> New
                 as_ply().replace(b"vertex 4", b"vertex 900000000000"),
                 "has no triangles|cannot be read",
             ),
-            ("a.msh", b"\xff" * 16, "is not a mesh of MuJoCo"),
+            ("a.msh", b"\xff" * 16, "is not a MuJoCo mesh"),
         ],
         3,
     ),

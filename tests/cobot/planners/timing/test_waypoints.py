@@ -162,20 +162,20 @@ def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: RobotDescr
     [
         (
             [0.0, 1.0, 1.0, 2.0],
-            "point 3: time_from_start is 1.0 s; it must be later than the 1.0 s of point 2",
+            "point 3: time_from_start is 1.0 s; it must be at least 1e-09 s later than the 1.0 s of point 2",
         ),
         (
             [0.0, 2.0, 1.0, 3.0],
-            "point 3: time_from_start is 1.0 s; it must be later than the 2.0 s of point 2",
+            "point 3: time_from_start is 1.0 s; it must be at least 1e-09 s later than the 2.0 s of point 2",
         ),
         (
             [0.0, 0.0, 1.0, 2.0],
-            "point 2: time_from_start is 0.0 s; it must be later than the 0.0 s of point 1",
+            "point 2: time_from_start is 0.0 s; it must be at least 1e-09 s later than the 0.0 s of point 1",
         ),
         ([-1.0, 0.0, 1.0, 2.0], "point 1: time_from_start is -1.0 s; it must not be negative"),
         ([0.0, 1.0, 2.0, 1.3e308], "point 4: time_from_start is 1.3e+308 s, allowed: up to 1e+06 s"),
-        ([0.0, 1.0, 1.0 + 2e-10, 2.0], "must be later than the 1.0 s of point 2, by at least 1e-09 s"),
-        ([0.0, 5e-324, 1.0, 2.0], "point 2: time_from_start is 5e-324 s; it must be later than the 0.0 s"),
+        ([0.0, 1.0, 1.0 + 2e-10, 2.0], "must be at least 1e-09 s later than the 1.0 s of point 2"),
+        ([0.0, 5e-324, 1.0, 2.0], "time_from_start is 5e-324 s; it must be at least 1e-09 s later than the 0.0 s"),
         ([5e-324, 1.0, 2.0, 3.0], "point 1: time_from_start is 5e-324 s; it must be 0 or at least 1e-09 s"),
     ],
 )
