@@ -51,7 +51,7 @@ class Server(uvicorn.Server):
     ) -> None:
         """
         Args:
-            end_streams: function that is called at the end to close answers that never end by themselves.
+            end_streams: function that is called at the end to close answers that never end on their own.
         """
         super().__init__(config)
         self._limits = limits

@@ -41,7 +41,7 @@ _PLAIN = "/robot"
 
 
 def check_url(url: str) -> None:
-    """Check that a URL is the address of a service.
+    """Check that a URL is a service address.
 
     Raises:
         InputError: it is not; the message contains an example.
@@ -62,7 +62,7 @@ def address(url: str, robot: str) -> str:
 
 
 def path_below(plain: str) -> str:
-    """The part of a path after the name of a robot. `plain` is a plain path as in api_endpoints.yaml."""
+    """The part of a path after a robot name. `plain` is a plain path as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
 
 

@@ -107,7 +107,7 @@ class Audit:
             log.error("entries of the audit are lost: %s", self.problem or "the disk is too slow")
 
     def newest(self, limit: int, since: datetime | None = None, after: str | None = None) -> list[Entry]:
-        """The newest entries, sorted from the newest on. Call this in a thread, because it reads files.
+        """The newest entries, newest first. Call this in a thread, because it reads files.
 
         Args:
             limit: maximum number of entries.
@@ -323,7 +323,7 @@ def _id_of(entry: Entry) -> str:
 
 
 def _backwards(path: Path) -> Iterator[Entry]:
-    """The entries of a file, sorted from the last on. Invalid lines are skipped."""
+    """The entries of a file, last first. Invalid lines are skipped."""
     try:
         file = path.open("rb")
     except OSError:

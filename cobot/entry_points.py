@@ -19,8 +19,8 @@ class Registry:
     Attributes:
         group: group of the entry points.
         setting: the setting that names a class, for errors.
-        shipped: location of cobot's own classes, package.module:Class, by name. These are also entry points
-            of cobot. They are listed here so that they are found in a source tree that is not installed.
+        shipped: locations of cobot's classes, package.module:Class, by name. These are also entry points of
+            cobot. They are listed here so that they are found in a source tree that is not installed.
     """
 
     group: str

@@ -23,7 +23,7 @@ class Finding:
         value, limit: value and limit of the quantity, in `unit`, which is SI; "" for a share.
         share: location on the path, from 0 at the start to 1 at the goal. It is a share of the duration if
             the path has a time parameterization. None if the finding has no location.
-        of: name of the joint, or names of the two bodies that come too close to each other.
+        of: joint name, or names of the two bodies that come too close to each other.
     """
 
     check: Check

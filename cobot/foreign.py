@@ -15,7 +15,8 @@ from cobot.logs.lines import MAX_MESSAGE, printable
 
 MAX_NAME = 80
 WIDE = 1e7
-"""Numbers from this size on are written with an exponent, because their digits would be hard to count."""
+"""Numbers of this size and above are written with an exponent, because their digits would be hard to count.
+"""
 
 
 MAX_LINE = 10_000

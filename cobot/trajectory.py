@@ -38,7 +38,7 @@ class Changes:
         blended_rad, blended_s: initial offset of the arm from the first point, and time in which it is
             blended out.
         smoothed_rad: largest deviation of the motion from the curve through the points.
-        stretch: duration of the motion as a multiple of the requested duration.
+        stretch: motion duration as a multiple of the requested duration.
         slowed_s: range of the points' times in which the motion is slower than requested; None if there is no
             such range.
     """
@@ -221,7 +221,7 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
     continuous.
 
     Args:
-        times_s: times from 0 on, shape (n+1,). All other arguments have the shape (n+1, dof).
+        times_s: times starting at 0, shape (n+1,). All other arguments have the shape (n+1, dof).
     """
     times = np.asarray(times_s, dtype=np.float64)
     return Trajectory(times, hermite(times, positions, velocities, accelerations))

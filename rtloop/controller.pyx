@@ -22,7 +22,7 @@ UNACKNOWLEDGED = (
     "the first contact with the robot is not acknowledged: look at where the arm is and what it carries, "
     "then POST /robot/acknowledge"
 )
-# For requests to change the motion of a device that executes motions by itself.
+# For requests to change the motion of a device that executes motions autonomously.
 BY_ITSELF = "the device moves by itself along whole motions: on its way it can be stopped, not {}"
 
 cdef int TRAJECTORY = LoopMode.TRAJECTORY

@@ -56,7 +56,7 @@ cdef class Drives:
         """Switch the drives on and read the arm's position, at once or in steps.
 
         Args:
-            number: number of the command.
+            number: command number.
             stops: number of requested stops when the command was read.
             measured: receives the values that are read.
 
@@ -133,8 +133,8 @@ cdef class Drives:
         return self._power == OFF or self._reset != NO_RESET
 
     cdef bint c_count_down(self, bint settled) noexcept nogil:
-        """Whether the drives are to be switched off in this cycle of a stop of category 1, because the arm is
-        at rest or has not settled in time. Call it once per cycle.
+        """Whether to switch the drives off in this cycle of a stop of category 1, because the arm is at rest
+        or has not settled in time. Call it once per cycle.
         """
         if self._power != COMING_OFF:
             return False

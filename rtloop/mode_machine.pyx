@@ -110,8 +110,8 @@ cdef class ModeMachine:
         self.settling.c_hold()
 
     def let_go(self, position):
-        """Handle a robot that has not accepted commands for some time, so that its drives have stopped by
-        themselves.
+        """Handle a robot that has not accepted commands for some time, so that its drives have stopped on
+        their own.
 
         When it accepts commands again, the commanded position must equal its position.
         """
@@ -196,7 +196,7 @@ cdef class ModeMachine:
         )
 
     cdef bint c_switches_off(self) noexcept nogil:
-        """Whether the drives are to be switched off in this cycle. Call it once per cycle."""
+        """Whether to switch the drives off in this cycle. Call it once per cycle."""
         cdef bint moved = self._guide != NOTHING and self._guide != COAST and self._guide != HAND
         return not moved and self.drives.c_count_down(self.settling.settled)
 

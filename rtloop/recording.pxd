@@ -40,6 +40,5 @@ cdef class CycleRecorder:
 
     # Note the reason for the mode and the counts of the safety layer. Call it in each cycle.
     cdef void c_heed(self, Safety safety, object reason, int mode, uint64_t cycle, int64_t now_ns) except *
-    # Write the record of a cycle.
-    #     state: a record of `cobot.ipc.state_fields.state_dtype`
+    # Write a cycle record. state: a record of `cobot.ipc.state_fields.state_dtype`
     cdef void c_record(self, const char* state, const long long* phases_ns, bint fresh) noexcept nogil

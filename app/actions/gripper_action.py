@@ -32,8 +32,8 @@ class GripperAction:
     """See `app.graph.actions.GraphAction`.
 
     Args:
-        robot: name of the robot.
-        name: name of the action, below /{robot}/gripper.
+        robot: robot name.
+        name: action name, below /{robot}/gripper.
         form: conversion between the action's messages and widths and forces.
     """
 

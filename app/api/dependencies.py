@@ -119,7 +119,7 @@ class Call:
 
         Args:
             gone: see `Gone`; a client that does not wait may disconnect.
-            about: the body of the request, or a readable description of it.
+            about: the request body, or a readable description of it.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         scope = self.request.scope

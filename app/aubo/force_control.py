@@ -56,10 +56,10 @@ def is_fc_enabled(robot: Services) -> bool:
 
 @service(CLASS)
 def get_fc_end_reason(robot: Services) -> str:
-    """Why force control has ended by itself.
+    """Why force control has ended on its own.
 
     Returns:
-        the reason as a sentence; empty if force control has not ended by itself since fcEnable.
+        the reason as a sentence; empty if force control has not ended on its own since fcEnable.
     """
     return robot.force.reason
 

@@ -27,7 +27,7 @@ from cobot.errors import ConfigError
 PACKAGE = "aubo_interfaces"
 WIDTH = 110
 ACTIONS = {"ServoMode": ServoModeAction.definition}
-"""The definitions of the vendor's own actions, by name."""
+"""The definitions of the vendor actions, by name."""
 SMALL = frozenset(
     f"{PACKAGE}/srv/{name}"
     for name in ("GetDof", "GetExecId", "GetJointPositions", "InverseKinematics", "IsSteady", "MoveJoint")

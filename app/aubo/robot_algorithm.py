@@ -44,7 +44,7 @@ def forward_kinematics(robot: Services, q: list[float]) -> Json:
 
 @service("RobotAlgorithm")
 def forward_tool_kinematics(robot: Services, q: list[float]) -> Json:
-    """Forward kinematics: the pose of the flange at joint angles.
+    """Forward kinematics: the flange pose at joint angles.
 
     Args:
         q: joint angles, rad, one for each joint.

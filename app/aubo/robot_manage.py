@@ -168,7 +168,7 @@ def start_record(robot: Services, file: str) -> None:
     """Not supported: sequences make recordings.
 
     Args:
-        file: name of the file.
+        file: file name.
     """
     del robot, file
     raise NotSupportedError(RECORDINGS)

@@ -46,7 +46,7 @@ async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> in
     """Ask the server for a variable: sends "GET name" and reads the line "name value".
 
     Args:
-        name: name of the variable.
+        name: variable name.
         timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
@@ -67,7 +67,7 @@ async def set_var(channel: Channel, name: str, value: int) -> None:
     """Set a variable of the server: sends "SET name value".
 
     Args:
-        name: name of the variable.
+        name: variable name.
         value: new value, an integer.
     """
     await channel.send(f"SET {_word(name)} {value}\n".encode())

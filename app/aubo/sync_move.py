@@ -23,7 +23,7 @@ def sync_move_on(robot: Services, syncident: int, taskset: list[str]) -> None:
 
     Args:
         syncident: a number of your choice.
-        taskset: names of the robots.
+        taskset: robot names.
     """
     robot.sync.begin(syncident, taskset)
 
@@ -90,8 +90,8 @@ def axis_group_add(robot: Services, name: str, robots: list[str]) -> None:
     """Define a named group of robots.
 
     Args:
-        name: name of the group.
-        robots: names of the robots, in the order of their joints in axisGroupMoveJoint.
+        name: group name.
+        robots: robot names, in the order of their joints in axisGroupMoveJoint.
     """
     robot.sync.add_group(name, robots)
 
@@ -122,7 +122,7 @@ def axis_group_get_axis_num(robot: Services, name: str) -> int:
     """The number of joints of all robots in a group.
 
     Args:
-        name: name of the group.
+        name: group name.
 
     Returns:
         the total number.
@@ -137,7 +137,7 @@ async def axis_group_move_joint(
     """Move the robots of a group to joint angles. Answers when all have begun. If one stops, all stop.
 
     Args:
-        name: name of the group.
+        name: group name.
         q: the targets of all robots one after the other, rad.
         a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
         v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
@@ -150,7 +150,7 @@ def frame_add(robot: Services, name: str, pose: list[float], ref_frame: str = WO
     """Add a frame.
 
     Args:
-        name: name of the frame.
+        name: frame name.
         pose: [x, y, z, rx, ry, rz] in the reference frame, m and rad, about fixed axes.
         ref_frame: parent frame; empty for world.
     """
@@ -162,7 +162,7 @@ def frame_attach(robot: Services, frame: str, ref_frame: str = WORLD) -> None:
     """Attach a frame and its children to another parent. Its pose in the world stays the same.
 
     Args:
-        frame: name of the frame.
+        frame: frame name.
         ref_frame: new parent frame; empty for world.
     """
     robot.sync.frames.attach(frame, ref_frame)
@@ -173,7 +173,7 @@ def frame_move(robot: Services, name: str, pose: list[float], ref_frame: str = "
     """Move a frame and its children. The parent frame stays the same.
 
     Args:
-        name: name of the frame.
+        name: frame name.
         pose: [x, y, z, rx, ry, rz], m and rad.
         ref_frame: the frame of the pose; empty for the parent frame.
     """
@@ -185,7 +185,7 @@ def frame_delete(robot: Services, name: str) -> None:
     """Delete a frame that has no children.
 
     Args:
-        name: name of the frame.
+        name: frame name.
     """
     robot.sync.frames.remove(name)
 
@@ -201,7 +201,7 @@ def frame_get_pose(robot: Services, name: str, ref_frame: str = WORLD) -> list[f
     """The pose of a frame in another frame.
 
     Args:
-        name: name of the frame.
+        name: frame name.
         ref_frame: the other frame; empty for world.
 
     Returns:
@@ -231,7 +231,7 @@ def frame_get_parent(robot: Services, name: str) -> str:
     """The parent of a frame.
 
     Args:
-        name: name of the frame.
+        name: frame name.
 
     Returns:
         the parent's name; empty for world.
@@ -244,7 +244,7 @@ def frame_get_children(robot: Services, name: str = WORLD) -> list[str]:
     """The children of a frame.
 
     Args:
-        name: name of the frame; empty for world.
+        name: frame name; empty for world.
 
     Returns:
         their names.

@@ -49,7 +49,7 @@ class ActionGoal:
         id: the id that the client chose.
         asker: the client that sent the goal, see `ASKER`.
         status: current status of the goal.
-        result: result of the goal; {} until `ended` is set.
+        result: goal result; {} until `ended` is set.
         accepted_ns: time of acceptance, ns since 1970.
         accepted: future that is done when the goal is accepted. If the goal is rejected, it contains the
             exception.

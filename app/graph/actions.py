@@ -42,7 +42,7 @@ class GraphAction(Protocol):
     """An action that the graph offers.
 
     Attributes:
-        name: name of the action, such as "/iiwa/servo_mode".
+        name: action name, such as "/iiwa/servo_mode".
         type_: type of the action, such as "aubo_interfaces/action/ServoMode".
         definition: the text of the .action file; "" if `cobot.ros` knows the type.
     """
@@ -57,7 +57,7 @@ class GraphAction(Protocol):
         Implementations call `handle.accept()` once the goal is known to be executable. Before returning, they
         set `handle.status` to SUCCEEDED, CANCELED or ABORTED. They return soon after
         `handle.cancel_requested` is set. If a CobotError is raised before `accept`, the goal is rejected with
-        the text of the error; after `accept`, the goal is aborted.
+        the error text; after `accept`, the goal is aborted.
 
         Raises:
             RejectedGoalError: the goal is rejected.

@@ -77,7 +77,7 @@ class Graph(Topics):
         """Offer a service.
 
         Args:
-            name: name of the service, such as "/iiwa/RobotConfig/getDof".
+            name: service name, such as "/iiwa/RobotConfig/getDof".
             type_: type of the service, such as "aubo_interfaces/srv/GetDof".
             function: function that is called with the complete request and returns the response.
             local: whether the service is hidden from other networks.

@@ -53,8 +53,8 @@ class Topics:
         """Publish on a topic.
 
         Args:
-            topic: name of the topic, such as "/iiwa/status".
-            type_: type of the messages, such as "std_msgs/msg/String".
+            topic: topic name, such as "/iiwa/status".
+            type_: message type, such as "std_msgs/msg/String".
             latch: whether later subscribers get the last message.
             owner: the client or part of the service that publishes.
             local: whether the DDS process publishes this topic itself and must not mirror it.
@@ -99,7 +99,7 @@ class Topics:
         """Subscribe to a topic. The first messages are the last ones of all latched publishers.
 
         Args:
-            type_: type of the messages; None for all types that are published.
+            type_: message type; None for all types that are published.
             callback: function that is called with each message in the event loop. It must return quickly.
             declares: whether the topic belongs to the service and always has this type.
             on_other_type: see `Subscription`.

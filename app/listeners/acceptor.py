@@ -108,9 +108,7 @@ class Acceptor:
             self._pausing.cancel()
 
     async def wait_closed(self) -> None:
-        """Do nothing. This method is part of asyncio's server interface, but connections end by
-        themselves.
-        """
+        """Do nothing. This method is part of asyncio's server interface, but connections end on their own."""
 
     def _look(self) -> None:
         more = self._crowd.expire(self._loop.time())

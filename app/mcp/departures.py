@@ -2,8 +2,8 @@
 request.
 
 With clients that use a protocol before 2026, the library behind /mcp/mcp detects neither. If the answer is
-one JSON document, the library reads only the body of the request, so it misses the end of the connection. It
-also cannot match a cancellation to its request, because requests are independent of each other.
+one JSON document, the library reads only the request body, so it misses the end of the connection. It also
+cannot match a cancellation to its request, because requests are independent of each other.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ async def plan_to_pose(
     robot: Robot = "",
     **fields: Any,
 ) -> Any:
-    """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers with a plan_id."""
+    """Plan a TCP motion to a pose: m and rad. Nothing moves; answers with a plan_id."""
     body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner}
     return await _plan(ctx, robot, "pose", body | fields)
 

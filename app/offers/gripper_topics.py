@@ -20,7 +20,7 @@ class GripperTopics:
     """The topic of one gripper. A gripper without a width has no fingers and publishes nothing.
 
     Args:
-        name: name of the robot.
+        name: robot name.
     """
 
     def __init__(self, graph: Graph, gripper: GripperService, name: str, clock: Clock) -> None:

@@ -85,8 +85,8 @@ class RosbridgeConnection:
         self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
-        """Prepare a decoded message for `take`, in another thread. All work that grows with the size of the
-        message is done here.
+        """Prepare a decoded message for `take`, in another thread. All work that grows with the message size
+        is done here.
         """
         try:
             asked = op.operation(content)

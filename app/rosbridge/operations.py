@@ -135,7 +135,7 @@ class SetLevel(Operation):
 
 
 class Gateway(Operation):
-    """An operation of cobot's own: the client mirrors the graph to another network, see
+    """A cobot-specific operation: the client mirrors the graph to another network, see
     `app.rosbridge.connection`.
     """
 

@@ -76,7 +76,7 @@ class Keys:
     """The store of keys; see the module. The file is opened when the first key is used.
 
     Args:
-        path: path of the file.
+        path: file path.
         clock: clock whose wall-clock time determines when keys expire.
     """
 

@@ -124,8 +124,8 @@ class Holder:
 class Authenticator:
     """Checks tokens against the token file and against the tokens that the service itself has granted.
 
-    While the file is invalid, none of its tokens is accepted, and the log gives the reason. The service
-    starts and runs nevertheless, because clients must be able to stop the robot.
+    While the file is invalid, none of its tokens is accepted, and the log gives the reason. The service still
+    starts and runs, because clients must be able to stop the robot.
     """
 
     def __init__(self, file: TokenFile, clock: Clock = SYSTEM) -> None:

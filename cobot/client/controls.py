@@ -137,8 +137,7 @@ class JointImpedanceControl(Control[JointState]):
 
         Args:
             positions: joint positions, rad.
-            velocities: velocities at the target, rad/s. Without them, the interpolation chooses the
-                velocities.
+            velocities: velocities at the target, rad/s. Without them, the interpolation sets the velocities.
             accelerations: accelerations, rad/s². They are checked but not used.
 
         Raises:
@@ -214,7 +213,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
             wrench: force, N, and torque, N·m, that the TCP exerts along the force-controlled axes, in the
                 force frame.
             velocity: velocity at the target, m/s and rad/s, in the base frame. Without it, the interpolation
-                chooses the velocity.
+                sets the velocity.
             acceleration: acceleration, m/s² and rad/s². It is checked but not used.
 
         Raises:

@@ -107,7 +107,7 @@ class Jobs(Connection):
     """Requests about jobs."""
 
     def jobs(self, limit: int = 50, *states: str, after: str | None = None) -> list[Json]:
-        """The jobs, sorted from the newest on. Active jobs are listed before jobs that have ended.
+        """The jobs, newest first. Active jobs are listed before jobs that have ended.
 
         Args:
             limit: maximum number of jobs.

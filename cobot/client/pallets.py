@@ -126,8 +126,7 @@ def places(
             origin, m.
 
     Raises:
-        InputError: see `require_grid`. Also if the origin is in the frame of the tool, because this frame
-            moves.
+        InputError: see `require_grid`. Also if the origin is in the tool frame, because this frame moves.
     """
     require_grid(counts, offsets)
     if origin.get("frame_id") == TOOL_FRAME:

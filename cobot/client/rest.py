@@ -34,8 +34,8 @@ class Client(ForceMoves, Steps, EventConnection):
     """A client for the service of one robot.
 
     Args:
-        url: URL of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
-        robot: name of the robot, if it is not the default one.
+        url: service URL, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
+        robot: robot name, if it is not the default one.
         timeout_s: timeout for all requests that are answered at once.
         motion_timeout_s: timeout for motions, which are answered when they end. It is longer than the
             service's own timeouts. Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
@@ -228,7 +228,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return list(self._page("/trajectory/logs", limit, after)["lines"])
 
     def recordings(self, limit: int | None = None, after: str | None = None) -> Json:
-        """The stored `recordings`, sorted from the newest on, and the state of the `recorder`."""
+        """The stored `recordings`, newest first, and the state of the `recorder`."""
         return dict(self._page("/recordings", limit, after))
 
     def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
@@ -333,7 +333,7 @@ class Client(ForceMoves, Steps, EventConnection):
     def program_versions(
         self, program: str, limit: int | None = None, after: str | None = None
     ) -> list[Json]:
-        """The stored versions of a program, sorted from the newest on."""
+        """The stored versions of a program, newest first."""
         return list(self._page(f"{_program_path(program)}/versions", limit, after))
 
     def save_program(
@@ -398,7 +398,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", "/studies", json=body, timeout=self._motion_timeout_s)
 
     def studies(self, limit: int | None = None, after: str | None = None) -> list[Json]:
-        """The studies in the service, sorted from the newest on; see `study`."""
+        """The studies in the service, newest first; see `study`."""
         return list(self._page("/studies", limit, after)["studies"])
 
     def study(self, study: str) -> Json:
@@ -467,8 +467,8 @@ class Client(ForceMoves, Steps, EventConnection):
     def stop(self, *, category: int = 2) -> Json:
         """End the sequence, the planning and the motion. The answer reports whether the arm is at rest.
 
-        Without the name of a robot, all robots are stopped. The request is repeated if there is no answer or
-        the service is busy, because an overloaded service closes connections before it reads their requests.
+        Without a robot name, all robots are stopped. The request is repeated if there is no answer or the
+        service is busy, because an overloaded service closes connections before it reads their requests.
 
         Args:
             category: with 2, the arm stops on its path, and the drives hold it. With 1, it stops as fast as

@@ -50,8 +50,8 @@ that reports the end of a motion.
 
 
 class Robot(SessionSettings):
-    """An arm that `cobot run` serves on this computer. With the URL of the service, the arm may be on a
-    different computer.
+    """An arm that `cobot run` serves on this computer. With the service URL, the arm may be on a different
+    computer.
 
         with Robot("iiwa") as robot:
             robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)

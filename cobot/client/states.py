@@ -115,7 +115,7 @@ class RobotStates:
         ft_sensor_raw: reading of the sensor at the flange, in the TCP's frame, including the tool's weight
             and inertia; zeros without a sensor.
         ext_wrench_in_tcp, ext_wrench_in_world: force and torque at the TCP, N and N·m, estimated.
-        gripper: reading of the gripper; None if there is no gripper, or before its first reading.
+        gripper: gripper reading; None if there is no gripper, or before its first reading.
     """
 
     q: Values

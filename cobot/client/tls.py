@@ -117,9 +117,9 @@ def tls_context(verify: Verify) -> ssl.SSLContext:
 
     Args:
         verify: with True, trust the certificates that the computer trusts, or the file that
-            `COBOT_CERTIFICATE` names. With the path of a file, trust only the service's own certificate (the
-            first PEM block in the file), for any host name. With False, trust any certificate. This protects
-            from eavesdropping but not from an interceptor.
+            `COBOT_CERTIFICATE` names. With a file path, trust only the service's own certificate (the first
+            PEM block in the file), for any host name. With False, trust any certificate. This protects from
+            eavesdropping but not from an interceptor.
 
     Raises:
         InputError: the file is not a certificate.

@@ -16,7 +16,7 @@ class Transport(Protocol):
     """A connection to a robot. Methods of one session may be called from several threads.
 
     Attributes:
-        robot: name of the robot.
+        robot: robot name.
         url: URL of the robot's service; "" for a robot without a service.
         dof: number of joints.
         clock: the robot's clock.
@@ -53,7 +53,7 @@ class Transport(Protocol):
                 process and the count of stops.
 
         Returns:
-            Number of the session.
+            Session number.
 
         Raises:
             ConflictError: a different client has a session.

@@ -31,7 +31,7 @@ def options_of(section: BackendSection, kind: type[Model], setting: str = "robot
     """The options of a section, as an instance of the class's options model.
 
     Args:
-        setting: name of the setting, for errors.
+        setting: setting name, for errors.
 
     Raises:
         ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.

@@ -27,7 +27,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
     """Validate the content of a file as a model.
 
     Args:
-        path: path of the file. Relative paths in the content are resolved against its folder.
+        path: file path. Relative paths in the content are resolved against its folder.
         place: place of the content in the file, for errors.
 
     Raises:
@@ -42,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """Put the name of a setting before the errors in this context, because people can change this setting."""
+    """Put a setting's name before the errors in this context, because people can change this setting."""
     try:
         yield
     except ConfigError as exc:

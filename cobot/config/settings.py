@@ -110,7 +110,7 @@ class Settings(Section):
         return (self.kept or self.logs) / f"{self.robot.name}.tool.json"
 
     def backend_options(self, kind: type[Model]) -> Model:
-        """The options in `robot.backend`, as an instance of the backend's own model.
+        """The options in `robot.backend`, as an instance of the backend's model.
 
         Raises:
             ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.

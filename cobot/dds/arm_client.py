@@ -60,7 +60,7 @@ DATAGRAM_BYTES = 4096
 SEND_GOAL = "control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"
 BEGIN, END = "rq", "/_action/send_goalRequest"
 OWN = "/cobot"
-"""Prefix of the names of cobot's own participants. Their actions do not count as actions of an arm."""
+"""Name prefix of cobot's participants. Their actions do not count as actions of an arm."""
 LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
 RATE_S = 1.0
 COMMAND_LIFESPAN_S = 0.1

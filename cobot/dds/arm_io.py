@@ -45,8 +45,8 @@ class ArmIo(Protocol):
     def problem(self) -> str: ...
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send the value of an output. This call does not wait for the driver, because the next request may
-        be a stop.
+        """Send an output value. This call does not wait for the driver, because the next request may be a
+        stop.
 
         Raises:
             CobotError: the value cannot be sent; the error gives the reason.

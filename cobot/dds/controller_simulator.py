@@ -46,7 +46,7 @@ class SimulatedControllers:
     """The simulated controllers; see the module.
 
     Args:
-        joints: names of the joints, with their prefix.
+        joints: joint names, with their prefix.
         position: joint positions at the start, shape (dof,), rad.
         gpio: interfaces of the GPIO controller as GPIO/INTERFACE. Each can be set, and its first value is 0.
     """

@@ -29,7 +29,7 @@ class ControllerState:
     def __init__(self, node: DdsNode, controller: str, take: Callable[[dict[str, float]], None]) -> None:
         """
         Args:
-            take: called with the measured positions by the names of the joints.
+            take: called with the measured positions by the joint names.
         """
         self._take_positions, self._node = take, node
         topic = f"{controller}/controller_state"

@@ -49,7 +49,7 @@ class DdsGateway:
     """Mirrors the graph of the service to DDS while `run` is running.
 
     Args:
-        url: address of the service.
+        url: service address.
         own: topics that this process publishes itself.
         token: identifies this process to the service.
         role: role of this process in the service. An observer does not subscribe to topics that it may not

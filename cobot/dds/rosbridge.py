@@ -49,7 +49,7 @@ class Rosbridge:
     """A connection to the service that is reopened automatically.
 
     Args:
-        url: address of the service, such as "http://localhost:8007".
+        url: service address, such as "http://localhost:8007".
         on_open: called with each new connection, before anything else is sent on it.
         on_message: called with the topic and the message for each message of a subscription.
         token: identifies this process to the service.

@@ -51,8 +51,8 @@ class Installed(StrictModel):
         programs_before, positions_before: programs and positions before; null for those that did not exist.
         settings_before: the bundle with the settings that were in force, "" without such a bundle; None if
             this bundle contains no settings.
-        restart_for: changes of settings that need a restart of the cell. `supervisor` is the process id of
-            that cell's supervisor.
+        restart_for: changes of settings that need a cell restart. `supervisor` is the process id of that
+            cell's supervisor.
         complete: whether the whole bundle is active. An interrupted activation is rolled back at the next
             start.
     """
@@ -69,7 +69,7 @@ class Installed(StrictModel):
 
 
 class PendingRestart(StrictModel):
-    """Changes of settings that need a restart of the cell after the rollback of a bundle.
+    """Changes of settings that need a cell restart after the rollback of a bundle.
 
     Attributes:
         title: name and version of that bundle.
@@ -372,7 +372,7 @@ class RobotBundles:
         raise type(exc)(f"{exc}; everything is as before") from exc
 
     def _undo(self) -> list[str]:
-        """Restore everything. Returns the changes of settings that need a restart of the cell."""
+        """Restore everything. Returns the changes of settings that need a cell restart."""
         assert self.installed is not None
         before = self.installed.settings_before
         restart_for: list[str] = []

@@ -67,7 +67,7 @@ class FleetCell:
     Args:
         config: the settings file that is in force. A reload replaces it.
         source: the settings file of the user.
-        url: URL of the service; "" for a cell without a service.
+        url: service URL; "" for a cell without a service.
     """
 
     def __init__(self, settings: Settings, config: Path, source: Path, url: str, token: str) -> None:

@@ -102,7 +102,7 @@ class CellSettings:
         """Put the settings of a bundle in force.
 
         Returns:
-            The changes that need a restart of the cell.
+            The changes that need a cell restart.
 
         Raises:
             CobotError: the service rejects the settings, or the disk is full.
@@ -115,7 +115,7 @@ class CellSettings:
         """Put the settings of an earlier bundle in force; with "", only the settings of the user.
 
         Returns:
-            The changes that need a restart of the cell.
+            The changes that need a cell restart.
 
         Raises:
             CobotError: the service rejects the settings.

@@ -264,7 +264,7 @@ class Hub:
                 del self._tiles[name]
 
     def events(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
-        """The last events of a cell, sorted from the oldest on.
+        """The last events of a cell, oldest first.
 
         Raises:
             NotFoundError: the fleet has no such cell or robot.

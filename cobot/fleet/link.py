@@ -27,7 +27,7 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor":
 
 
 def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh.Session:
-    """Open the session of a cell. After the connection is lost, it reconnects by itself.
+    """Open the session of a cell. After the connection is lost, it reconnects automatically.
 
     The cell is a client and not a peer, because a router expects that peers find each other, and does not
     introduce them to each other.

@@ -53,7 +53,7 @@ class FleetState(StrictModel):
         state: the state as a word; `silent` means that rtloop publishes nothing.
         configuration: hash of the settings and their files, which is the same in cells with the same robots.
         problems: problems that the service reports, or the reason why the service does not answer.
-        panel: address of the cell's own panel; "" for a cell without a panel.
+        panel: address of the cell's panel; "" for a cell without a panel.
         bundle: name, version and hash of the latest bundle.
         recordings: whether the hub may fetch recordings.
         drift: programs of that bundle that have changed since its activation, and "settings" if other
@@ -185,7 +185,7 @@ class RollBackBundle(StrictModel):
     bundle: Hash
 
 
-# `accepted_by` is the name of the setting, below fleet.accept of a cell, that lists the accepted roles.
+# `accepted_by` is the setting name, below fleet.accept of a cell, that lists the accepted roles.
 FleetAction = Annotated[
     StopArm
     | StartProgram

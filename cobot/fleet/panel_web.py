@@ -66,8 +66,8 @@ from cobot.strict import sentences
 MAX_ALL_REQUESTS, MAX_CONNECTIONS = 200, 500
 """Maximum number of requests in progress for all panels together, and of connections from browsers."""
 BROWSER_S = 30.0
-"""Timeout for a browser to send the body of a request, and to accept a piece of an answer. Without it,
-browsers that hang would use up the permitted number of requests.
+"""Timeout for a browser to send a request body, and to accept a piece of an answer. Without it, browsers that
+hang would use up the permitted number of requests.
 """
 MAX_STOPS = 20
 """Maximum number of stops that are in progress at the same time. Further stops wait for one of them to
@@ -393,7 +393,7 @@ async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -
 
 
 async def _body(request: Request) -> bytes:
-    """Read the body of a request.
+    """Read a request body.
 
     Raises:
         PayloadError: the body is too large.

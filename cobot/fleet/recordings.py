@@ -58,7 +58,7 @@ class GivenRecordings:
         self._folder = folder
 
     def listing(self, _: bytes = b"") -> bytes:
-        """All complete recordings as JSON, sorted from the oldest on."""
+        """All complete recordings as JSON, oldest first."""
         found = []
         for path in sorted(self._folder.glob(f"*{SUFFIX}"), key=_age):
             with contextlib.suppress(OSError, ValidationError):
@@ -112,7 +112,7 @@ class FleetRecordingStore:
             raise UnavailableError(f"--recordings: {folder}: {exc.strerror}") from exc
 
     def all(self) -> list[TakenRecording]:
-        """All complete recordings, sorted from the oldest on."""
+        """All complete recordings, oldest first."""
         found = []
         for path in sorted(self._folder.glob(f"*/*/*{SUFFIX}"), key=_age):
             with contextlib.suppress(OSError):
@@ -210,7 +210,7 @@ class FleetRecordingStore:
             keep(folder / TAKEN, lines.encode(), "the list of recordings")
 
     def _make_room(self, part: Path, size: int) -> bool:
-        """Delete the oldest files to make room. Returns False if the new file is too large by itself.
+        """Delete the oldest files to make room. Returns False if the new file alone is too large.
 
         Args:
             part: the unfinished file of the new recording. Unfinished files from other cells may be deleted,

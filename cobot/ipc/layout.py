@@ -442,7 +442,7 @@ def point_dtype(dof: int) -> np.dtype:
     """A servo point, which is stored in a queue of `POINTS` places."""
     return np.dtype(
         [
-            ("number", "u8"),  # number of the point in its session, from 1 on
+            ("number", "u8"),  # number of the point in its session, starting at 1
             ("time_s", "f8"),  # intended duration of the motion to the point
             ("lookahead_s", "f8"),  # see `rtloop.sources.servo_law`; 0 for none
             ("gain", "f8"),  # 1/s²

@@ -142,7 +142,7 @@ def _normalise(pose: Array, name: str) -> None:
 
 
 def force_gain(cartesian_stiffness: Array) -> float:
-    """Velocity of the TCP for each newton of force error, m/s per N; 0 if there are no springs.
+    """TCP velocity for each newton of force error, m/s per N; 0 if there are no springs.
 
     Args:
         cartesian_stiffness: stiffness of a session, shape (6,), N/m and N·m/rad.

@@ -21,7 +21,7 @@ class Fired:
     Attributes:
         path_time_s, robot_time_s: path time, and time on the robot's clock, of the cycle in which the action
             fired, s.
-        pose: pose of the TCP, measured in that cycle, shape (7,), m and (w, x, y, z), in the base frame.
+        pose: TCP pose, measured in that cycle, shape (7,), m and (w, x, y, z), in the base frame.
         reason: the reason why the device rejects the action; "" if it does not reject it.
     """
 

@@ -35,7 +35,7 @@ class StreamWriter:
             stops: stops requested so far; rtloop rejects the session if there are more by then.
 
         Returns:
-            Number of the session.
+            Session number.
 
         Raises:
             ConflictError: a different process is streaming.

@@ -247,7 +247,7 @@ def controllers(robot: RobotDescription) -> dict[str, Any]:
     return {
         "moveit_controller_manager": "moveit_simple_controller_manager/MoveItSimpleControllerManager",
         "moveit_simple_controller_manager": {"controller_names": [robot.name], robot.name: action},
-        # cobot keeps to the path and its limits by itself, and people may slow it down during a motion.
+        # cobot itself stays on the path and within its limits, and people may slow it down during a motion.
         "trajectory_execution": {"execution_duration_monitoring": False, "allowed_start_tolerance": 0.01},
     }
 

@@ -93,7 +93,7 @@ class ServedArm:
     """The arm of a running service. It moves to the start of an episode with an ordinary motion.
 
     Args:
-        url: URL of the service, or of one of its robots.
+        url: service URL, or of one of its robots.
         rate_hz: rate of the targets.
         speed: speed of the motion to the start, as a share of the limits.
         clock, client: see `Robot`.

@@ -105,7 +105,7 @@ class EpisodeWriter:
             position, velocity: measured state of the joints, rad and rad/s.
             action: commanded joint positions, rad.
             pictures: pictures by camera name, uint8, shape (height, width, 3).
-            gripper: reading of the gripper. It must be given in each frame or in none.
+            gripper: gripper reading. It must be given in each frame or in none.
         """
         time_ns = round(time_s * 1e9)
         dof = len(self._names)
@@ -170,7 +170,7 @@ class Episode:
 
     Attributes:
         about: metadata: robot, task, success ("true", "false" or ""), and more.
-        joint_names: names of the joints, `dof` of them.
+        joint_names: joint names, `dof` of them.
         rate_hz: nominal rate of the frames.
         times_s: times of the frames, shape (n,).
         position, velocity, action: measured positions, rad; measured velocities, rad/s; and commanded

@@ -33,7 +33,7 @@ def record(
     """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
 
     The action of a frame is the joint position that the real-time loop commanded at that moment. With a
-    gripper, the commanded width is also recorded, in the topic of the gripper.
+    gripper, the commanded width is also recorded, in the gripper topic.
 
     Returns:
         The number of frames.

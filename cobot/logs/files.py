@@ -114,5 +114,5 @@ def make_private(descriptor: int) -> None:
 
 
 def aside(path: Path, count: int) -> list[Path]:
-    """Paths of the file and of its older files, sorted from the newest on. They need not exist."""
+    """Paths of the file and of its older files, newest first. They need not exist."""
     return [path, *(path.with_name(f"{path.name}.{number}") for number in range(1, count + 1))]

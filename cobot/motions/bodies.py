@@ -178,7 +178,7 @@ Cyclic = Annotated[
 
 
 class TcpMotion(SignalFields):
-    """Fields of a motion of the TCP to a pose or along a path."""
+    """Fields of a TCP motion to a pose or along a path."""
 
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0

@@ -14,7 +14,7 @@ PointName = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class InputTest(RequestModel):
-    """A test of the value of an input."""
+    """A test of an input value."""
 
     TESTS: ClassVar[tuple[str, ...]] = ("is", "above", "below")
 
@@ -40,7 +40,7 @@ class InputTest(RequestModel):
 
 
 class StepCondition(InputTest):
-    """A condition on the value of an input. Give one of `is`, `above` and `below`."""
+    """A condition on an input value. Give one of `is`, `above` and `below`."""
 
     input: PointName = Field(description="Name of an input in GET /robot/io.")
 

@@ -33,7 +33,7 @@ class Forecast:
             moves.
         times_s: times of the samples, shape (n,).
         joints: joint positions of the samples, shape (n, dof), rad.
-        poses: poses of the TCP in the base frame, shape (n, 7): x, y, z, m, and w, x, y, z.
+        poses: TCP poses in the base frame, shape (n, 7): x, y, z, m, and w, x, y, z.
         peaks: maximum of each joint, shape (dof,), by quantity (velocity, acceleration, jerk, torque); the
             first three are true extrema.
         utilisation: the peaks as shares of the robot's limits, without the request's scaling.

@@ -32,15 +32,15 @@ class Improving:
         best: the fastest motion so far. It has passed all checks.
         first_duration_s: duration of the first motion, s.
         goals: joint positions at which the motion may end, shape (n, dof), rad.
-        lower_bounds_s: for each goal, the time, s, that the slowest joint needs by itself. No motion to this
-            goal is faster.
+        lower_bounds_s: for each goal, the time, s, that the slowest joint needs alone. No motion to this goal
+            is faster.
         tries, improvements: number of tries so far, and number of tries that found a faster motion.
         spent_s: time spent on the tries, s.
         done: whether a further try would find no noticeably faster motion.
         points: number of control points of the curves that are tried.
         step_rad: size of the random changes.
-        change: the change that made the last motion faster, shape (points, dof), rad; None if no change is to
-            be repeated.
+        change: the change that made the last motion faster, shape (points, dof), rad; None to repeat no
+            change.
     """
 
     best: Trajectory

@@ -24,14 +24,15 @@ class PlannerName(StrEnum):
 
 
 class Way(Enum):
-    """The kind of way that a planner takes to the goal. It determines the arguments of the planner's
+    """The kind of path that a planner finds to the goal. It determines the arguments of the planner's
     function.
 
     PATH: the TCP follows the path of the request, whose goal is a pose, never joint angles.
         `function(robot, request)` returns None if the arm is already at the goal.
     DIRECT: the joints move to the nearest joint angles of the goal. The function is called as
         `function(robot, request, joints)`.
-    SEARCH: the planner finds a way around obstacles to any joint angles of the goal, and first leaves a start
+    SEARCH: the planner finds a path around obstacles to any joint angles of the goal, and first leaves a
+    start
         in collision. The function is called as `function(robot, request, goals)`, where the nearest goal is
         the first.
     """
@@ -48,7 +49,7 @@ class PlannerTraits:
     Attributes:
         function: the function that plans, as "module:function" below `cobot.planners`; for its arguments see
             `Way`. Empty for auto, which calls other planners.
-        way: the kind of way to the goal.
+        way: the kind of path to the goal.
         summary: the motion in a few words, for schemas.
         fields: the optional fields of `MotionRequest` that the planner uses. A request with any other
             optional field is rejected.
@@ -141,7 +142,7 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if traits.way is not Way.PATH)
 """The planners that can move to joint angles as well as to a pose."""
 PATHS = tuple(name for name, traits in PLANNERS.items() if traits.way is Way.PATH)
-"""The planners that follow a path of the TCP to a pose."""
+"""The planners that follow a TCP path to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
 """The planners that need only a goal."""
 

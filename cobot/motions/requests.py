@@ -190,10 +190,10 @@ class RatedMove:
 
     Attributes:
         request: the motion. Its `scaling` also applies; of two limits the lower one counts.
-        velocity, acceleration: limits of the fastest joint, rad/s and rad/s². For a TCP path they are the
-            limits of the TCP, m/s and m/s², and its rotation is limited in proportion.
+        velocity, acceleration: limits of the fastest joint, rad/s and rad/s². For a TCP path they are the TCP
+            limits, m/s and m/s², and its rotation is limited in proportion.
         envelope: the limits that apply to all motions.
-        duration_s: duration of the motion. If it is above 0, velocity and acceleration are ignored.
+        duration_s: motion duration. If it is above 0, velocity and acceleration are ignored.
     """
 
     request: MotionRequest

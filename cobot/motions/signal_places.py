@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
 SAMPLE_S = 0.002
-"""Period at which the path of the TCP is sampled, s. It is so short that the chords are exact to a
-millionth.
-"""
+"""Period at which the TCP path is sampled, s. It is so short that the chords are exact to a millionth."""
 MAX_SAMPLES = 100_000
 MIN_LENGTH_M = 1e-4
 """If the TCP moves by less than this, m, it only turns. Fractions of its path are then fractions of its

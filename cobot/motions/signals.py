@@ -23,8 +23,8 @@ class PathPlace:
     """A place on the path of a motion.
 
     Attributes:
-        unit: meaning of `value`: a length along the path of the TCP, m; a path time, s; or a share of the
-            path's length.
+        unit: meaning of `value`: a length along the TCP path, m; a path time, s; or a share of the path's
+            length.
         from_end: whether the place is measured back from the end of the path.
     """
 
@@ -175,7 +175,7 @@ class PlacedAction:
     """An action and the path time at which it fires.
 
     Attributes:
-        number: number of the action, from 1 on, unique in its motion.
+        number: number of the action, starting at 1, unique in its motion.
     """
 
     number: int

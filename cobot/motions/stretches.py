@@ -16,7 +16,7 @@ class Leg:
     """A motion from rest to rest, with the limits with which it was planned.
 
     Attributes:
-        tcp: limits of the TCP; None if the TCP has no limits.
+        tcp: TCP limits; None if the TCP has no limits.
         constraints: path constraints, relative to the start of the motion.
     """
 

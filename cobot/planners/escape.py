@@ -1,4 +1,4 @@
-"""Escape by the shortest way from a start that is beyond a joint limit or in collision."""
+"""Escape by the shortest path from a start that is beyond a joint limit or in collision."""
 
 from __future__ import annotations
 

@@ -7,8 +7,8 @@ derivatives by τ,
     q̈ = q'' b + q' b' / 2                                 linear in b,
     q⃛ = √b (q''' b + 3/2 q'' b' + q' b'' / 2)             so |linear in b| ≤ J b^(-1/2),
 
-and the duration, ∫ b^(-1/2) dτ, is convex. The right side of the jerk's limit is convex too: its tangent
-lies below it, so a step that keeps the linearised limit keeps the limit (Consolini, Locatelli, Minari, "A
+and the duration, ∫ b^(-1/2) dτ, is convex. The right side of the jerk's limit is convex too: its tangent lies
+below it, so a step within the linearised limit is also within the limit (Consolini, Locatelli, Minari, "A
 sequential algorithm for jerk limited speed planning", 2021). An interior point method takes such steps: each
 iterate is feasible, and each system to solve has five diagonals. The equations are those of Nocedal, Wright,
 "Numerical Optimization", 2006, section 19.3, with the slacks eliminated and without the curvature of the

@@ -1,4 +1,4 @@
-"""The cheapest way through a graph of arm angles: dynamic programming, place by place."""
+"""The cheapest path through a graph of arm angles: dynamic programming, place by place."""
 
 from libc.math cimport INFINITY, fabs
 
@@ -99,7 +99,7 @@ cdef Py_ssize_t _lead(
     const double* node, char* good, const double* begin, Py_ssize_t n, Py_ssize_t m, int dof, int window,
     double step_rad
 ) noexcept nogil:
-    """Unmark the nodes to which no way leads. Returns the number of places that are reached."""
+    """Unmark the nodes that no path reaches. Returns the number of places that are reached."""
     cdef Py_ssize_t place, angle
     cdef bint any
     for place in range(n):
@@ -150,7 +150,7 @@ cdef Py_ssize_t _search(
     const double* node, double* cost, double* source, const double* scale, const double* begin,
     Py_ssize_t n, Py_ssize_t m, int dof, int window, double step_rad
 ) noexcept nogil:
-    """Replace the nodes' costs by those of the cheapest ways to them. Returns the number of places that are
+    """Replace the nodes' costs by those of the cheapest paths to them. Returns the number of places that are
     reached."""
     cdef Py_ssize_t place, angle, other
     cdef double least, total

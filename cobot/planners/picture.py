@@ -33,7 +33,7 @@ def picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
     Args:
         joints: joints along the motion, shape (n, dof), rad.
-        poses: poses of the TCP for these joints, in the base frame, shape (n, 7).
+        poses: TCP poses for these joints, in the base frame, shape (n, 7).
     """
     checker = robot.collision
     mj = robot.model.among(checker.scene, checker.tool)

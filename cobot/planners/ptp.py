@@ -33,7 +33,7 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
     Ruckig's profiles are piecewise cubics, which are converted exactly, not sampled.
 
     Raises:
-        PlanningError: no profile exists, or a drive cannot even hold the arm on the way.
+        PlanningError: no profile exists, or a drive cannot even hold the arm along the path.
     """
     limits = request.scaled_limits(robot)
     if request.synchronization is Synchronization.PHASE:
@@ -49,12 +49,12 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
 
 
 def fastest_s(start: Array, goal: Array, limits: JointLimits) -> float:
-    """The time that the slowest joint needs by itself, s. No motion from rest to rest is faster."""
+    """The time that the slowest joint needs alone, s. No motion from rest to rest is faster."""
     return _in_time(start, goal, limits).duration_s
 
 
 def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """One profile for the share of the way, which all joints follow."""
+    """One profile for the share of the path, which all joints follow."""
     way = goal - start
     moved = np.abs(way) > 0.0
     amounts = np.abs(way[moved])

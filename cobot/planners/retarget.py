@@ -37,18 +37,18 @@ GENTLE = 0.7
 part.
 """
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)
-"""Shares of the time to rest. The new motion begins after the first of these shares at which the sum keeps
-the limits.
+"""Shares of the time to rest. The new motion begins after the first of these shares after which the sum stays
+within the limits.
 """
 STEPS = 100
 """Number of samples of the motion to rest. Each of `SHARES` is a multiple of one step."""
 LOOK_S = 0.01
-"""Interval at which the speed of the TCP is checked while both motions are added, s."""
+"""Interval at which the TCP speed is checked while both motions are added, s."""
 
 
 def load_search() -> None:
-    """Import the modules that are needed to find a way around obstacles. The import takes longer than finding
-    the way.
+    """Import the modules that are needed to find a path around obstacles. The import takes longer than
+    finding the path.
     """
     import scipy.interpolate  # noqa: F401
 
@@ -68,7 +68,7 @@ def retarget(
         from_s: path time of the change.
 
     Raises:
-        PlanningError: the new goal is out of reach from there, or the way to it is not free of collisions.
+        PlanningError: the new goal is out of reach from there, or the path to it is not collision-free.
         InputError: see `cobot.planners.plan`.
     """
     from_s = min(from_s, under_way.duration_s)

@@ -1,8 +1,8 @@
-"""The shortest way through a cloud of configurations: A* with lazy collision checks.
+"""The shortest path through a cloud of configurations: A* with lazy collision checks.
 
-An edge is assumed to be free, and is checked only when a shortest way leads over it (R. Bohlin and L.
-Kavraki, "Path planning using lazy PRM", 2000, doi 10.1109/ROBOT.2000.844107). So only some dozens of many
-thousand edges are checked.
+An edge is assumed to be free, and is checked only when a shortest path uses it (R. Bohlin and L. Kavraki,
+"Path planning using lazy PRM", 2000, doi 10.1109/ROBOT.2000.844107). So only some dozens of many thousand
+edges are checked.
 """
 
 from libc.math cimport INFINITY, fabs, fmin, sqrt
@@ -65,7 +65,7 @@ def shortest(Clearance clearance, nodes, int goals, double shorter_than_rad, lon
 
 
 cdef int _search(Clearance clearance, Cloud* cloud, double shorter_than_rad, long work) noexcept nogil:
-    """The goal that a free way reaches, or NONE."""
+    """The goal that a free path reaches, or NONE."""
     cdef long begun = clearance.evaluations
     cdef int goal
     _measure(cloud)
@@ -95,8 +95,8 @@ cdef void _measure(Cloud* cloud) noexcept nogil:
 
 
 cdef int _nearest_goal(Cloud* cloud, double shorter_than_rad) noexcept nogil:
-    """The goal with the shortest way over edges that are not known to be blocked; NONE if all are longer than
-    `shorter_than_rad`."""
+    """The goal with the shortest path over edges that are not known to be blocked; NONE if all are longer
+    than `shorter_than_rad`."""
     cdef int count = cloud.count
     cdef int i, node
     cdef double least, length
@@ -121,7 +121,7 @@ cdef int _nearest_goal(Cloud* cloud, double shorter_than_rad) noexcept nogil:
 
 
 cdef bint _is_free(Clearance clearance, Cloud* cloud, int goal) noexcept nogil:
-    """Check all edges of a way that have not been checked yet, and record the result of each."""
+    """Check all edges of a path that have not been checked yet, and record the result of each."""
     cdef bint free_ = True
     cdef int node = goal
     cdef int other

@@ -176,7 +176,7 @@ cdef bint _is_wanted(
     const double* joints, const double* start, const double* goals, int goal_count, const double* low,
     const double* high, double shorter_than_rad, int dof,
 ) noexcept nogil:
-    """Whether a configuration is within the limits, and on some way to a goal that is shorter than
+    """Whether a configuration is within the limits, and on some path to a goal that is shorter than
     `shorter_than_rad`."""
     cdef double nearest_goal = INFINITY
     cdef int index
@@ -191,9 +191,9 @@ cdef bint _is_wanted(
 cdef void _draw_between(
     const double* start, const double* goal, double length, int dof, uint64_t* state, double* out
 ) noexcept nogil:
-    """Draw a configuration from the ellipsoid of all ways from `start` to `goal` that are no longer than
+    """Draw a configuration from the ellipsoid of all paths from `start` to `goal` that are no longer than
     `length` (J. Gammell, S. Srinivasa and T. Barfoot, "Informed RRT*", 2014, doi 10.1109/IROS.2014.6942976).
-    It is a point of the unit ball, whose first axis a reflection aligns with the straight way.
+    It is a point of the unit ball, whose first axis a reflection aligns with the straight path.
     """
     cdef double apart = _apart(start, goal, dof)
     cdef double across = 0.5 * sqrt(fmax(0.0, length * length - apart * apart))

@@ -61,7 +61,7 @@ def draw_in(Clearance clearance, corners, double end_s=INFINITY):
 
 
 cdef _open(Clearance clearance, corners, double end_s, Way* way):
-    """Fill in a way with these corners and room for more. Returns the arrays that it points to."""
+    """Fill in a path with these corners and room for more. Returns the arrays that it points to."""
     cdef int dof = clearance.dof
     given = np.array(corners, dtype=np.float64).reshape(-1, dof)
     room = np.zeros((len(given) + TRIALS + 2, dof))
@@ -138,7 +138,7 @@ cdef bint _find_cut(const Way* way, uint64_t* state, Cut* best) noexcept nogil:
 
 
 cdef int _at(const Way* way, double place, double* out) noexcept nogil:
-    """The segment and the point at a length along the way."""
+    """The segment and the point at a length along the path."""
     cdef int segment = 0
     cdef int i
     cdef double share

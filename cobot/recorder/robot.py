@@ -85,7 +85,7 @@ class RobotRecorder:
     def ask(self, request: Answer) -> Future[Answer]:
         """Pass a request to the thread. `action` is dump (with `seconds`), start or stop.
 
-        The result of the returned future is the names of the files, or a CobotError.
+        The future's result is the file names or a CobotError.
         """
         answer: Future[Answer] = Future()
         self._asked.put((request, answer))

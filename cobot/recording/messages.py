@@ -135,7 +135,7 @@ class RecordMessages:
     Args:
         joint_names: names of the robot's joints.
         base_frame: name of the frame of poses and forces.
-        period_s: period of a cycle.
+        period_s: cycle period.
     """
 
     def __init__(self, joint_names: Sequence[str], base_frame: str, period_s: float) -> None:

@@ -26,8 +26,7 @@ class RecordedPath:
     Attributes:
         times_s: times since the first cycle, on the clock of the recording, shape (n,).
         joints, velocities: measured positions and velocities, rad and rad/s, shape (n, dof).
-        poses: poses of the TCP in the base frame, shape (n, 7): m, then w, x, y, z; empty until they are
-            computed.
+        poses: TCP poses in the base frame, shape (n, 7): m, then w, x, y, z; empty until they are computed.
     """
 
     times_s: Array

@@ -37,7 +37,7 @@ class Cycles:
 
     Attributes:
         robot, joint_names, period_s, reason: metadata of the file.
-        times_s: times on the robot's clock, from 0 on, shape (n,).
+        times_s: times on the robot's clock, starting at 0, shape (n,).
         position, velocity, effort: measured positions, rad, velocities, rad/s, and efforts, N·m, shape (n,
             dof) each.
         commanded, commanded_effort: commanded positions, rad, and efforts, N·m, shape (n, dof) each.

@@ -17,7 +17,7 @@ rad.
 
 
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
-    """The points of the motion: times from 0 on, s, shape (n,), and joint positions, rad, shape (n, dof).
+    """The points of the motion: times starting at 0, s, shape (n,), and joint positions, rad, shape (n, dof).
 
     The time without movement before and after the motion is left out.
 

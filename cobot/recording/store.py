@@ -70,7 +70,7 @@ class RecordingStore:
         self.max_bytes = max_bytes
 
     def all(self) -> list[Recording]:
-        """The finished recordings, sorted from the newest on."""
+        """The finished recordings, newest first."""
         found = [(match, file) for file in self._files() if (match := _NAME.fullmatch(file.name))]
         recordings = []
         for match, file in found:

@@ -42,7 +42,7 @@ class Capabilities:
         brakes: brakes can be commanded separately from the drives.
         payload: the device accepts the payload.
         io: the device has inputs and outputs.
-        trajectories: the device accepts only whole motions and executes them by itself; nothing can be
+        trajectories: the device accepts only whole motions and executes them autonomously; nothing can be
             streamed to it.
         stops: stop categories that cobot can command, each with whether the device itself confirms it.
         hardware: the device drives a real arm.
@@ -153,13 +153,13 @@ class DeviceStatus:
 
     Attributes:
         connection: state of the connection, for example "connected", or the state of its session.
-        quality: quality of the connection.
+        quality: connection quality.
         operation_mode: T1 (manual, reduced speed), T2 (manual) or AUT.
         safety_stop: the reason why the arm cannot move; "" if it can move.
         drives, brakes: their states, for example "on", "released".
         speed_scaling: the device's own speed override, from 0 to 1, which the path clock follows.
         packets_lost: number of packets lost since the connection was opened.
-        device_time_s: time of the device's own clock, s.
+        device_time_s: device time, s.
         text: a further sentence that a user should read.
     """
 

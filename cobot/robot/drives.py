@@ -23,7 +23,7 @@ UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N
 
 
 def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject a model that does not have exactly one motor per joint, in the order of the joints.
+    """Reject a model that does not have exactly one motor per joint, in joint order.
 
     Raises:
         ConfigError: the motors do not match the joints; names the actuator and a remedy.

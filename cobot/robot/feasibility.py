@@ -40,8 +40,8 @@ QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 def check_motion(
     robot: RobotDescription, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
 ) -> None:
-    """Reject a planned motion that does not keep its limits at the true extrema, needs more effort than its
-    drives have, or leads to a collision of the arm with itself or its surroundings.
+    """Reject a planned motion that does not stay within its limits at the true extrema, needs more effort
+    than its drives have, or leads to a collision of the arm with itself or its surroundings.
 
     An arm that was pushed beyond a limit may move back, but not further out.
 

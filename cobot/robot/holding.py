@@ -125,8 +125,8 @@ class Holding:
     """How well the drives can hold the arm in all its postures.
 
     Attributes:
-        hardest: for each joint the posture that needs the greatest share of its effort limit, sorted from the
-            greatest share on.
+        hardest: for each joint the posture that needs the greatest share of its effort limit, greatest share
+            first.
         share: share of random collision-free postures that the drives can hold.
     """
 

@@ -30,7 +30,7 @@ and efforts.
 
 
 def load_joint_limits(path: Path) -> JointLimits:
-    """Read the joint limits, in the order of the file.
+    """Read the joint limits, in file order.
 
     Every joint needs all limits: without an acceleration limit the stopping distance of a robot is unknown.
 

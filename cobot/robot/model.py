@@ -33,7 +33,7 @@ class RobotModel:
 
     Attributes:
         mj: MuJoCo's model.
-        limits: the joint limits, in the order of the joints; linear joints are marked.
+        limits: the joint limits, in joint order; linear joints are marked.
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, also for compiled code.

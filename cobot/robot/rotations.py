@@ -16,7 +16,7 @@ def matrix_of(quaternion: Array) -> Array:
 
 
 def with_z_along(axis: Array) -> Array:
-    """A rotation matrix whose last column is the direction of the axis, shape (3, 3)."""
+    """A rotation matrix whose last column is the axis direction, shape (3, 3)."""
     axis = axis / np.linalg.norm(axis)
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)

@@ -94,7 +94,7 @@ class Scene:
     """A scene. It is immutable: each change makes a new scene with the next version.
 
     Attributes:
-        version: number of the version; 0 is the empty scene before any change.
+        version: version number; 0 is the empty scene before any change.
         objects: the objects by name.
         frames: poses of the named frames, in the base frame.
         allowed: pairs of bodies or objects that may touch.

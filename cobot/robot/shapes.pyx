@@ -8,7 +8,7 @@ or capsules around the geoms are not far enough apart.
 A `line` has six numbers: the unit vector from the second geom to the first along which their distance grows
 fastest, then a point on the line between their nearest points.
 
-`gap` chooses the formula for a pair of shapes.
+`gap` selects the formula for a pair of shapes.
 """
 
 from libc.math cimport fabs, fmax, fmin, sqrt

@@ -14,7 +14,7 @@ from cobot.xml_file import is_printable, shown
 
 
 def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -> dict[str, NamedPosition]:
-    """The named positions of a planning group by their names, in the order of the file.
+    """The named positions of a planning group by their names, in file order.
 
     Raises:
         ConfigError: the file is unreadable, the group is missing, a state lacks a joint or contains an

@@ -26,7 +26,7 @@ class TcpFit:
     """A TCP that fits poses of the flange.
 
     Attributes:
-        tcp: position of the TCP in the flange's frame, shape (3,), m.
+        tcp: TCP position in the flange's frame, shape (3,), m.
         point: the touched point in the base frame, shape (3,), m.
         errors_m: distance of the tip from that point in each pose, m.
     """
@@ -45,7 +45,7 @@ def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
     """Find the TCP by least squares: the point in the flange's frame that moves least between the poses.
 
     Args:
-        flanges: poses of the flange in the base frame. In all of them the tip touches the same point.
+        flanges: flange poses in the base frame. In all of them the tip touches the same point.
 
     Raises:
         InputError: there are too few or too many poses, or their orientations do not determine the TCP.

@@ -34,12 +34,12 @@ class Tool:
     """A tool. It is immutable: each change makes a new tool with the next version.
 
     Attributes:
-        version: number of the version; 0 is the model's own tool before any change.
+        version: version number; 0 is the model's own tool before any change.
         mass: mass of the tool and the load, kg, in addition to the masses in the model file.
         centre: centre of that mass, m.
         inertia: inertia about the centre of mass, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz;
             None for a point mass.
-        tcp: pose of the TCP; None means the TCP of the model file.
+        tcp: TCP pose; None means the TCP of the model file.
         shapes: solids for the collision checks, by name.
         gravity: acceleration of free fall in the base frame, m/s²; None means the gravity of the model file.
     """

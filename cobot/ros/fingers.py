@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from cobot.ros.messages import Message
 
 FINGER_JOINTS = ("gripper_finger_1", "gripper_finger_2")
-"""Names of the joints, in the order of their values."""
+"""Joint names, in the order of their values."""
 FRESH_S = 1.0
 """Maximum age of finger values in joint states, s."""
 

@@ -165,7 +165,7 @@ _OF_ACTIONS = {
     "_GetResult_Response": "int8 status\n{0}_Result result\n",
     "_FeedbackMessage": UUID + "{0}_Feedback feedback\n",
 }
-"""The messages that ROS 2 derives from the parts of an action. {0} is the name of the action."""
+"""The messages that ROS 2 derives from the parts of an action. {0} is the action name."""
 
 
 def message_names(name: str) -> list[str]:

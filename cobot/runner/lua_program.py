@@ -35,7 +35,7 @@ POSE = ("x", "y", "z", "c", "b", "a")
 ABC angles in reverse order.
 """
 TO_JOINTS, TO_POSE = JointMotion.model_fields.keys(), TcpMotion.model_fields.keys()
-"""The options of motions to joint angles, and of motions along a path of the TCP."""
+"""The options of motions to joint angles, and of motions along a TCP path."""
 
 
 class Program:

@@ -139,7 +139,7 @@ class Sandbox:
         """Run a program to its end.
 
         Args:
-            name: name of the file, for messages.
+            name: file name, for messages.
 
         Raises:
             Stopping: the program was told to end.

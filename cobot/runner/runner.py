@@ -55,7 +55,7 @@ class RunSettings:
     """The settings of a run.
 
     Attributes:
-        name: name of the file, for messages.
+        name: file name, for messages.
         folder: folder of the sequences that are called.
         lua: limits of a Lua program; None for a sequence file.
         motion_token: token from the service, by which the service recognises the requests of the sequence;

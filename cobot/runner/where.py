@@ -16,7 +16,7 @@ class Where:
         word: name of an entry of the outermost list: step or waypoint.
         total: number of steps of the outermost list of the file.
         numbers: numbers of the nested steps, such as `3`, `2` for the second step inside the third step.
-        notes: rounds and pallet places, from the outermost one on.
+        notes: rounds and pallet places, outermost first.
         caller: place from which the file is called, with a comma; empty for the file that was started.
         frames: places of pallets, by the names that the steps give them.
         begin: share of an iteration before this place, 0 to 1.

@@ -128,7 +128,7 @@ def versions() -> dict[str, str]:
 
 
 def _hash_of(pattern: str) -> str:
-    """Hash of cobot's files of one kind. Versions are not enough, because two checkouts or builds may have
+    """Hash of one kind of cobot's files. Versions are not enough, because two checkouts or builds may have
     the same version.
     """
     root = Path(cobot.__file__).parent

@@ -19,8 +19,8 @@ class JogVelocity:
     """A requested velocity, valid until it is replaced.
 
     Attributes:
-        twist: velocity of the TCP along x, y, z and about x, y, z, as shares of the maximum, −1 to 1.
-        joint: number of the joint that moves, from 0 on; None if the TCP moves instead.
+        twist: TCP velocity along x, y, z and about x, y, z, as shares of the maximum, −1 to 1.
+        joint: number of the joint that moves, starting at 0; None if the TCP moves instead.
         share: velocity of the joint as a share of its maximum, −1 to 1.
         frame: frame of the twist, base or tool.
     """

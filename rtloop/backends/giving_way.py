@@ -84,7 +84,7 @@ class GivingWay:
         return wanted
 
     def _find_jacobian(self) -> None:
-        """Calculate the Jacobian of the TCP in the base frame."""
+        """Calculate the TCP Jacobian in the base frame."""
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
         turn = self._data.xmat[self._base].reshape(3, 3)
         self._jacobian[:3] = turn.T @ self._jacobian[:3]

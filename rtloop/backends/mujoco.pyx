@@ -291,7 +291,7 @@ cdef class MujocoBackend(CompiledBackend):
             data.ctrl[i] = self._pull[i] + inertia[i] + self._c_transition[i] + data.qfrc_bias[i]
 
     cdef void _find_jacobian(self) noexcept nogil:
-        """Calculate the Jacobian of the TCP in the base frame, for all later calculations of this cycle."""
+        """Calculate the TCP Jacobian in the base frame, for all later calculations of this cycle."""
         cdef int row, i, half, dof = self._dof
         cdef const double* turn = self._base_rotation
         cdef double column[3]

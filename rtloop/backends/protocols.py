@@ -14,8 +14,8 @@
     HasCell              a simulation with loose parts
     Simulated            a simulation that can be pulled and begun again
 
-A device that does not take a command in each cycle, because it is slower or plans by itself, implements a
-different protocol. `rtloop.backends.trajectory_driver` drives it as a `Backend`:
+A device that does not take a command in each cycle, because it is slower or does its own planning, implements
+a different protocol. `rtloop.backends.trajectory_driver` drives it as a `Backend`:
 
     TrajectoryDevice     takes whole motions: load, start, progress, stop, state
 
@@ -394,7 +394,8 @@ class ReadsInputs(Protocol):
 
 @runtime_checkable
 class TrajectoryDevice(Protocol):
-    """A robot arm that takes a whole motion at a time and executes it by itself, used instead of a `Backend`.
+    """A robot arm that takes a whole motion at a time and executes it autonomously, used instead of a
+    `Backend`.
 
     The constructor and the attributes are the same as for a `Backend`. The class may also implement
     `Reporting`, `CarriesTool` and `HasIo`. Each method may raise BackendError and may wait for the device for
@@ -438,8 +439,8 @@ class TrajectoryDevice(Protocol):
         ...
 
     def progress(self) -> float:
-        """Return how much of the motion has been executed, in seconds of the motion's own time. On arrival
-        this is the last value of `times_s`. If the device slows down, it advances more slowly than a clock.
+        """Return how much of the motion has been executed, in motion time, s. On arrival this is the last
+        value of `times_s`. If the device slows down, it advances more slowly than a clock.
         """
         ...
 
@@ -461,9 +462,7 @@ class MovesByItself(Protocol):
         ...
 
     def done_s(self) -> float:
-        """Return the progress along the path given to `begin` at the last reading, in seconds of the path's
-        own time.
-        """
+        """Return the progress along the path given to `begin` at the last reading, in path time, s."""
         ...
 
     def halt(self) -> None:

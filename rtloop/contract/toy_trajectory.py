@@ -20,7 +20,7 @@ STOPPING_S = 0.3
 
 
 class ToyDevice:
-    """A simulated robot controller that executes a motion by itself and reports its position on request.
+    """A simulated robot controller that executes a motion autonomously and reports its position on request.
 
     Attributes:
         faults: the faults that are active now, for tests.

@@ -1,4 +1,4 @@
-"""Action chunks: a policy sends its next waypoints, each with the time at which it is to be reached.
+"""Action chunks: a policy sends its next waypoints, each with the time at which to reach it.
 
 The reference follows a cubic spline through the waypoints. When a new chunk replaces the old one, a quintic
 leads from the current reference to the first waypoint that can be reached within the limits. It matches
@@ -173,7 +173,7 @@ cdef class ChunkInterpolator:
         self.entered += 1
 
     cdef int _first_in_reach(self, double now_s, int first) noexcept nogil:
-        """The first waypoint to which a quintic keeps the limits; if there is none, the one to which a
+        """The first waypoint to which a quintic stays within the limits; if there is none, the one to which a
         quintic exceeds them least.
         """
         cdef double coefficients[6 * MAX_DOF]

@@ -1,8 +1,8 @@
 """A reference for every cycle, calculated from commands that arrive less often.
 
 The kinds differ in the motion until the next command is due: none (`Hold`), a constant velocity (`Linear`), a
-smooth polynomial (`Quintic`), or the fastest profile that keeps the limits of velocity, acceleration and jerk
-(`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
+smooth polynomial (`Quintic`), or the fastest profile that stays within the limits of velocity, acceleration
+and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
 """
 
 from libc.string cimport memcpy, memmove

@@ -1,4 +1,5 @@
-"""The fastest reference to a moving target that keeps the limits. It is planned again for each target."""
+"""The fastest reference to a moving target that stays within the limits. It is planned again for each target.
+"""
 
 from libc.math cimport fabs, fmin
 from libc.string cimport memmove

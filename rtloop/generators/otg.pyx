@@ -670,7 +670,7 @@ cdef bint _cruise(
     """Find the velocity of the cruise with which a motion of this duration has this displacement.
 
     The displacement grows with the velocity of the cruise. Outside the range between the velocity to which
-    the start leads by itself and the target's velocity, the duration of the cruise decreases with the
+    the start leads on its own and the target's velocity, the duration of the cruise decreases with the
     distance from this range. Where the duration would be negative, the velocity is too far outside.
     """
     cdef double itself = state.velocity + 0.5 * state.acceleration * fabs(state.acceleration)

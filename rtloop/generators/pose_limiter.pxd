@@ -1,4 +1,4 @@
-"""Declarations for other compiled modules: the limits of the TCP. See pose_limiter.pyx."""
+"""Declarations for other compiled modules: the TCP limits. See pose_limiter.pyx."""
 
 from rtloop.generators.otg cimport Profile
 from rtloop.generators.target_range cimport PoseRange

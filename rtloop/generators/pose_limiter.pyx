@@ -37,10 +37,10 @@ cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of a smaller veloci
 cdef class PoseLimiter:
     """Follows a pose within the limits. Real-time safe. See pose_limiter.pyi.
 
-    A request that keeps the limits passes unchanged, bit for bit. Any other request is pursued in a frame
-    that moves with it. So the TCP catches up with a moving request and does not overshoot one at rest. The
-    axes of the pursuit lie along and across the direction of motion. Each has its part of the limits, so that
-    the norms hold, and each is planned on its own. From rest to rest the motion is a straight line and a
+    A request that stays within the limits passes unchanged, bit for bit. Any other request is pursued in a
+    frame that moves with it. So the TCP catches up with a moving request and does not overshoot one at rest.
+    The axes of the pursuit lie along and across the direction of motion. Each has its part of the limits, so
+    that the norms hold, and each is planned on its own. From rest to rest the motion is a straight line and a
     rotation about one axis. The axes keep their directions and parts while the request continues its motion.
     If they turned with the remaining distance, the TCP would circle a request that it passes closely.
 
@@ -302,7 +302,7 @@ cdef class PoseLimiter:
         return True
 
     cdef bint _overruns(self, const double* pose, const double* velocity, const double* rate) noexcept nogil:
-        """Whether a TCP that continued with this pose could stop only outside the range of the targets."""
+        """Whether a TCP that continued with this pose could stop only outside the target range."""
         cdef double low[6]
         cdef double high[6]
         cdef double ahead[9]
@@ -369,8 +369,8 @@ cdef class PoseLimiter:
         return sqrt(total)
 
     cdef void _stay_within(self, int part, double* move, double* speed, double* rate) noexcept nogil:
-        """Take as large a part of a step as leaves the TCP able to stop within the range of the targets. The
-        rest of the step brakes, most where there is least room.
+        """Take as large a part of a step as leaves the TCP able to stop within the target range. The rest of
+        the step brakes, most where there is least room.
         """
         cdef double low[6]
         cdef double high[6]
@@ -450,7 +450,7 @@ cdef class PoseLimiter:
         quat_normalised(turned, self.c_pose + 3)
 
     cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil:
-        """Whether both parts of a derivative keep the limits. False for NaN."""
+        """Whether both parts of a derivative are within the limits. False for NaN."""
         return (
             _norm(row) <= factor * self.bounds[order][0] + more
             and _norm(row + 3) <= factor * self.bounds[order][1] + more

@@ -26,7 +26,7 @@ cdef class CycleCondition:
         """
         Args:
             chain: kinematic chain of the arm, for directions that turn with the tool.
-            read: returns the value of an input.
+            read: returns an input value.
         """
         self._chain, self._read, self._dof = chain, read, chain.dof
         self._record = np.zeros((), CONDITION)

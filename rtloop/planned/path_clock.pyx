@@ -203,7 +203,8 @@ cdef class PathClock:
         self.path_time_s = fmin(self.path_time_s, path.duration_s)
 
     cdef void _try_rung(self, Path path) noexcept nogil:
-        """Use this cycle's candidate if it keeps the limits. If not, the next cycle tries a gentler one."""
+        """Use this cycle's candidate if it stays within the limits. If not, the next cycle tries a gentler
+        one."""
         cdef bint found
         self.waited_s += self.period_s
         if self.urgent and self.rung == 0:
@@ -221,7 +222,7 @@ cdef class PathClock:
             self._lower_aim()
 
     cdef bint _find_steepest(self, Path path) noexcept nogil:
-        """Make the steepest profile that keeps the limits the candidate. Returns whether there is one.
+        """Make the steepest profile that stays within the limits the candidate. Returns whether there is one.
 
         Each percent below the steepest one takes the arm half a percent further into the contact.
         """
@@ -244,7 +245,8 @@ cdef class PathClock:
         return self._plan(path, share)
 
     cdef bint _try(self, Path path, double share) noexcept nogil:
-        """Whether there is a candidate with this share of the steepest profile that keeps the limits."""
+        """Whether there is a candidate with this share of the steepest profile that stays within the limits.
+        """
         return self._plan(path, share) and self._admissible(path)
 
     cdef void _lower_aim(self) noexcept nogil:
@@ -276,10 +278,10 @@ cdef class PathClock:
     cdef void _try_shorter(self, Path path) noexcept nogil:
         """Replace a stop at contact by any profile that ends before it.
 
-        The shares of the steepest profile that keep the limits form several intervals, of which the first
-        cycle has found one. So all shares are tried, some in each cycle. Then all are tried with flatter
-        crests, which take longer but keep the limits more often. The order matters: a share that is tried
-        late gains less, because the arm has meanwhile slowed down with a gentler one.
+        The shares of the steepest profile that stay within the limits form several intervals, of which the
+        first cycle has found one. So all shares are tried, some in each cycle. Then all are tried with
+        flatter crests, which take longer but stay within the limits more often. The order matters: a share
+        that is tried late gains less, because the arm has meanwhile slowed down with a gentler one.
         """
         cdef int _attempt
         for _attempt in range(SHORTER_TRIES):
@@ -327,7 +329,7 @@ cdef class PathClock:
         return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= MAX_PROFILE_S
 
     cdef bint _admissible(self, Path path) noexcept nogil:
-        """Whether the joints' acceleration and jerk keep their limits along the whole candidate.
+        """Whether the joints' acceleration and jerk stay within their limits along the whole candidate.
 
         Most candidates that fail do so at the end of a phase or at a breakpoint, so these are checked first.
         """
@@ -370,7 +372,7 @@ cdef class PathClock:
     cdef bint _holds(
         self, Path path, double path_time_s, double rate, double slope, double bend
     ) noexcept nogil:
-        """Whether all joints keep their limits at this place.
+        """Whether all joints stay within their limits at this place.
 
         If the path itself exceeds the share at this rate, it may do so, but not by more.
         """

@@ -36,7 +36,7 @@ cdef class Safety:
     cdef Tracker tracker
     cdef TargetRange targets  # None if the stream has no joint targets
     cdef bint ranged
-    cdef bint quiet  # whether this pursuit only keeps the range of the targets; then no rates are counted
+    cdef bint quiet  # whether this pursuit only keeps the target range; then no rates are counted
     cdef int settled  # cycles in which rates are not counted, because such a pursuit has just ended
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil

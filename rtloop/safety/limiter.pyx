@@ -246,7 +246,7 @@ cdef class Safety:
         return found
 
     cdef bint _overruns(self) noexcept nogil:
-        """Whether the stated motion of the command leads a joint beyond the range of the targets."""
+        """Whether the stated motion of the command leads a joint beyond the target range."""
         cdef int joint
         for joint in range(self.dof):
             if self.tracker.c_overruns(
@@ -349,7 +349,7 @@ cdef class Safety:
         self._let_through_pursuit()
 
     cdef bint _pursue_along(self, const double* request) noexcept nogil:
-        """Pursue a moving request, if this keeps the limits. If not, no command has been passed on."""
+        """Pursue a moving request, if this stays within the limits. If not, no command has been passed on."""
         cdef int joint
         cdef double state[3 * MAX_DOF]
         cdef double wanted[3 * MAX_DOF]

@@ -71,7 +71,7 @@ cdef inline double norm3(const double* v) noexcept nogil:
 
 
 cdef class CartesianSource(Source):
-    """Poses of the TCP, interpolated, within the Cartesian limits, and followed by the joints.
+    """TCP poses, interpolated, within the Cartesian limits, and followed by the joints.
 
     Along an axis with force control the arm moves in proportion to the force error.
 
@@ -85,7 +85,7 @@ cdef class CartesianSource(Source):
             kind: kind of interpolation between poses.
             model: model of the robot.
             limits, within: limits of the joints and of the TCP.
-            period_s: period of the cycle.
+            period_s: cycle period.
             command_s: interval between two poses.
             request: request for the session, a record of `cobot.ipc.layout.session_dtype`.
         """

@@ -42,7 +42,7 @@ cdef class JointSource(Source):
             limits: limits of the reference.
             safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs more
                 is a jump.
-            period_s: period of the cycle.
+            period_s: cycle period.
             command_s: interval between two targets.
         """
         super().__init__(limits.dof)
@@ -120,8 +120,8 @@ cdef class JointSource(Source):
         return FINE
 
     cdef void c_bound(self, const double* target, bint moves) noexcept nogil:
-        """Set the range of the targets. If the client states the motion of its target, the reference may
-        follow it beyond the target.
+        """Set the target range. If the client states the motion of its target, the reference may follow it
+        beyond the target.
         """
         if moves:
             self.targets.c_open_at(target)

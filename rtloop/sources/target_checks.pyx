@@ -106,7 +106,7 @@ def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=N
         interval_s: time between the two commands, s.
         max_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. `SLACK_S` is added to the
             interval, because an unpunctual client does not mean a jump.
-        names: names of the joints, for the error.
+        names: joint names, for the error.
     """
     if target.shape != last.shape:
         return Rejected(f"{target.size} joints instead of {last.size}")

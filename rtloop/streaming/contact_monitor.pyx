@@ -15,7 +15,7 @@ cdef class ContactMonitor:
     """Compares the external efforts with the limits of a session."""
 
     def __init__(self, names):
-        """names: names of the joints, for messages."""
+        """names: joint names, for messages."""
         self.names = tuple(names)
         self.dof = checked_dof(len(self.names))
         self.worst = 0

@@ -32,7 +32,7 @@ MODES = {
 cdef int COUNT_CONTACT = Intervention.CONTACT
 # Number of cycles between two checks whether the client's process still exists.
 cdef long long ALIVE_CYCLES = 50
-# If a pose is limited to the velocity of the TCP, the joints must follow it only a little faster.
+# If a pose is limited to the TCP velocity, the joints must follow it only a little faster.
 CATCH_UP_RAD_S = 0.05
 # The springs that follow a torque-controlled reference are much softer than the estimate of external torques
 # can follow; otherwise both would oscillate against each other.

@@ -58,8 +58,7 @@ async def ready(request: Request) -> ReadyAnswer:
     """Whether the robot would execute motions; if not, 503 with the reasons.
 
     Ready means that the real-time process runs and reads its robot, that the planners have started, and that
-    no e-stop or fault is latched. A robot that moves is ready. Without the name of a robot, all must be
-    ready.
+    no e-stop or fault is latched. A robot that moves is ready. Without a robot name, all must be ready.
     """
     robots = {name: services.health.obstacles() for name, services in addressed(request).items()}
     obstacles = [f"{name}: {each}" for name, found in robots.items() for each in found]
@@ -72,8 +71,7 @@ async def ready(request: Request) -> ReadyAnswer:
 async def health(request: Request) -> HealthAnswer:
     """Processes, cycle times, interventions of the safety layer, versions.
 
-    Without the name of a robot, `robots` has the health of each; the other fields are those of the default
-    robot.
+    Without a robot name, `robots` has the health of each; the other fields are those of the default robot.
     """
     robots = {name: asdict(services.health.health()) for name, services in addressed(request).items()}
     written, problems = _written(request.app.state)

@@ -78,7 +78,7 @@ class GripperAble(BaseModel):
 
 
 class GripperReportAnswer(BaseModel):
-    """State of the gripper."""
+    """Gripper state."""
 
     type: str = Field(description="The setting robot.gripper.")
     connected: bool = Field(description="Whether the state is current.")

@@ -49,7 +49,7 @@ Id = Annotated[str, Path(max_length=100, description="Id of a job.")]
 async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Response:
     """The active jobs, and the newest ended ones.
 
-    Without the name of a robot, the answer has the jobs of all robots.
+    Without a robot name, the answer has the jobs of all robots.
     """
     states = frozenset(query.state or JobState)
     paged = query.limit is not None or query.after is not None
@@ -136,7 +136,7 @@ async def retarget_job(job: Id, body: NewGoal, request: Request) -> RetargetAnsw
     unchanged.
 
     The body is that of a motion to a named position, to joint angles or to a pose. The arm leaves its path at
-    a place ahead, with continuous accelerations. The whole way is checked for limits and collisions first.
+    a place ahead, with continuous accelerations. The whole path is checked for limits and collisions first.
     """
     call = Call(request)
     services = call.services

@@ -79,7 +79,7 @@ async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
 
 @router.endpoint("POST /robot/plan/pose", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
-    """Plan a motion of the TCP to a pose. Nothing moves."""
+    """Plan a TCP motion to a pose. Nothing moves."""
     return await _plan([body], [], body, Call(request))
 
 

@@ -122,7 +122,7 @@ class Reading:
 
     Attributes:
         number: number of the reading, which increases.
-        state: state of the gripper; None before the first reading.
+        state: gripper state; None before the first reading.
         problem: reason why there is no newer state; "" if there is no problem.
         read_s: time of the reading, on the service's clock.
     """

@@ -72,7 +72,7 @@ class Event:
 
     Attributes:
         number: consecutive number, from 1 at each start of the service; None for an event outside the ring.
-        robot: name of the robot; "" for an event about all robots.
+        robot: robot name; "" for an event about all robots.
         text: the whole event as JSON.
     """
 
@@ -140,7 +140,7 @@ class Events:
 
         Args:
             kind: one of `TYPES`.
-            robot: name of the robot; "" for an event about all robots.
+            robot: robot name; "" for an event about all robots.
             data: any JSON values; numbers that are not finite become null.
         """
         if kind not in TYPES:

@@ -65,7 +65,7 @@ def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class _Keys:
-    """The column names of a header, in the order of the joints."""
+    """The column names of a header, in joint order."""
 
     positions: list[str]
     velocities: list[str]

@@ -124,7 +124,7 @@ class MotionService:
         return motion, Planned.of(request, found)
 
     async def way(self, trajectory: Trajectory) -> TcpWay:
-        """Return the path of the TCP along a trajectory, with the current tool."""
+        """Return the TCP path along a trajectory, with the current tool."""
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
@@ -150,8 +150,8 @@ class MotionService:
         follower for the motion's signals; None if there are no signals or the caller follows them itself.
 
         Args:
-            followed: function for a caller that follows the signals itself. It is called with the number of
-                the motion.
+            followed: function for a caller that follows the signals itself. It is called with the motion
+                number.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.

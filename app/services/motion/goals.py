@@ -52,7 +52,7 @@ class Goals:
         """Check that joint angles are valid for this robot.
 
         Args:
-            name: name of the field, for error messages.
+            name: field name, for error messages.
             limits: the robot's own limits, or tighter ones.
             checked: whether the limits are checked here. If not, planning checks them.
 
@@ -116,8 +116,7 @@ class Goals:
         return self._settings.budget_s if asked_s is None else asked_s
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """Make the planning request for a goal from the joint position `start`, shape (dof,), rad.
-        """
+        """Make the planning request for a goal from the joint position `start`, shape (dof,), rad."""
         if goal.in_tool:
             goal = placed(goal, self._robot.model.forward(start))
         return replace(goal, start=start, timeout_s=self._settings.timeout_s)

@@ -191,7 +191,7 @@ def draw_picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
 
 def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
-    """Read a path as in `cobot.recording.reader.read_path`, and add the poses of the TCP.
+    """Read a path as in `cobot.recording.reader.read_path`, and add the TCP poses.
 
     Raises:
         InputError: the recording is from an arm with a different number of joints.

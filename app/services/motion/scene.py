@@ -456,7 +456,7 @@ async def _with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
 
 
 async def _is_led(leading: asyncio.Task[bool]) -> bool:
-    """Wait for the way around. An unexpected error of the search counts as no way: the motion must stop."""
+    """Wait for the path around. An unexpected search error counts as no path: the motion must stop."""
     try:
         return await leading
     except Exception:

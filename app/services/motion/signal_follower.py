@@ -139,7 +139,7 @@ class SignalFollower:
         self.end()
 
     def note_rest(self, tcp: Array) -> None:
-        """Record the pose of the TCP at rest, shape (7,)."""
+        """Record the TCP pose at rest, shape (7,)."""
         self._waiting = Waiting.NO
         if self._contact is not None:
             overshoot_m = float(np.linalg.norm(np.array(self._contact.position) - tcp[:3]))

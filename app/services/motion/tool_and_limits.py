@@ -27,11 +27,11 @@ class RobotSettings:
         self.envelope = replace(self.envelope, limits=self._robot.limits)
 
     def flange(self, tcp: Pose) -> Pose:
-        """Convert a pose of the TCP to the pose of the flange."""
+        """Convert a TCP pose to the flange pose."""
         return tcp @ self._flange
 
     def tcp_of_flange(self, flange: Pose) -> Pose:
-        """Convert a pose of the flange to the pose of the TCP."""
+        """Convert a flange pose to the TCP pose."""
         return flange @ self._flange.inverse()
 
     @property

@@ -19,7 +19,7 @@ STOP_TIMEOUT_S = 4.0
 
 
 class RunState(StrEnum):
-    """State of the program."""
+    """Program state."""
 
     RUNNING = "Running"
     PAUSING = "Pausing"

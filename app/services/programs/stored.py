@@ -91,7 +91,7 @@ class ProgramVersion:
 
     @property
     def file_name(self) -> str:
-        """Name of the file, for the runner and for export."""
+        """File name, for the runner and for export."""
         return f"{self.id}{SUFFIXES[self.saved.kind]}"
 
 

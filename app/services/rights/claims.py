@@ -65,7 +65,7 @@ class Claim:
         client: the client that holds the claim.
         job: see `Caller`.
         timeout_s, left_s: timeout of the motion, and the remaining part of it, s.
-        motion_id: number of the motion, once it runs.
+        motion_id: motion number, once it runs.
         trajectory: trajectory of the motion, once it runs.
         goal: the goal of a single motion; None for all others.
         interruption: the reason to end the motion early. The event `interrupted` is set at the same time.

@@ -99,7 +99,7 @@ class JobBook:
         begins.
 
         Args:
-            number: id of the job; None to make a new id.
+            number: job id; None to make a new id.
         """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
         number, created_at = number or new_job_id(), utc_now(self._link.clock)
@@ -188,7 +188,7 @@ class JobBook:
         """
         assert self._file is not None
         if piece.number > self._whole or piece.whole:
-            for line in piece.lines.splitlines(keepends=True):  # together they may exceed the size of a file
+            for line in piece.lines.splitlines(keepends=True):  # together they may exceed a file size
                 self._file.append(line)
         if piece.whole:
             self._whole = piece.number

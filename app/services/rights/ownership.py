@@ -101,7 +101,7 @@ class Ownership:
         job.
 
         Args:
-            number: id of the job; None to make a new id.
+            number: job id; None to make a new id.
         """
         sequence = self._sequence
         own = sequence is not None and sequence.token == CLIENT.get().sequence
@@ -300,7 +300,7 @@ class Ownership:
 
     def stop(self, reason: StopReason | None = None) -> Claim | None:
         """Interrupt the motion that is being read, planned or executed. Returns the claim that will end; None
-        if nothing was to be interrupted.
+        if there was nothing to interrupt.
         """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()

@@ -16,7 +16,7 @@ class ActionOutcome:
         planned_s: path time at which the action was planned to fire, s.
         fired: whether the action has fired; None if the service has not seen the end of the motion.
         path_time_s, robot_time_s: path time and robot time of the cycle in which the action fired, s.
-        position: position of the TCP in the base frame, measured in this cycle, m.
+        position: TCP position in the base frame, measured in this cycle, m.
         problem: reason why the action had no effect; "" if it had an effect or has not fired.
     """
 
@@ -36,7 +36,7 @@ class ContactOutcome:
     """The moment at which the condition `until` was met.
 
     Attributes:
-        position, quaternion: pose of the TCP in the base frame, m and (x, y, z, w).
+        position, quaternion: TCP pose in the base frame, m and (x, y, z, w).
         force, torque: force and torque at the TCP in the base frame, N and N·m, relative to the zero point.
         value: value of the quantity that the condition compares.
         path_time_s, robot_time_s: path time and robot time of the cycle, s.

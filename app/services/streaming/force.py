@@ -44,7 +44,7 @@ class ForceSettings:
         axes: axes of the force frame along which the force is controlled instead of the position.
         wrench: the wrench that the TCP exerts on its surroundings, in the force frame.
         max_velocity: the maximum velocity of force control.
-        stiffness: stiffness of the TCP; None for the robot's nominal stiffness.
+        stiffness: TCP stiffness; None for the robot's nominal stiffness.
         damping_ratio: damping ratio of the TCP, from 0.3 to 1.
         in_tcp: whether the force frame is given in the TCP frame; if not, in the base frame.
         frame: pose of the force frame: position x, y, z, then quaternion w, x, y, z.
@@ -87,7 +87,7 @@ class ForceService:
 
     Attributes:
         settings: the current settings.
-        reason: reason why force control last ended by itself; "" if it never has.
+        reason: reason why force control last ended on its own; "" if it never has.
     """
 
     def __init__(
@@ -273,7 +273,7 @@ class ForceService:
         self._session.take_setpoint(self._sequence, self._setpoint)
 
     async def _run(self) -> None:
-        """Send targets to the session and watch the thresholds until force control ends by itself."""
+        """Send targets to the session and watch the thresholds until force control ends on its own."""
         while not (reason := self._step()):
             await asyncio.sleep(PERIOD_S)
         ended = self._link.stops != self._stops or (self._session is not None and self._session.over != "")

@@ -1,9 +1,9 @@
 """Motions with force: press, follow, search and insert, as jobs.
 
-Each of these motions is a Cartesian session with force control along the direction of the push. rtloop
-controls the force and checks its maximum in every cycle. The service commands the pose of the TCP and the
-force a hundred times a second, as calculated by the stages in `force_stages`. A pause keeps the contact and
-holds the TCP where it is.
+Each of these motions is a Cartesian session with force control along the push direction. rtloop controls the
+force and checks its maximum in every cycle. The service commands the TCP pose and the force a hundred times a
+second, as calculated by the stages in `force_stages`. A pause keeps the contact and holds the TCP where it
+is.
 
 Forces are relative to the forces at the beginning of the motion, so a small error in the payload has no
 effect.
@@ -61,8 +61,8 @@ MIN_ROOM_N = 20.0
 MOVED_RAD = 1e-3
 """Maximum motion of a joint that is permitted while the path is planned, rad."""
 INSERT_SHARE = 0.2
-"""Stiffness of the TCP across the push during an insertion, as a share of the nominal stiffness. A higher
-stiffness would turn the peg in the hand when the edge of the peg touches the hole.
+"""TCP stiffness across the push during an insertion, as a share of the nominal stiffness. A higher stiffness
+would turn the peg in the hand when the edge of the peg touches the hole.
 """
 LET_GO = "the motion with force has ended"
 
@@ -100,7 +100,7 @@ class ForceMotionService:
             until: condition on an input that ends a search; None for a search without a condition.
 
         Raises:
-            InputError: the length of the path is zero, or the fields of the request are invalid.
+            InputError: the path length is zero, or the fields of the request are invalid.
             NotSupportedError: the backend has no force control or measures no force. The error names it.
             ConflictError, NotReadyError, ExecutionError, UnavailableError: the session cannot begin; nothing
                 has moved. See `StreamService.open`.
@@ -229,7 +229,7 @@ class ForceMotionService:
         return request
 
     def _stiffness(self, body: AnyForceMotion) -> Array:
-        """Return the stiffness of the TCP, shape (6,), N/m and N·m/rad."""
+        """Return the TCP stiffness, shape (6,), N/m and N·m/rad."""
         stiffness: Array = self._streams.info["cartesian_stiffness"].copy()
         if isinstance(body, InsertMotion):
             stiffness[:3] *= INSERT_SHARE

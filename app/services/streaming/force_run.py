@@ -37,8 +37,8 @@ class TouchPoint:
 
 @dataclass(slots=True)
 class ForceOutcome:
-    """The result of a motion with force. Forces are measured along the direction of the push, distances from
-    the start. The pose is the pose of the TCP.
+    """The result of a motion with force. Forces are measured along the push direction, distances from the
+    start. The pose is the TCP pose.
 
     Attributes:
         error: None if the end was reached, or if the request does not require it.

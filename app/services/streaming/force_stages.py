@@ -44,7 +44,7 @@ class ForceSample:
 
     Attributes:
         step_s: time since the last sample, without pauses, s.
-        pose: pose of the TCP in the base frame.
+        pose: TCP pose in the base frame.
         force_n: force of the TCP in the pushing direction, N.
     """
 
@@ -55,8 +55,8 @@ class ForceSample:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """The commanded pose of the TCP, which is controlled across the direction of the push, and the commanded
-    force along this direction, N. A negative force pulls.
+    """The commanded pose of the TCP, which is controlled across the push direction, and the commanded force
+    along this direction, N. A negative force pulls.
     """
 
     pose: Pose
@@ -68,7 +68,7 @@ class Push:
     """A push from a pose along an axis.
 
     Attributes:
-        start: pose of the TCP at the beginning of the motion.
+        start: TCP pose at the beginning of the motion.
         axis: unit vector of the push in the base frame at the start, shape (3,).
         force_n: commanded force, N.
         approach_n: commanded force with which the free TCP moves at the approach speed, N.
@@ -96,7 +96,7 @@ class Push:
         return moved
 
     def shifted(self, offset: SearchOffset) -> Pose:
-        """Return the start pose, moved and tilted across the direction of the push."""
+        """Return the start pose, moved and tilted across the push direction."""
         x, y = across(self.axis, self.start.rotation)
         lean = Pose.from_numbers((0.0, 0.0, 0.0, *exp((offset.rx * x + offset.ry * y).tolist())))
         turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
@@ -170,7 +170,7 @@ def follow(
 
     Args:
         touched: the sample at the first contact.
-        path: function that returns the pose of the TCP at a time along the path, s.
+        path: function that returns the TCP pose at a time along the path, s.
         felt: called with each measured force, N.
     """
     in_tool = push.start.rotation.T @ push.axis

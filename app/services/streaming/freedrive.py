@@ -230,7 +230,7 @@ class FreedriveService:
         """Renew freedrive for this time.
 
         Args:
-            session: number of the session.
+            session: session number.
 
         Raises:
             ConflictError: the session has ended (the error gives the reason), another freedrive session is

@@ -52,8 +52,8 @@ class JogCommand:
     """A jog command with velocities of the joints or of the TCP.
 
     Attributes:
-        joints: velocities of the joints, shape (dof,), rad/s or m/s. If None, `twist` moves the TCP.
-        twist: velocity of the TCP, shape (6,), m/s and rad/s. Used if `joints` is None.
+        joints: joint velocities, shape (dof,), rad/s or m/s. If None, `twist` moves the TCP.
+        twist: TCP velocity, shape (6,), m/s and rad/s. Used if `joints` is None.
         in_tool: whether the twist is given along the axes of the TCP frame. If not, it is given along the
             axes of the base frame.
     """

@@ -85,7 +85,7 @@ class JogLimits:
 
         Args:
             joints: see `JogCommand`.
-            twist: velocity of the TCP along the axes of the base frame, shape (6,), m/s and rad/s.
+            twist: TCP velocity along the axes of the base frame, shape (6,), m/s and rad/s.
             position: joint positions, shape (dof,).
 
         Raises:

@@ -61,7 +61,7 @@ class Pulling:
         try:
             await self.let_go()
         except CobotError:
-            return  # the simulation ends the pull by itself
+            return  # the simulation ends the pull on its own
 
     def _require_simulation(self) -> None:
         named = self._link.device()

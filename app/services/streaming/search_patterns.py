@@ -2,8 +2,8 @@
 contact.
 
 A pattern is a function of the distance along it. It returns an offset (m) and a rotation vector of the tool
-(rad), both across the direction of the push, or None at the end of the pattern. The TCP slows down in corners
-and narrow curves, because a jump of its velocity would disturb the force.
+(rad), both across the push direction, or None at the end of the pattern. The TCP slows down in corners and
+narrow curves, because a jump of its velocity would disturb the force.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SearchOffset:
-    """An offset along the two axes across the direction of the push, m, and a rotation vector about them,
-    rad.
-    """
+    """An offset along the two axes across the push direction, m, and a rotation vector about them, rad."""
 
     x: float = 0.0
     y: float = 0.0

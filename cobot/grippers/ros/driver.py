@@ -235,7 +235,7 @@ class RosGripper:
         return True
 
     def _end(self, status: int, values: dict[str, Any]) -> None:
-        """Store the result of the goal."""
+        """Store the goal result."""
         if status not in (SUCCEEDED, CANCELED, ABORTED):
             self._fail(f"has reported the status {status} for a result: the driver does not know the goal")
         if status == ABORTED and not values["stalled"]:

@@ -157,7 +157,7 @@ class _Choice:
         return sorted(inside, key=lambda value: (abs(value - reference), value)) or [0.5 * (low + high)]
 
     def candidates(self) -> Iterator[tuple[float, Array]]:
-        """Postures with the cost of their angles, sorted from the cheapest on."""
+        """Postures with the cost of their angles, cheapest first."""
         reference = np.array([options[0] for options in self._options])
         found = []
         for count in range(min(MAX_TURNED, self._robot.dof) + 1):

@@ -57,7 +57,7 @@ class _Source:
 
     Attributes:
         rates: velocity and effort limits of the joints; 0 if unknown.
-        names: names of all joints.
+        names: all joint names.
         stated: inertials of a URDF that were removed; None for MJCF.
     """
 

@@ -19,7 +19,7 @@ from cobot.types import Array, vector
 from cobot.xml_file import parse, where
 
 GROUP = "arm"
-"""Name of the group if there is no SRDF."""
+"""Group name if there is no SRDF."""
 OTHER_NAMES = (
     ("passive_joint", "name", "joints"),
     ("virtual_joint", "child_link", "links"),
@@ -43,7 +43,7 @@ class FileJoint:
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """The joints in a robot's file and the links between them, in the order of the file."""
+    """The joints in a robot's file and the links between them, in file order."""
 
     joints: tuple[FileJoint, ...]
     links: frozenset[str]
@@ -95,7 +95,7 @@ class Semantics:
     """The data in an SRDF about one group of a robot.
 
     Attributes:
-        group: name of the group.
+        group: group name.
         joints: joints that have drives; empty means the joints of the arm in the robot's file.
         base, tcp: links, if the SRDF names them.
         states: the states of all groups by name. Each state gives the joint positions by joint.

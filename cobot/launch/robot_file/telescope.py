@@ -3,7 +3,7 @@ one joint.
 
 The first stage leads with the travel q, and the others follow with a_i + m_i q. The last one then travels S
 q, with S = 1 + |m_1| + |m_2| + ... In the model, a single joint travels S q, and all stages move with it. So
-the poses of the TCP are exact, and the load of the drive is never underestimated.
+the TCP poses are exact, and the load of the drive is never underestimated.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class MovingJoint:
     """A rotary or a linear joint.
 
     Attributes:
-        name: name of the joint. For a joint without a name, this is its number in the file.
+        name: joint name. For a joint without a name, this is its number in the file.
         leader: the joint that this joint follows; "" if there is none.
         polynomial: coefficients of a0 + a1 x + a2 x² + ... This is the distance of the joint from its
             reference, where x is the distance of the leader from the leader's reference.
@@ -62,7 +62,7 @@ class MovingJoint:
 
     @property
     def subtree(self) -> list[MovingJoint]:
-        """This joint and all joints that it moves, in the order of the file."""
+        """This joint and all joints that it moves, in file order."""
         found, pending = [], [self]
         while pending:
             found.append(node := pending.pop())
@@ -71,7 +71,7 @@ class MovingJoint:
 
     @property
     def depth(self) -> int:
-        """The number of joints on the longest way from this joint to an end."""
+        """The number of joints on the longest chain from this joint to an end."""
         depth, level = 0, [self]
         while level:
             depth, level = depth + 1, [child for node in level for child in node.children]
@@ -143,7 +143,7 @@ class JointTree:
         return found[node.name]
 
     def path_to(self, body: str) -> list[MovingJoint]:
-        """The joints that move this body, from the base on."""
+        """The joints that move this body, beginning at the base."""
         last = self._last[body]
         return last.path if last else []
 
@@ -230,7 +230,7 @@ def moved_by_loop(
 
 
 def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The body, and those bodies below it that no joint moves relative to it, in the order of the file."""
+    """The body, and those bodies below it that no joint moves relative to it, in file order."""
     found, pending = [], [body]
     while pending:
         found.append(each := pending.pop())

@@ -17,10 +17,10 @@ log = logging.getLogger("cobot")
 
 
 def announce(settings: Settings, url: str, access: str, memories: Mapping[str, RobotMemory]) -> None:
-    """Log the address of the service, the clients that may use it, and the robots that are running.
+    """Log the service address, the clients that may use it, and the robots that are running.
 
     Args:
-        url: URL of the service; "" if no service runs.
+        url: service URL; "" if no service runs.
         access: the clients that may use the service, as a text for people.
         memories: shared memory of the robots whose cycles have begun.
     """

@@ -2,7 +2,7 @@
 
 The service's heartbeat is a counter of eight bytes in shared memory. The service's event loop increments it,
 and rtloop also watches it. If the counter stops for long, the process is ended, and then restarted like one
-that has ended by itself. Long before that, rtloop decides what the arm does.
+that has ended on its own. Long before that, rtloop decides what the arm does.
 
 A process that has never sent a heartbeat is not ended, because it may be loading, or may run only to report
 why it cannot serve. A process with a debugger attached is not ended either. A process that SIGSTOP has

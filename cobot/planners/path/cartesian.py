@@ -34,8 +34,8 @@ FAR = 0.5
 tried. Further places are tried only after a configuration has reached the end.
 """
 SLOW = 2.5
-"""If a motion is slower by this factor than the limits of the TCP require, it is compared with a motion found
-by the graph.
+"""If a motion is slower by this factor than the TCP limits require, it is compared with a motion found by the
+graph.
 """
 
 
@@ -114,7 +114,7 @@ def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimi
 
 
 def _shortest_s(path: TcpPath, limits: CartesianLimits) -> float:
-    """The shortest duration that the TCP's own limits allow, ignoring the limits of the joints."""
+    """The shortest duration that the TCP's own limits allow, ignoring the joint limits."""
     times = []
     for way, velocity, acceleration, jerk in (
         (
@@ -146,7 +146,7 @@ def _plan_redundancy(
     share of the path that any attempt reached.
 
     Args:
-        possible: whether a collision-free way is known. Then only the coarsest mesh is tried.
+        possible: whether a collision-free path is known. Then only the coarsest mesh is tried.
     """
     reached = 0.0
     arm = robot.model.kinematics(path.free)

@@ -43,7 +43,7 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:
     """The end of a path to this pose, and the joints there, shape (dof,); None if any are allowed.
 
-    The path ends exactly at the pose of the TCP for these joints.
+    The path ends exactly at the TCP pose for these joints.
 
     Raises:
         PlanningError: the TCP is not at the pose with these joints; reports the distance.

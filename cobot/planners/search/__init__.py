@@ -1,1 +1,1 @@
-"""Planners that find ways around obstacles: ompl and chomp."""
+"""Planners that find paths around obstacles: ompl and chomp."""

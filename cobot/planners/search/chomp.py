@@ -34,7 +34,7 @@ SMOOTHING = 40
 make it smoother.
 """
 CLEARANCE_M = 0.04
-"""ε of the paper's equation 21: obstacles push from this distance on."""
+"""ε of the paper's equation 21: obstacles push within this distance."""
 SPARE_M = 1e-3
 """Clearance that the path keeps in addition to the margin, m, if both its ends have it. The spline through
 the path needs this room.

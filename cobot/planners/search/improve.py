@@ -1,6 +1,6 @@
 """Faster motions around obstacles, as long as planning time is left.
 
-A try changes the curve of the best motion so far by a smooth random amount, or searches for a different way
+A try changes the curve of the best motion so far by a smooth random amount, or searches for a different path
 around the obstacles that is no longer than the best one. The resulting path is timed. It replaces the best
 motion if it is faster and passes the same checks. A change that has helped is tried again. Each result can be
 executed, so the search can end at any moment.
@@ -37,8 +37,7 @@ from cobot.types import Array, PlannerName
 NEAR = 1.01
 """A motion is final if its duration is at most this multiple of the lower bound."""
 SEARCH_EVERY = 10
-"""One in this many tries searches for a different way. The other tries change the curve of the
-best motion.
+"""One in this many tries searches for a different path. The other tries change the curve of the best motion.
 """
 MAX_POINTS = 64
 """Usual maximum number of control points. Only if the unchanged curve is not collision-free, more points are
@@ -62,7 +61,7 @@ def begin(robot: RobotDescription, request: MotionRequest, first: Trajectory) ->
     """The state before the first try.
 
     A motion that leaves a start in collision or beyond a limit is not improved, because its first part is the
-    shortest way out.
+    shortest path out.
     """
     goals, limits = joint_goals(robot, request), request.scaled_limits(robot)
     if not np.isclose(goals, first.end, rtol=0.0, atol=SAME_RAD).all(axis=1).any():
@@ -144,7 +143,7 @@ def _go_directly(robot: RobotDescription, request: MotionRequest, state: Improvi
 def _another_way(
     robot: RobotDescription, request: MotionRequest, state: Improving, number: int
 ) -> Trajectory | None:
-    """A motion that takes a different way around the obstacles, no longer than the best motion."""
+    """A motion that takes a different path around the obstacles, no longer than the best motion."""
     limits, start = robot.limits, request.start
     longest_rad = length(_sampled(state.best))
     goals = state.goals[np.linalg.norm(state.goals - start, axis=1) <= longest_rad]

@@ -41,21 +41,21 @@ FIRST_ATTEMPTS = 1000
 number grows by a half.
 """
 DIRECT = 1.25
-"""A path is not improved if its length is at most this multiple of the length of the direct way."""
+"""A path is not improved if its length is at most this multiple of the direct path's length."""
 ROUNDS, PATHS = 6, 2
 """Number of rounds that improve a longer path, and number of paths whose detours each round
 removes together.
 """
 FIRST_SHARES, LATER_SHARES = 2 * (0.1, 0.25, 0.4), (0.4,)
 """The searches of the first round, and of each later round. Each value limits the extra length of a path
-beyond the direct way, as a share of the extra length of the best path. The smaller the space, the sooner a
+beyond the direct path, as a share of the extra length of the best path. The smaller the space, the sooner a
 search finds a path in it. Small spaces without a path in the first round are not searched again.
 """
 ATTEMPTS = 3000
 """Maximum number of attempts to add a node in one of these searches."""
 MUCH_WORK, MUCH_LONGER = 100_000, 0.5
-"""No search begins after this many collision checks (about 0.1 s) if the path is longer than the direct way
-by at least the second value, a share of the direct way. For a shorter path the number is proportionally
+"""No search begins after this many collision checks (about 0.1 s) if the path is longer than the direct path
+by at least the second value, a share of the direct path. For a shorter path the number is proportionally
 smaller. This is a count and not a time, so that the same seed always gives the same path.
 """
 ROUNDING_RAD = 1e-9
@@ -124,7 +124,7 @@ def _connect(
     request: MotionRequest,
     attempts: int,
 ) -> Array | None:
-    """The first path if it is close to the direct way. Otherwise the shortest of several paths and of their
+    """The first path if it is close to the direct path. Otherwise the shortest of several paths and of their
     combination, see `without_detours`.
 
     If the searches of a round find no path, this round is the last one.

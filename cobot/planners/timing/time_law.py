@@ -57,11 +57,11 @@ MAX_DURATION_S = 1e9
 """Longest duration, about thirty years, because powers of longer times overflow."""
 ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
-"""A motion is optimised again if it must be stretched by more than `TIGHT` to keep its limits. It is
+"""A motion is optimised again if it must be stretched by more than `TIGHT` to stay within its limits. It is
 optimised up to `ROUNDS` times, plus once for each zone after the first, at most `MAX_ROUNDS` times.
 """
 COARSE = 1.02
-"""A motion that must be stretched by more than this to keep its limits is divided into more cells."""
+"""A motion that must be stretched by more than this to stay within its limits is divided into more cells."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
 """Number of cells at each end of the path where the jerk is also limited in the middle of the cell,
@@ -76,7 +76,7 @@ class Timed:
     Attributes:
         trajectory: the motion from rest to rest.
         make_progress: computes `progress`, which most callers do not need.
-        stretched: factor by which the motion was made longer to keep its limits at its true extrema.
+        stretched: factor by which the motion was made longer to stay within its limits at its true extrema.
     """
 
     trajectory: Trajectory

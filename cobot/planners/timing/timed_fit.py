@@ -81,7 +81,7 @@ class Fitted:
 
 
 def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: float) -> Fitted | None:
-    """Find a short motion that keeps the limits and stays in the corridor around the requested motion.
+    """Find a short motion that stays within the limits and stays in the corridor around the requested motion.
 
     It is never shorter than the requested motion.
 

@@ -76,10 +76,10 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
 
 
 def _within_limits(course: WaypointCourse, limits: JointLimits, request: WaypointRequest) -> Trajectory:
-    """The motion through the points if it keeps the limits, otherwise the nearest motion that does.
+    """The motion through the points if it stays within the limits, otherwise the nearest motion that does.
 
     Raises:
-        LimitError: no motion that the request permits keeps the limits.
+        LimitError: no motion that the request permits stays within the limits.
     """
     asked = motion = course.motion()
     excess = _excess(motion, limits, course.labels)
@@ -226,8 +226,8 @@ def _with_note(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
 def _with_advice(
     excess: LimitError, asked_s: float, possible: Trajectory | None, request: WaypointRequest
 ) -> LimitError:
-    """The error with advice on how to keep the limits, and with the duration that the motion
-    would then have.
+    """The error with advice on how to stay within the limits, and with the duration that the motion would
+    then have.
     """
     sentence = str(excess)
     if f"between {PRESENT} and" in sentence and request.approach is None and not request.retime:

@@ -36,7 +36,7 @@ class BodyJoint:
     Attributes:
         index: index in the robot's order of joints.
         slides: true if the joint slides along its axis, false if it turns about its axis.
-        axis, anchor: direction of the axis, and a point on it, in the body's frame.
+        axis, anchor: axis direction, and a point on it, in the body's frame.
         reference: joint position for which the pose of the body is given, rad or m.
     """
 

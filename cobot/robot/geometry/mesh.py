@@ -1,6 +1,6 @@
 """A triangle mesh as convex solids: exact for convex parts, and boxes within a tolerance for all other parts.
 
-Each connected part is examined by itself. A closed convex part is its own hull. All other parts become grid
+Each connected part is examined separately. A closed convex part is its own hull. All other parts become grid
 cells: those that their triangles meet, and those that these cells enclose. The diagonal of a cell is the
 tolerance: the boxes contain every point of the mesh, and reach at most the tolerance beyond it. Exception: a
 cavity is filled if its entry is not wider than a cell.

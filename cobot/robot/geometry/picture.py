@@ -80,7 +80,7 @@ def draw(
     the meshes of the visuals exceed `MAX_DRAWN_BYTES`, all bodies are drawn as the collision checks see them.
 
     Args:
-        positions: positions of the joints, rad (m for a linear joint).
+        positions: joint positions, rad (m for a linear joint).
         others: triangles of parts that the robot's model does not have.
 
     Raises:

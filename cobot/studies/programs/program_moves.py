@@ -66,7 +66,7 @@ class PlannedMove:
     Attributes:
         place: place of the motion in the program, for errors.
         trajectory: the planned motion; None if the arm is already at the goal.
-        goal: pose of the TCP at the end.
+        goal: TCP pose at the end.
     """
 
     place: str

@@ -78,7 +78,7 @@ def program_of(text: str, name: str, changes: Mapping[str, Mapping[str, Any]]) -
 
     Args:
         text: content of a sequence file.
-        name: name of the file, for errors.
+        name: file name, for errors.
         changes: see `SequenceProgram.moves`.
 
     Raises:

@@ -14,7 +14,7 @@ from lerobot.robots import RobotConfig
 class CobotArmConfig:
     """
     Attributes:
-        url: URL of the service, or of one of its robots: http://HOST:8007/robots/NAME.
+        url: service URL, or of one of its robots: http://HOST:8007/robots/NAME.
         token: access token, if the service requires one. Default: the environment variable COBOT_TOKEN.
         joints: names of the robot's joints, in their order.
         gripper: whether the gripper is observed and moved too. The robot must then have a gripper.

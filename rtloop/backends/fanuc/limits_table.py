@@ -1,4 +1,4 @@
-"""The controller's own limits: a table for each axis, by payload and by the speed of the TCP.
+"""The controller's own limits: a table for each axis, by payload and by the TCP speed.
 
 The controller stops with an alarm if a command exceeds the column of the current speed. A planner does not
 know that speed in advance, so the smallest value of all columns is used here.
@@ -45,7 +45,7 @@ class LimitsTable:
             self.max_speed = packet.max_speed
 
     def missing(self) -> Iterable[tuple[int, LimitRate]]:
-        """The axes, from 1 on, and rates for which no packet has arrived."""
+        """The axes, starting at 1, and rates for which no packet has arrived."""
         for rate in LimitRate:
             for axis in range(self.unloaded.shape[1]):
                 if np.isnan(self.loaded[rate, axis]).all():

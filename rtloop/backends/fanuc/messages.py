@@ -92,7 +92,7 @@ class StatusPacket:
     """The controller's state in one period.
 
     Attributes:
-        sequence: number of the packet. The command that answers the packet repeats it.
+        sequence: packet number. The command that answers the packet repeats it.
         time_ms: time on the controller's clock.
         pose: pose of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
         joints: joint positions, degrees, for linear axes mm, shape (AXES,).
@@ -167,8 +167,8 @@ class LimitsPacket:
     """Limits of one axis, deg/s, deg/s² or deg/s³ (for linear axes mm).
 
     Attributes:
-        axis: number of the axis, from 1 on.
-        max_speed: speed of the TCP for the last column, mm/s.
+        axis: axis number, starting at 1.
+        max_speed: TCP speed for the last column, mm/s.
         interval_ms: interval between two checks of the controller.
         unloaded, loaded: limits without payload and at full payload, each of shape (THRESHOLDS,).
     """
@@ -184,7 +184,7 @@ class LimitsPacket:
 
 @dataclass(frozen=True, slots=True)
 class IoBlock:
-    """A row of inputs or outputs with consecutive numbers, from 1 on."""
+    """A row of inputs or outputs with consecutive numbers, starting at 1."""
 
     kind: IoBlockKind
     type: PointType

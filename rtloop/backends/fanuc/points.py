@@ -106,8 +106,7 @@ def _follows(before: tuple[PointType | None, int], after: tuple[PointType | None
 
 
 class Points:
-    """The configured inputs and outputs: the values that the controller reports, and the outputs that are to
-    be set.
+    """The configured inputs and outputs: the values that the controller reports, and the outputs to set.
 
     Real-time safe. It costs almost no time if no points are configured.
     """

@@ -32,7 +32,7 @@ from rtloop.backends.franka.stand_in_library import (
 PERIOD_S = 0.001
 START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
-"""Distance of the robot's own reference from the measured position, rad."""
+"""Distance between the robot's reference and the measured position, rad."""
 LOST = 20
 """While packets are lost, one in this number is lost."""
 

@@ -27,7 +27,7 @@ class Answers:
 
     Attributes:
         torque, wrench: torques and wrench that are sent with the position, shapes (dof,) and (6,), N·m and N.
-        outputs: outputs that are to be set at the cabinet.
+        outputs: outputs to set at the cabinet.
     """
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:

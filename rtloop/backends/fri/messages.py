@@ -28,9 +28,7 @@ class SessionState(IntEnum):
 
 
 class Quality(IntEnum):
-    """Quality of the connection, as the controller reports it. From GOOD on the controller accepts
-    commands.
-    """
+    """Connection quality, as the controller reports it. From GOOD on the controller accepts commands."""
 
     POOR = 0
     FAIR = 1
@@ -126,7 +124,7 @@ class MonitoringMessage:
         receive_multiplier: number of monitoring messages after which the controller expects an answer.
         measured_position, commanded_position, ipo_position: rad.
         measured_torque, commanded_torque, external_torque: N·m.
-        ipo_position: position of the controller's own interpolator, to which the overlay is added.
+        ipo_position: the controller's interpolator position, to which the overlay is added.
         tracking_performance: quality with which the arm follows, 0 to 1; None if not reported.
         time_s: time on the controller's clock; None if not reported.
         measured_pose: x, y, z in mm and a quaternion, only in FRI 2.x.

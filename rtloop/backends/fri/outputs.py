@@ -12,7 +12,7 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage
 
 SENT_S = 1.0
-"""Maximum time for which the value of an output is sent repeatedly until the controller reports it, s. It is
+"""Maximum time for which an output value is sent repeatedly until the controller reports it, s. It is
 repeated because packets may be lost.
 """
 UNFIT = "/\ufffd"

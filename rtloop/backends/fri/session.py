@@ -116,8 +116,8 @@ def check_entry(
 
 
 def interpolator(message: MonitoringMessage) -> tuple[float, ...]:
-    """Return the position of the controller's own interpolator, or the measured position if the controller
-    does not report it.
+    """Return the controller's interpolator position, or the measured position if the controller does not
+    report it.
     """
     return message.ipo_position or message.commanded_position or message.measured_position
 

@@ -143,7 +143,7 @@ class RigLink:
         self._goal = None
 
     def end(self, key: str, status: int, result: dict[str, Any]) -> None:
-        """Store the result of a goal."""
+        """Store a goal result."""
         if self._goal is not None and key == str(self._number):
             self._goal |= {"status": status, **result}
 

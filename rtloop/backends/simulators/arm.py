@@ -82,7 +82,7 @@ class ControllerArm:
         return self._find_jacobian().T @ wrench
 
     def speed_at(self, velocity: Array) -> float:
-        """Calculate the speed of the TCP at these joint velocities, m/s."""
+        """Calculate the TCP speed at these joint velocities, m/s."""
         return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
 
     def pose(self) -> tuple[float, ...]:
@@ -94,7 +94,7 @@ class ControllerArm:
         return (*place.tolist(), *quaternion.from_matrix(orientation.ravel()))
 
     def kuka_pose(self) -> tuple[float, ...]:
-        """Pose of the flange in the base frame as KUKA writes it: X, Y, Z in mm, and A, B, C in degrees."""
+        """Flange pose in the base frame as KUKA writes it: X, Y, Z in mm, and A, B, C in degrees."""
         x, y, z, *turn = self.pose()
         return x, y, z, *map(math.degrees, kuka_angles(turn))
 

@@ -49,7 +49,7 @@ class ServerTimes:
 
     Attributes:
         answers: times from sending a packet to the arrival of its answer.
-        lateness: delays at the beginning of the controller's own periods.
+        lateness: delays at the start of the controller's periods.
     """
 
     def __init__(self) -> None:

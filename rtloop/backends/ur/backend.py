@@ -438,7 +438,7 @@ class UrBackend:
         yield from checks_of_program(data, self._unconnected, self._causes_of_its_own())
 
     def _causes_of_its_own(self) -> str:
-        """Why cobot's program ends by itself."""
+        """Why cobot's program ends on its own."""
         if self._torques is None or not self._torques.is_on:
             return f"commands were missing for {self._options.timeout_s:g} s"
         return (

@@ -16,8 +16,8 @@ CB3_PERIOD_S = 0.008
 """A CB3 sends 125 times per second; later controllers 500 times."""
 CB3 = 3
 ENDED_PACKAGES = 3
-"""Number of packages after which the end of cobot's program is a fault. A few are needed because the program
-ends just before the first package that contains the cause, such as an emergency stop.
+"""Number of packages without cobot's program after which rtloop reports a fault. A few are needed because the
+program ends just before the first package that contains the cause, such as an emergency stop.
 """
 
 
@@ -79,7 +79,7 @@ def checks_of_program(data: Mapping[str, Any], packages: int, cause: str) -> Ite
 
     Args:
         packages: number of packages since the program has ended; 0 if it is connected.
-        cause: why the program may have ended by itself.
+        cause: why the program may have ended on its own.
     """
     if packages > ENDED_PACKAGES:
         yield Rejected(

@@ -21,7 +21,7 @@ class UrRobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """Values of `safety_mode`. Values from 12 on occur only in `safety_status`."""
+    """Values of `safety_mode`. Values of 12 and above occur only in `safety_status`."""
 
     NORMAL = 1
     REDUCED = 2

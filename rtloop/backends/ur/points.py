@@ -14,7 +14,7 @@ from rtloop.backends import BackendError
 log = logging.getLogger("cobot.rtloop")
 
 ENFORCED_S = 1.0
-"""Maximum time for which the value of an output is sent repeatedly until the controller reports it, s."""
+"""Maximum time for which an output value is sent repeatedly until the controller reports it, s."""
 SLIDER = "speed_slider"
 DIGITAL = (("digital", 8, 0), ("configurable", 8, 8), ("tool", 2, 16))
 """Groups of digital points: name, number of points, and first bit in `actual_digital_input_bits` and
@@ -89,8 +89,7 @@ class _Wanted:
 
 
 class UrOutputs:
-    """The outputs that are to be set. Each is enforced until the controller reports its value, and then
-    released.
+    """The outputs to set. Each is enforced until the controller reports its value, and then released.
 
     Attributes:
         problem: sentence about an output that was not set or was set late; "" if all outputs were set in

@@ -171,6 +171,6 @@ def encode_text(message: str, source: str, level: int) -> bytes:
 
 
 def decode_text(payload: bytes) -> str:
-    """Return the text of a message, as far as it can be read."""
+    """Return a message's text, as far as it can be read."""
     length = payload[0] if payload else 0
     return payload[1 : 1 + length].decode(errors="replace")

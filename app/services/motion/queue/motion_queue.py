@@ -230,7 +230,7 @@ class MotionQueue:
                 self._empty(claim, error)
             self._claim = None
             belongings.close()
-            self._running.finish()  # done last, because from here on a waiting client may move the arm
+            self._running.finish()  # done last, because afterwards a waiting client may move the arm
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
         """End all moves with an error, because the queue has failed or was stopped."""

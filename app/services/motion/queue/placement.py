@@ -90,8 +90,8 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Record the pose of the TCP at which the motion has stopped, shape (7,). The moves close their
-        own followers.
+        """Record the TCP pose at which the motion has stopped, shape (7,). The moves close their own
+        followers.
         """
         self.look()
         for follower in self._followers:

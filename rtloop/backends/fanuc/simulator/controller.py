@@ -46,7 +46,7 @@ from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.results import Rejected
 
 MAX_SPEED = 2000
-"""Speed of the TCP in the last column of the limits table, mm/s."""
+"""TCP speed in the last column of the limits table, mm/s."""
 MISSED_MS = 100
 """Time without a command after which a motion ends, ms. Measured values on a CRX are 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0

@@ -59,9 +59,9 @@ class Reflexes:
         """Check whether a command is accepted. If not, the motion ends.
 
         Args:
-            sequence: number of the command.
+            sequence: command number.
             here: commanded position of the arm so far.
-            tcp_m_s: speed of the TCP, m/s.
+            tcp_m_s: TCP speed, m/s.
         """
         limits = self._limits
         if not np.isfinite(position).all():

@@ -382,9 +382,7 @@ class UrController:
         return bits.get(safety, 0) | (0 if safety in MOVING else 1 << 10)
 
     def pose(self) -> list[float]:
-        """Return the pose of the flange in the base frame: the position in m, and a rotation vector in
-        rad.
-        """
+        """Return the flange pose in the base frame: the position in m, and a rotation vector in rad."""
         x, y, z, *turn = self.arm.pose()
         return [1e-3 * x, 1e-3 * y, 1e-3 * z, *_rotation_vector((turn[0], turn[1], turn[2], turn[3]))]
 

@@ -171,7 +171,7 @@ class ProgramContext:
         coulomb_scale: list[float] | None = None,
         friction_comp: bool = True,
     ) -> Run:
-        """Exert torques in this control period. The simulated drives compensate friction by themselves."""
+        """Exert torques in this control period. The simulated drives compensate friction."""
         if len(torque) != AXES or not all(map(math.isfinite, torque)):
             raise ValueError(f"direct_torque: {AXES} torques are needed, got {torque}")
         if self.is_guided:

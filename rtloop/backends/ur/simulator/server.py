@@ -194,7 +194,7 @@ class UrServer:
 
     def _needs_command(self) -> ProgramStream | None:
         """The program for which the newest data package still needs a command. Before its first command, a
-        program waits by itself.
+        program waits.
         """
         program = self._program
         if self.silent or self._sent_s is None or program is None or program.is_closed:
@@ -309,8 +309,8 @@ class UrServer:
 
     def _more(self, request: UrControlRequest) -> dict[str, Any]:
         """Apply the changes that concern the server. Returns the times from a data package to the command
-        after it and the delays of the server's own periods, s, the number of packages without a command in
-        time, and the number of clients.
+        after it and the server's period delays, s, the number of packages without a command in time, and the
+        number of clients.
         """
         if request.silent is not None:
             self.silent = request.silent

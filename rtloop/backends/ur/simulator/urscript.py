@@ -142,7 +142,7 @@ class Script:
     """A program, which is stepped once per control period.
 
     Attributes:
-        name: name of the program.
+        name: program name.
         is_secondary: whether it runs in addition to the main program.
         line: number of the line that runs now or has failed.
     """
