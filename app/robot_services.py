@@ -75,7 +75,7 @@ class SharedParts:
         sync: service that moves several robots together.
         several: whether there is more than one robot, so that log lines and addresses must name it.
         tokens: the access tokens of running programs.
-        events: the events of the service, for its listeners.
+        events: the service's events, for its listeners.
         study_turn: lock that is held while a study for any robot runs.
     """
 

@@ -43,7 +43,7 @@ def slowed(model: JointLimits, device: JointLimits) -> float:
 
 
 def differences(model: JointLimits, device: JointLimits) -> list[str]:
-    """Describe in words the limits of the device that are tighter than the model's."""
+    """Describe in words the device limits that are tighter than the model's."""
     found = []
     for name in ("min_position", "max_position", *RATES, "max_effort"):
         ours, theirs = getattr(model, name), getattr(device, name)

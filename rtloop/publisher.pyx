@@ -146,9 +146,8 @@ cdef class Statistics:
     def end_cycle(self):
         """Publish the statistics twice a second. The block is large, and copying it counts as compute time.
 
-        The descriptions of robot and device are published too, although they do not change, in order to
-        repair damage by another writer. They are published in different cycles, so that no cycle becomes too
-        long.
+        The robot and device descriptions are published too, although they do not change, in order to repair
+        damage by another writer. They are published in different cycles, so that no cycle becomes too long.
         """
         self.c_end_cycle()
 

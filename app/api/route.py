@@ -234,7 +234,7 @@ class EndpointRouter(APIRouter):
 
         Args:
             name, role, timeout_s, control, costly, keyed: see `Endpoint`.
-            options: options of FastAPI's route.
+            options: FastAPI's route options.
         """
         method, path = name.split(" ")
 

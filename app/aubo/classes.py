@@ -1,4 +1,4 @@
-"""All classes of vendor services. Importing this module completes `REGISTRY`."""
+"""All vendor service classes. Importing this module completes `REGISTRY`."""
 
 from __future__ import annotations
 

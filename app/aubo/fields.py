@@ -1,4 +1,4 @@
-"""The fields of vendor services: their types in Python, ROS and JSON, and the validation of requests."""
+"""The vendor services' fields: their types in Python, ROS and JSON, and the validation of requests."""
 
 from __future__ import annotations
 

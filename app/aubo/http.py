@@ -67,7 +67,7 @@ default.
 
 class _VendorRoute(APIRoute):
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Match only paths whose second part is a class of vendor services."""
+        """Match only paths whose second part is a vendor service class."""
         parts = plain_path(scope).split("/")
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 

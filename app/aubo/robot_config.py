@@ -51,7 +51,7 @@ def get_name(robot: Services) -> str:
 
 @service("RobotConfig")
 def get_robot_type(robot: Services) -> str:
-    """The type of the arm.
+    """The arm type.
 
     Returns:
         The name in the model's file.
@@ -61,7 +61,7 @@ def get_robot_type(robot: Services) -> str:
 
 @service("RobotConfig")
 def get_joint_names(robot: Services) -> list[str]:
-    """The names of the joints.
+    """The joint names.
 
     Returns:
         The names, in the order that joint positions have in all requests.

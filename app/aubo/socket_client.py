@@ -1,4 +1,4 @@
-"""Socket: TCP connections of the service to devices."""
+"""Socket: the service's TCP connections to devices."""
 
 from __future__ import annotations
 

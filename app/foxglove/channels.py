@@ -81,7 +81,7 @@ class RobotChannels:
         }
 
     def event(self, text: str) -> tuple[int, bytes]:
-        """Convert an event of the service to a message, with its time, ns since 1970."""
+        """Convert a service event to a message, with its time, ns since 1970."""
         from cobot.recording.events import RunEvent
 
         event = json.loads(text)

@@ -80,7 +80,7 @@ class Subscription:
     """A client's subscription to a topic. `Graph.subscribe` makes it.
 
     Attributes:
-        type: type of the messages that the subscription accepts; None for all types.
+        type: message type that the subscription accepts; None for all types.
         on_other_type: function that is called with a sentence when the topic is advertised with a different
             type. The subscription gets no messages of that type.
     """

@@ -78,7 +78,7 @@ class Graph(Topics):
 
         Args:
             name: service name, such as "/iiwa/RobotConfig/getDof".
-            type_: type of the service, such as "aubo_interfaces/srv/GetDof".
+            type_: service type, such as "aubo_interfaces/srv/GetDof".
             function: function that is called with the complete request and returns the response.
             local: whether the service is hidden from other networks.
             role: role that a client needs.

@@ -94,7 +94,7 @@ def _settled_s(visit: Visit) -> float:
 
 
 class Crowd:
-    """All connections of the service.
+    """All connections to the service.
 
     Args:
         places: maximum number of connections.

@@ -64,7 +64,7 @@ class RosbridgeConnection:
     """The connection of one client, from its first message to its last.
 
     Args:
-        name: name of the client in the log.
+        name: client name in the log.
         identity: identity of the client.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""The operations that clients of rosbridge may send, and their validation.
+"""The operations that rosbridge clients may send, and their validation.
 
 Source: https://github.com/RobotWebTools/rosbridge_suite/blob/ros2/ROSBRIDGE_PROTOCOL.md
 """

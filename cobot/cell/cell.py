@@ -131,7 +131,7 @@ class CellSolid(CellEntry):
     Attributes:
         size_m: box: edges along x, y and z; cylinder (along z): radius and length; sphere: radius. A mesh has
             a file instead.
-        file: for a mesh: STL or OBJ file in the folder of the cell file.
+        file: for a mesh: STL or OBJ file in the cell file's folder.
         scale: for a mesh: metres per unit of its file.
         tolerance_m: for a mesh: how far its solids may reach beyond its non-convex parts.
         hull: for a mesh: whether its convex hull is used.
@@ -166,7 +166,7 @@ class CellSolid(CellEntry):
         return self.mesh.size if self.shape == "mesh" else self.size_m
 
     def read_mesh(self, folder: Path) -> None:
-        """Read the file of a mesh, which is in the folder of the cell file.
+        """Read a mesh file, which is in the cell file's folder.
 
         Raises:
             ConfigError: see `mesh_shape`.
@@ -294,7 +294,7 @@ class ExampleProgram(NamedTuple):
 
     Attributes:
         label: name for people.
-        file: its path from the folder of the cell file.
+        file: its path from the cell file's folder.
         text: content of the sequence file or the Lua program.
     """
 
@@ -336,7 +336,7 @@ class Cell(CellEntry):
         return self._programs
 
     def read_examples(self, folder: Path) -> None:
-        """Read the files of the example programs, which are in the folder of the cell file.
+        """Read the files of the example programs, which are in the cell file's folder.
 
         Raises:
             ConfigError: a file is missing, too large, or is not text.
@@ -381,7 +381,7 @@ class Cell(CellEntry):
 
     @property
     def files(self) -> list[Path]:
-        """The files of its meshes and examples, relative to the folder of the cell file."""
+        """The files of its meshes and examples, relative to the cell file's folder."""
         solids = (*self.parts.values(), *self.fixtures.values())
         names = [*(each.file for each in solids if each.file is not None), *self.examples.values()]
         return sorted({Path(os.path.normpath(each)) for each in names})

@@ -43,8 +43,8 @@ def mesh_shape(
     """Read a mesh file.
 
     Args:
-        folder: the folder of the cell file, which must contain the mesh.
-        scale: metres per unit of the file.
+        folder: the cell file's folder, which must contain the mesh.
+        scale: metres per file unit.
         tolerance_m: how far boxes may reach beyond non-convex parts of the mesh.
         hull: whether the body is the convex hull of the mesh.
         max_m: maximum length of an edge of the bounding box.

@@ -19,7 +19,7 @@ FINGERS = ("hand finger 1", "hand finger 2")
 the same names. A turning hand has one drive.
 """
 FOLLOWER = "hand follower"
-"""Prefix of the names of joints that follow the drive of a turning hand."""
+"""Name prefix of joints that follow the drive of a turning hand."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
 """Names of the balls that form the lip of a cup. The lip is closed if all these balls touch the same body."""
 SOFT_M = 0.0005

@@ -235,7 +235,7 @@ class Client(ForceMoves, Steps, EventConnection):
         """Write the last seconds to a file ("dump"), or "start" or "stop" a continuous recording.
 
         Returns:
-            The names of the files; for "start", the beginning of the names.
+            The file names; for "start", the beginning of the names.
         """
         body, path = {"action": action, "seconds": seconds}, "/recordings"
         return list(self._json("POST", path, json=body, timeout=self._answer_timeout_s(path))["names"])
@@ -350,7 +350,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
         Args:
             program: id of the program: a-z, 0-9, _ and -.
-            label: name of the program for people, in any language.
+            label: program name for people, in any language.
             text: the sequence file, as text or as a dictionary; or the Lua program.
             kind: "sequence" or "lua".
             base: number of the version on which this version is based; None for a new program.
@@ -422,8 +422,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return list(self._json("DELETE", f"/studies/{study}")["studies"])
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
-        """Call a vendor service of the robot by the service's name. Returns `code` (0 is success), `message`
-        and `result`.
+        """Call one of the robot's vendor services by name. Returns `code` (0 is success), `message` and
+        `result`.
         """
         url = self._of_service(f"/{robot}/{robot_class}/{method}")
         return self._json("POST", url, json=dict(arguments), timeout=self._motion_timeout_s)

@@ -70,7 +70,7 @@ class Robot(SessionSettings):
         verbose: log the connection.
         lite: accepted and ignored.
         clock: the robot's clock.
-        client: creates a client of the service from its URL; by default a `Client`.
+        client: creates a service client from its URL; by default a `Client`.
         token, verify: see `Client`. They apply to the robot's service, not to its shared memory.
 
     Raises:

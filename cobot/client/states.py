@@ -20,7 +20,7 @@ class RobotInfo:
 
     Attributes:
         serial_num: the robot's name.
-        model_name: name of the model, from its file.
+        model_name: model name, from its file.
         DoF: number of joints.
         K_q_nom: largest joint stiffness, N·m/rad.
         K_x_nom: largest stiffness of the TCP: N/m three times, N·m/rad three times.

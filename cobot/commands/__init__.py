@@ -1,1 +1,1 @@
-"""The commands that use a running service. They are ordinary clients of the service."""
+"""The commands that use a running service. They are ordinary service clients."""

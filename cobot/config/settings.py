@@ -101,7 +101,7 @@ class Settings(Section):
 
     @property
     def rolled_out(self) -> Path:
-        """Link to the folder of the settings that a fleet has rolled out, which the cell's process makes."""
+        """Link to the settings folder that a fleet has rolled out, which the cell's process makes."""
         return (self.kept or self.logs) / f"{self.robot.name}.rolled-out" / "current"
 
     @property

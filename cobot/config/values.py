@@ -1,4 +1,4 @@
-"""Checks of the values of settings, in addition to their types. Each error names the valid values."""
+"""Checks of setting values, in addition to their types. Each error names the valid values."""
 
 from __future__ import annotations
 

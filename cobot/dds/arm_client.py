@@ -109,7 +109,7 @@ class TrajectoryGoal:
 
 
 class ArmClient:
-    """The client of the arm's controller; see the module."""
+    """The client for the arm's controller; see the module."""
 
     def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._settings, self._node = settings, node

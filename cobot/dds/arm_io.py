@@ -104,7 +104,7 @@ class ServiceIo:
     ) -> None:
         """
         Args:
-            driver: name of the driver in `DRIVERS`.
+            driver: driver name in `DRIVERS`.
             below: prefix of the names of the services.
             timeout_s: timeout for an answer from the driver, s.
         """
@@ -170,7 +170,7 @@ class ServiceIo:
         """Record that the driver has set an output."""
 
     async def _ask(self, begin: str, service: DriverIoService, request: Message) -> Message:
-        """Call a service of the driver, and return its answer.
+        """Call one of the driver's services, and return its answer.
 
         Raises:
             CobotError: there is no answer (the cause is then a TimeoutError), or it cannot be read.
@@ -320,7 +320,7 @@ def arm_io(node: DdsNode, driver: str, below: str, interfaces: Collection[str], 
 
     Args:
         driver: value of `robot.backend.io`.
-        below: name of the GPIO controller, or prefix of the names of the driver's services.
+        below: the GPIO controller's name, or name prefix of the driver's services.
     """
     if driver == "gpio":
         return GpioIo(node, below, interfaces, timeout_s)

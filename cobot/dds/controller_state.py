@@ -2,7 +2,7 @@
 while the arm does not move.
 
 Releases of control_msgs differ in the fields after the second point of the message. So only the beginning is
-read: the header, the names of the joints, the reference, and the measured state.
+read: the header, the joint names, the reference, and the measured state.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ ENCLAVE = b"enclave=/;"
 """User data of a participant. ROS 2 looks for the enclave in it."""
 
 TYPE_HASH = b"typehash="
-"""Prefix of the type's hash in the user data of an endpoint, used since Iron."""
+"""Prefix of the type hash in an endpoint's user data, used since Iron."""
 
 
 def topic_name(topic: str) -> str:
@@ -31,7 +31,7 @@ def type_name(type_: str) -> str:
 
 
 def type_hash(rihs: str) -> bytes:
-    """User data of a topic's endpoint, for ROS 2 since Iron. Humble ignores it."""
+    """A topic endpoint's user data, for ROS 2 since Iron. Humble ignores it."""
     return TYPE_HASH + f"{rihs};".encode()
 
 

@@ -31,7 +31,7 @@ LARGE_BYTES = 1 << 16
 MAX_BYTES = 4 * MAX_MESSAGE
 """Maximum size of a message in CDR. Its JSON text may be four times shorter, for example an int64 as `0,`."""
 MAX_CALLS = 64
-"""Maximum number of calls in progress from one client to one service. Further requests of the client wait."""
+"""Maximum number of calls in progress from one client to one service. Further client requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
 """The place in the payload, after the first 4 bytes, where rmw_cyclonedds writes the client's guid (uint64)

@@ -77,7 +77,7 @@ def _decoded(response: httpx2.Response) -> dict[str, Any]:
 
 
 def headers(chosen: argparse.Namespace) -> dict[str, str]:
-    """Headers with the name and the token of the person who runs the command."""
+    """Headers with the name and token of the person who runs the command."""
     return {CLIENT_NAME: quote(_user(), safe="")} | token_header(chosen.token)
 
 

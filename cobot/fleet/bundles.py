@@ -86,7 +86,7 @@ class BundlesCell(Protocol):
 
     Attributes:
         config: the settings file that is in force. A reload replaces it.
-        source: the settings file of the user.
+        source: the user's settings file.
     """
 
     config: Path
@@ -100,7 +100,7 @@ class RobotBundles:
     """The bundles of one robot of a cell. Only one method may run at a time.
 
     Args:
-        settings: settings of the robot.
+        settings: the robot's settings.
     """
 
     def __init__(self, settings: Settings, client: Client, cell: BundlesCell) -> None:

@@ -66,7 +66,7 @@ class FleetCell:
 
     Args:
         config: the settings file that is in force. A reload replaces it.
-        source: the settings file of the user.
+        source: the user's settings file.
         url: service URL; "" for a cell without a service.
     """
 

@@ -44,7 +44,7 @@ def _valid_base64(text: str) -> str:
 
 
 class BundleFile(StrictModel):
-    """A file of the settings in a bundle. Its path is relative to `settings.yaml`."""
+    """A settings file in a bundle. Its path is relative to `settings.yaml`."""
 
     path: Annotated[str, Field(pattern=rf"^{_NAME}(/{_NAME}){{0,3}}$")]
     base64: Annotated[str, AfterValidator(_valid_base64)]
@@ -58,7 +58,7 @@ class CellSettings:
     """The settings that the fleet has rolled out to this cell.
 
     Args:
-        source: the settings file of the user.
+        source: the user's settings file.
     """
 
     def __init__(self, settings: Settings, source: Path, client: Client) -> None:
@@ -112,7 +112,7 @@ class CellSettings:
         return self.switch(name)
 
     def switch(self, name: str) -> list[str]:
-        """Put the settings of an earlier bundle in force; with "", only the settings of the user.
+        """Put the settings of an earlier bundle in force; with "", only the user's settings.
 
         Returns:
             The changes that need a cell restart.
@@ -171,8 +171,8 @@ def files_of(folder: Path) -> list[dict[str, str]]:
 
 
 def configuration_of(settings: Settings) -> str:
-    """A hash of the settings and the content of their files. Names and paths are left out, because they
-    differ between cells.
+    """A hash of the settings and their file contents. Names and paths are left out, because they differ
+    between cells.
     """
     content = []
     for each in settings.each.values():

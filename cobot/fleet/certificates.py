@@ -166,7 +166,7 @@ class Verifier:
     """Checks, in a cell, that commands come from a hub of its fleet.
 
     Args:
-        folder: folder of the cell's certificate.
+        folder: the cell's certificate folder.
 
     Raises:
         ConfigError: the authority's certificate cannot be read.

@@ -61,7 +61,7 @@ class HubMessage(Protocol):
 
 
 class Deadlines:
-    """Decides whether a message of the hub is in time. Thread safe.
+    """Decides whether a hub message is in time. Thread safe.
 
     Args:
         ask_time: asks the hub for its time; returns None if it does not answer.
@@ -162,7 +162,7 @@ def _same(one: FleetCommand, other: FleetCommand) -> bool:
 
 
 class SeenMessages:
-    """The messages of the hub that a cell has executed. Each is executed only once. Thread safe."""
+    """The hub messages that a cell has executed. Each is executed only once. Thread safe."""
 
     def __init__(self, deadlines: Deadlines) -> None:
         self._deadlines = deadlines

@@ -33,7 +33,7 @@ def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh
     introduce them to each other.
 
     Args:
-        certificates: folder of the cell's certificate, for addresses that begin with tls.
+        certificates: the cell's certificate folder, for addresses that begin with tls.
 
     Raises:
         UnavailableError: the hub does not answer.

@@ -116,7 +116,7 @@ class StopArm(StrictModel):
 
 
 class StartProgram(StrictModel):
-    """Start a stored program of the cell, by default its latest version."""
+    """Start one of the cell's stored programs, by default its latest version."""
 
     accepted_by: ClassVar = "program"
     kind: Literal["start"]
@@ -147,7 +147,7 @@ class SetSpeed(StrictModel):
 
 
 class TakeFleetControl(StrictModel):
-    """Take control for the fleet, so that other clients of the cell cannot move the arm."""
+    """Take control for the fleet, so that the cell's other clients cannot move the arm."""
 
     accepted_by: ClassVar = "control"
     kind: Literal["take_control"]

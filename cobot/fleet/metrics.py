@@ -29,7 +29,7 @@ def metrics_of(hub: Hub) -> bytes:
 
 
 class HubMetrics(Collector):
-    """Reads the data of the hub each time that Prometheus asks for the metrics."""
+    """Reads the hub's data each time that Prometheus asks for the metrics."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub

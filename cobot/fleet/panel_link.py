@@ -1,6 +1,4 @@
-"""The hub's part of the panels of cells: the people who have opened a panel, and signed requests to the
-cells.
-"""
+"""The hub's part of cell panels: the people who have opened a panel, and signed requests to the cells."""
 
 from __future__ import annotations
 
@@ -61,7 +59,7 @@ class PanelPerson(NamedTuple):
 @dataclass(slots=True)
 class OpenPanel:
     """A panel that a person has opened. Its address contains a secret, so the panel needs no token. The
-    scripts of a cell therefore never see the token of the person.
+    scripts of a cell therefore never see the person's token.
 
     Attributes:
         find: function that returns the person, or None if the token is no longer valid.

@@ -166,7 +166,7 @@ class ServiceWatch:
 
 
 class EventWatch:
-    """Receives the events of the service, in a separate thread.
+    """Receives the service's events, in a separate thread.
 
     Args:
         tell: function that is called with each event, in that thread.

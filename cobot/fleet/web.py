@@ -178,7 +178,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None, pa
     Args:
         hosts: names and addresses that requests may use for the hub, without ports.
         tokens: the valid tokens; None if every client that reaches the hub may use it.
-        panel_port: port of the cells' panels; 0 if the hub serves no panels of cells.
+        panel_port: port of the cells' panels; 0 if the hub serves no cell panels.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
     app.add_middleware(LimitedBody)

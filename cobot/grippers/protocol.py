@@ -1,4 +1,4 @@
-"""The protocol of grippers. One class drives one kind of device.
+"""The gripper protocol. One class drives one kind of device.
 
 The class has these attributes: `Options`, its options; `sdk`, a module that its instances import; and
 `contract_rig`, the simulated device on which the contract runs (`cobot.grippers.contract`).

@@ -49,8 +49,8 @@ def gripper_class(name: str) -> Callable[..., Gripper]:
 
 
 def gripper_section(settings: Settings) -> BackendSection | None:
-    """The settings of the robot's gripper: `robot.gripper`; otherwise the hand or the cup of its cell;
-    otherwise None.
+    """The robot's gripper settings: `robot.gripper`; otherwise the hand or the cup of its cell; otherwise
+    None.
 
     Raises:
         ConfigError: the cell file is invalid.
@@ -67,7 +67,7 @@ def gripper_section(settings: Settings) -> BackendSection | None:
 
 
 def _of_cup(cup: Cup) -> dict[str, Any]:
-    """The options of the driver for the cup of a simulated cell."""
+    """The driver options for the cup of a simulated cell."""
     return {
         "output": f"{CUP}.{SUCTION}",
         "sensor": f"{CUP}.{VACUUM}",
@@ -78,7 +78,7 @@ def _of_cup(cup: Cup) -> dict[str, Any]:
 
 
 def gripper_options(settings: Settings) -> GripperOptions:
-    """The checked options of the robot's gripper.
+    """The checked options for the robot's gripper.
 
     Raises:
         ConfigError: there is no gripper, or its class or an option does not exist.

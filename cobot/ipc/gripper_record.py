@@ -1,5 +1,5 @@
-"""The record of the gripper in shared memory. The service writes it, and rtloop publishes it with the state
-of the arm.
+"""The gripper record in shared memory. The service writes it, and rtloop publishes it with the state of the
+arm.
 """
 
 from __future__ import annotations

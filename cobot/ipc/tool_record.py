@@ -1,4 +1,4 @@
-"""The record of the arm's load in shared memory, with the values that rtloop needs."""
+"""The record for the arm's load in shared memory, with the values that rtloop needs."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ def joint_limits(robot: RobotDescription) -> dict[str, Any]:
 
 def controllers(robot: RobotDescription) -> dict[str, Any]:
     """The controllers. MoveIt calls the action `controller/action_ns`, so the robot's name is used as the
-    name of the controller.
+    controller name.
     """
     action = {
         "type": "FollowJointTrajectory",

@@ -59,7 +59,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
     `reason` if the session has ended, which truncates the episode.
 
     Args:
-        config: settings file of the robot; by default the shipped one.
+        config: the robot's settings file; by default the shipped one.
         cell: a cell file, or a folder with a cell.yaml, to simulate instead of `robot.cell` of the settings.
         url: URL of a running service.
         control: meaning of an action: relative or absolute.

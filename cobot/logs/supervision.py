@@ -1,5 +1,5 @@
-"""The log of the supervisor. It writes the lines of all processes to a file and to the terminal of `cobot
-run`. The file and the terminal do not wait for each other, and no process waits for either of them.
+"""The supervisor's log. It writes the lines of all processes to a file and to the terminal of `cobot run`.
+The file and the terminal do not wait for each other, and no process waits for either of them.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class MotionRequest:
     Attributes:
         start: joint angles at the start, shape (dof,), rad.
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
-        planner: name of the planner. `cobot.motions.planners` lists the fields that each planner uses.
+        planner: planner name. `cobot.motions.planners` lists the fields that each planner uses.
         via: a point on the arc in the base frame, shape (3,), m.
         seed: seed for planners that draw random samples.
         timeout_s: time limit of a search.

@@ -35,7 +35,7 @@ TOPICS = {
     "/events": EVENT,
     GRIPPER_TOPIC: GRIPPER,
 }
-"""The message types by topic. The topic of the gripper is used only for a robot with a gripper."""
+"""The message types by topic. The gripper topic is used only for a robot with a gripper."""
 SECOND_NS = 1_000_000_000
 ROS_POSE = [0, 1, 2, 4, 5, 6, 3]
 """For a ROS pose (x, y, z, then x, y, z, w), the index of each number in a pose of cobot (x, y, z, then w, x,
@@ -133,7 +133,7 @@ class RecordMessages:
     """Converts the records of one robot to messages.
 
     Args:
-        joint_names: names of the robot's joints.
+        joint_names: the robot's joint names.
         base_frame: name of the frame of poses and forces.
         period_s: cycle period.
     """
@@ -167,7 +167,7 @@ class RecordMessages:
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
         """The messages of records, by topic: the bytes of all messages, and the size of one.
 
-        The topic of the gripper is only included if a record has a gripper.
+        The gripper topic is only included if a record has a gripper.
 
         Args:
             records: array of `cobot.ipc.records.record_dtype`.

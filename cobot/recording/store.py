@@ -1,6 +1,4 @@
-"""The folder of a robot's recordings: the names of the recordings, their list, and the removal of old
-ones.
-"""
+"""The folder of a robot's recordings: recording names, their list, and the removal of old ones."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ class RobotDescription:
     """Everything that planning needs. Not thread safe, because all calls use one scratch memory.
 
     Attributes:
-        model_file: the file of the model, whose folder contains the visuals of the links; None if the model
-            was made in memory.
+        model_file: the model file, whose folder contains the visuals of the links; None if the model was made
+            in memory.
     """
 
     name: str

@@ -15,7 +15,7 @@ DEFAULT_MEASURED = frozenset(
 here, because existing backends would then claim to measure it.
 """
 LESS = "the device permits less than the model"
-"""Beginning of messages about limits of the device that are lower than those of the model."""
+"""Beginning of messages about device limits that are lower than those of the model."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
@@ -87,7 +87,7 @@ class Capabilities:
         """The reason why a request is rejected for lack of a capability; "" if the device has it.
 
         Args:
-            backend: name of the device, for people.
+            backend: device name, for people.
             what: the request, as the beginning of a sentence.
             names: names from `FLAGS`; the device needs only one of these capabilities.
         """

@@ -1,4 +1,4 @@
-"""The checks that every planned motion must pass: limits of the joints and their drives, and collisions."""
+"""The checks that every planned motion must pass: joint and drive limits, and collisions."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Converts the fields of ROS messages between three forms: JSON as in rosbridge v2, checked values, and the
-native values of `rosbags`.
+"""Converts ROS message fields between three forms: JSON as in rosbridge v2, checked values, and the native
+values of `rosbags`.
 
 In JSON, a message is an object, a list is a list, uint8[] and char[] are base64 (lists are also accepted),
 and NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), the brackets of a list with one item

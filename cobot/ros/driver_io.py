@@ -22,8 +22,8 @@ class DriverIoService:
     """A service that reads or sets inputs or outputs of one kind.
 
     Attributes:
-        name: name of the service below `robot.backend.gpio_controller`.
-        type: type of the service.
+        name: service name below `robot.backend.gpio_controller`.
+        type: service type.
         number: field of the request that contains the number; "" if the answer lists the values for all
             numbers.
         value: field that contains the value. It is in the request if the service sets an output, otherwise in

@@ -79,7 +79,7 @@ class TrajectoryController:
     """The simulated controller, see the module. It follows each goal exactly.
 
     Attributes:
-        joints: joint names, in the controller's own order.
+        joints: joint names, in the controller's order.
         rows: position, velocity and acceleration, shape (3, dof).
         active: whether the controller is activated.
         rate: ratio between the time along the path and the time on the clock, as a speed slider sets it.

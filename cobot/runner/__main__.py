@@ -63,7 +63,7 @@ def main() -> int:
     runner.add_argument("--topics", default="", help="topics to record, separated by commas; by default all")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
     runner.add_argument("--answers-fd", type=int, help=argparse.SUPPRESS)
-    runner.add_argument("--name", help=argparse.SUPPRESS)  # name of the file that is read from standard input
+    runner.add_argument("--name", help=argparse.SUPPRESS)  # file name for standard input
     checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
     checker.add_argument(

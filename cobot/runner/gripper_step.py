@@ -77,7 +77,7 @@ def run_command(client: Client, command: RequestModel) -> None:
     """Send the command to the gripper. Returns when the fingers have finished.
 
     Raises:
-        CobotError: the error of the service, see `Client`.
+        CobotError: the service's error, see `Client`.
     """
     fields = command.model_dump(exclude_unset=True)
     getattr(client.gripper, fields.pop("command"))(**fields)

@@ -20,7 +20,7 @@ def go(
         frames: places of pallets by `frame_id`. Targets may be relative to these places.
 
     Raises:
-        CobotError: the error of the service, see `Client`.
+        CobotError: the service's error, see `Client`.
     """
     bodies = [resolve(target.body(), frames or {}) for target in chain]
     if len(chain) > 1:

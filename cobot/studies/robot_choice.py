@@ -79,7 +79,7 @@ class RobotChoice(StrictModel):
     """The robot of a study, with the objects around it and the tool on its flange.
 
     Attributes:
-        settings: file of the settings; None means the settings that are part of cobot.
+        settings: settings file; None means the settings that are part of cobot.
         name: name of a robot of the settings; None means the default robot.
         scene: file with a scene, as the service keeps it.
         objects: further objects, by name.

@@ -55,7 +55,7 @@ ID_LENGTH = 12
 
 
 class ServedRequest(StrictModel):
-    """The request of the service.
+    """The service's request.
 
     Attributes:
         parent: process number of the service.
@@ -63,8 +63,8 @@ class ServedRequest(StrictModel):
         stored: text of the stored program that `document` names, and its file name.
         base: folder of all studies.
         copies: content of the service's files that belong to the study, by `COPIES`.
-        settings, robot: file of the settings, None for the shipped ones, and the name of one of its robots.
-        map: name of the file with the map, in the folder of the study.
+        settings, robot: settings file, None for the shipped ones, and the name of one of its robots.
+        map: map file name, in the study folder.
         may_create: whether the study may be a new one.
         niceness: niceness of the computation.
         max_bytes: maximum growth of the study's folder.
@@ -147,8 +147,7 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
 def settle(request: ServedRequest) -> tuple[Study, Path]:
     """The study and its folder.
 
-    The name of the folder is derived from the study's content, so the same study continues in the same
-    folder.
+    The folder name is derived from the study's content, so the same study continues in the same folder.
 
     Raises:
         CobotError: the request is invalid, or it needs a new folder and there are too many folders.

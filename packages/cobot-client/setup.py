@@ -45,7 +45,7 @@ ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
 
 
 class Take(build_py):
-    """Collects the files of the client, instead of the packages that setuptools would find here."""
+    """Collects the client's files, instead of the packages that setuptools would find here."""
 
     def run(self) -> None:
         into = Path(self.build_lib)

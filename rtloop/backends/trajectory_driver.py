@@ -74,7 +74,7 @@ def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True
 
 @dataclass(frozen=True, slots=True)
 class PollAnswer:
-    """The answer of the device to a poll.
+    """The device's answer to a poll.
 
     Attributes:
         values: the measured values, in the form of `Measured.values`.

@@ -41,7 +41,7 @@ cdef double MIN_RATE = -1e-9
 # moves.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
-# The limits at contact, where each millimetre counts. The limits of the joints always apply.
+# The limits at contact, where each millimetre counts. The joint limits always apply.
 cdef double URGENT_ACCELERATION = 1000.0
 cdef double URGENT_JERK = 500_000.0
 # At contact, the first cycle finds the steepest profile. Each try is gentler than the one before until one

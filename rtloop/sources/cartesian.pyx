@@ -32,7 +32,7 @@ from rtloop.generators.pose_limiter import PoseLimiter
 from rtloop.generators.target_range import PoseRange
 from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
 
-# Damping of the inverse, m². Near a singularity, the velocity limits of the joints take over.
+# Damping of the inverse, m². Near a singularity, the joint velocity limits take over.
 cdef double DAMPING = 1e-5
 cdef double POSTURE_RATE_RAD_S = 1.0
 cdef double POSTURE_VELOCITY_RAD_S = 0.2
@@ -84,7 +84,7 @@ cdef class CartesianSource(Source):
         Args:
             kind: kind of interpolation between poses.
             model: model of the robot.
-            limits, within: limits of the joints and of the TCP.
+            limits, within: joint and TCP limits.
             period_s: cycle period.
             command_s: interval between two poses.
             request: request for the session, a record of `cobot.ipc.layout.session_dtype`.

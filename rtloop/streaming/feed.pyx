@@ -173,7 +173,7 @@ cdef class TargetFeed(Feed):
         return self.has_poses and self.poses.move_running
 
     cdef void c_read_setpoint(self) noexcept nogil:
-        """Read new data of the client: moves at once, a setpoint when one is due."""
+        """Read new data from the client: moves at once, a setpoint when one is due."""
         if self.box.setpoint.c_take_news():
             self.target_waits = True
             if self.has_poses and self.setpoint.session[0] == self.session:

@@ -23,7 +23,7 @@ SWITCH_S = 1e-4
 
 
 class Surroundings:
-    """Makes collision monitors from the files of the scene and the tool.
+    """Makes collision monitors from the scene and tool files.
 
     Attributes:
         busy: whether a monitor is being made.

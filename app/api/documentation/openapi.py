@@ -113,7 +113,7 @@ def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
 
 
 def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]]]:
-    """Describe the position limits of the joints, as a sentence and as a schema for each joint."""
+    """Describe the joints' position limits, as a sentence and as a schema for each joint."""
     each = {name: _table(limits) for name, limits in robots.items()}
     texts = {
         name: ", ".join(f"{joint} {low:g} to {high:g}" for joint, low, high in table)

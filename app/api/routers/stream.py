@@ -312,7 +312,7 @@ class StreamConnection:
 
     @property
     def _name(self) -> str:
-        """The displayed name of the client."""
+        """The client's displayed name."""
         client = self._socket.client
         return f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
 

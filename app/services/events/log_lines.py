@@ -1,4 +1,4 @@
-"""Publishes lines of the service's log as events."""
+"""Publishes the service's log lines as events."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
     """Find the columns of a header.
 
     Args:
-        joints: names of the robot's joints, from the base to the flange.
+        joints: the robot's joint names, from the base to the flange.
 
     Raises:
         InputError: a column is unknown, occurs twice or is missing. The error gives its name.

@@ -91,7 +91,7 @@ def read_points(
     and so on (rad/s²). If the separator is ";", numbers may use a decimal comma.
 
     Args:
-        joints: names of the robot's joints, from the base to the flange.
+        joints: the robot's joint names, from the base to the flange.
         separator: separator of the cells. None: find it in the header (semicolon, tab, comma, otherwise white
             space).
         check: function that is called with the first point, before the others are read. Its errors are passed

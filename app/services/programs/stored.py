@@ -1,5 +1,5 @@
-"""Stored programs in a folder of the robot. Their names can be in any language, and several versions of each
-are kept.
+"""Stored programs in one of the robot's folders. Their names can be in any language, and several versions of
+each are kept.
 
 Each version is a separate file, which `keep` writes as a whole. So a full disk or a killed process leaves
 earlier versions unchanged. The files are read for each request, so there is no copy in memory that could

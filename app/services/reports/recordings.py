@@ -49,7 +49,7 @@ class RecordingService:
     """One robot's recordings.
 
     Args:
-        settings: settings of the robot.
+        settings: the robot's settings.
         default_robot: name of the default robot, from which the name of the recorder's socket is derived.
 
     Attributes:
@@ -91,8 +91,7 @@ class RecordingService:
         This waits for a recorder that `cobot run` has just started.
 
         Returns:
-            The names of the files. For a recording that has been started, the prefix of the names of its
-                files.
+            The file names. For a recording that has been started, the prefix of the names of its files.
 
         Raises:
             UnavailableError: the recorder does not run or hangs, or the file cannot be written.

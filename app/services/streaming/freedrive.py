@@ -200,7 +200,7 @@ class FreedriveService:
         """Switch freedrive on.
 
         Args:
-            name: displayed name of the client.
+            name: the client's displayed name.
             timeout_s: time after which freedrive ends unless `renew` is called, s.
             answer_s: timeout for rtloop's answer, s.
 

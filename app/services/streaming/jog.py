@@ -108,7 +108,7 @@ class Jog:
         """Jog with this velocity for `SILENCE_S`. The first command begins a session.
 
         Args:
-            name: displayed name of the client.
+            name: the client's displayed name.
             timeout_s: timeout for rtloop's answer, s.
 
         Raises:

@@ -1,5 +1,5 @@
-"""Calculates the maximum speed of a jog at the arm's position, from the limits of the joints and of the TCP's
-speed, singularities and obstacles.
+"""Calculates the maximum speed of a jog at the arm's position, from the joint limits, the TCP speed limit,
+singularities and obstacles.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class StreamSession:
 
     Attributes:
         number, stream: number of the session in rtloop, and its kind.
-        name: displayed name of the client.
+        name: the client's displayed name.
         setpoint: the newest accepted setpoint.
         refused: number of frames that arrived out of order.
         over: reason why targets are no longer followed; "" while they are followed.
@@ -161,8 +161,7 @@ class StreamService:
 
     @property
     def info(self) -> np.ndarray:
-        """The last description of the robot from rtloop. The flange-to-TCP transform in it changes with the
-        tool.
+        """The last robot description from rtloop. The flange-to-TCP transform in it changes with the tool.
 
         It consists of zeros until rtloop has written a description, which may be after the start of the
         service.
@@ -220,7 +219,7 @@ class StreamService:
 
         Args:
             request: record of `cobot.ipc.layout.session_dtype`.
-            name: displayed name of the client.
+            name: the client's displayed name.
             timeout_s: timeout for rtloop's answer, s.
             stops: `RobotLink.stops` at the time of the request; None for its current value.
             caller: the caller, for a session that is a job.

@@ -28,7 +28,7 @@ def write_gripper(name: str, parent: Path) -> Path:
     """Create the folder `cobot-gripper-NAME`.
 
     Args:
-        name: type of the gripper, as in `robot.gripper`.
+        name: gripper type, as in `robot.gripper`.
 
     Returns:
         The folder.

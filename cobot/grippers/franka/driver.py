@@ -1,4 +1,4 @@
-"""The driver of the Franka Hand."""
+"""The Franka Hand driver."""
 
 from __future__ import annotations
 

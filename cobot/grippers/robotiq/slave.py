@@ -129,7 +129,7 @@ class Slave:
 
     Attributes:
         silent: whether the device does not answer, like an unplugged device.
-        garbage: whether the answers of the device are damaged.
+        garbage: whether the device's answers are damaged.
     """
 
     def __init__(self, fingers: Fingers, unit: int = 9) -> None:
@@ -139,9 +139,7 @@ class Slave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """The answer of the device to these bytes, which may be a part of a request or contain several
-        requests.
-        """
+        """The device's answer to these bytes, which may be a part of a request or contain several requests."""
         self._buffer = (self._buffer + data)[-512:]
         answers = b""
         while frame := self._next():

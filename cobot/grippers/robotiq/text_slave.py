@@ -21,7 +21,7 @@ class TextSlave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """The answer of the device to these bytes, which may be a part of a line or several lines."""
+        """The device's answer to these bytes, which may be a part of a line or several lines."""
         *lines, rest = (self._buffer + data).split(b"\n")
         self._buffer = rest[-MAX_LINE:]
         if self._slave.silent:

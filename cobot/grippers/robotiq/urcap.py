@@ -4,7 +4,7 @@ A client sends lines, `SET POS 255 SPE 128` or `GET POS`. The answer to SET is `
 name and the value, such as `POS 3`. The answer to anything else is `?`. Some controllers end answers with a
 newline, others do not.
 
-Source: the URCap's manual, chapter on the socket of the gripper.
+Source: the URCap's manual, chapter on the gripper socket.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ _PROGRAM = re.compile(r"programs/(?P<id>[a-z0-9][a-z0-9_-]{0,63})/(?P<version>[1
 
 
 def joints_of(settings: Settings) -> dict[str, list[str]]:
-    """The names of the joints of each robot.
+    """Each robot's joint names.
 
     Raises:
         ConfigError: see `load_joint_limits`.
@@ -66,7 +66,7 @@ class Backup:
     Attributes:
         about: keys of the manifest: `cobot` (the version that made it), `created`, and `robots` with their
             joints.
-        settings: text of the user's settings file; None if there was no file.
+        settings: content of the user's settings file; None if there was no file.
         robots: for each robot, the contents of its files by their names. A name is the path in the archive
             without `robots/NAME/`.
     """

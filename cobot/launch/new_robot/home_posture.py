@@ -101,7 +101,7 @@ def positions(
 
 
 def _flaw(robot: RobotModel, collision: CollisionChecker, joints: Array) -> str:
-    """The reason why a position is not possible for the robot; "" if it is possible."""
+    """The reason why the robot cannot take a position; "" if it can."""
     try:
         check_positions(robot.limits, joints)
     except CobotError as exc:

@@ -56,7 +56,7 @@ class _Source:
     """A robot that has been read from its file.
 
     Attributes:
-        rates: velocity and effort limits of the joints; 0 if unknown.
+        rates: the joints' velocity and effort limits; 0 if unknown.
         names: all joint names.
         stated: inertials of a URDF that were removed; None for MJCF.
     """
@@ -362,7 +362,7 @@ class NewRobot:
 
     @contextmanager
     def _errors_name_file(self, folder: Path) -> Iterator[None]:
-        """A context in which errors name the file of the user instead of the folder under construction."""
+        """A context in which errors name the user's file instead of the folder under construction."""
         try:
             yield
         except ConfigError as exc:

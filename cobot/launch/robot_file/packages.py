@@ -59,9 +59,7 @@ def _packages_below(folder: Path) -> Iterator[Path]:
 
 
 def _name(folder: Path) -> str:
-    """Name of the package in a folder: the name in its manifest, or without a manifest the name of the
-    folder.
-    """
+    """Name of the package in a folder: the name in its manifest, or without a manifest the folder name."""
     try:
         found = ElementTree.parse(folder / MANIFEST).getroot().findtext("name")
     except (OSError, ElementTree.ParseError):

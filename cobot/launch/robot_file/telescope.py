@@ -48,7 +48,7 @@ class Telescope:
         """Combine the telescope into one joint, which gets the name of the first.
 
         Args:
-            rates: velocity and effort limits of the joints; 0 if unknown. The entry of the first joint is
+            rates: the joints' velocity and effort limits; 0 if unknown. The entry of the first joint is
                 changed.
 
         Returns:

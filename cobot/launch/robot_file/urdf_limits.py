@@ -1,5 +1,5 @@
-"""The limits of the joints in a URDF. Missing values get the defaults of the format, and no limit is wider
-than in the file.
+"""The joint limits in a URDF. Missing values get the defaults of the format, and no limit is wider than in
+the file.
 """
 
 from __future__ import annotations

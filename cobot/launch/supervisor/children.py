@@ -57,15 +57,13 @@ class Children:
         return Child(SERVICE, command, self._log, (listener.fileno(), losses), tokens)
 
     def fleet(self, url: str) -> Child:
-        """The process that connects this cell to a fleet, if it belongs to one. It is a client of the
-        service.
-        """
+        """The process that connects this cell to a fleet, if it belongs to one. It is a service client."""
         command = [*RUN_MODULE, "cobot.fleet.cell", *self._both_files, *(("--url", url) if url else ())]
         environment = {FLEET_TOKEN_VARIABLE: self._fleet_token} | self._certificate()
         return Child("fleet", command, self._log, environment=environment)
 
     def ros2(self, url: str) -> Child:
-        """The DDS process. It is a client of the service at this URL, if there is one."""
+        """The DDS process. It is a service client at this URL, if there is one."""
         # Data that a DDS process leaves for its successor. The file is removed when the supervisor ends.
         participant_record = os.memfd_create("cobot-ros2")
         arguments = ["--participant-record", str(participant_record), *(("--url", url) if url else ())]

@@ -34,7 +34,7 @@ class HeartbeatWatch:
     """Watches one process, and the process that replaces it after a restart.
 
     Args:
-        name: name of the process for messages.
+        name: process name for messages.
         beats: returns a number that changes with each heartbeat.
         timeout_s: time without a heartbeat after which the process counts as hung; None for no timeout.
     """

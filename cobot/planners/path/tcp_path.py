@@ -22,7 +22,7 @@ class TcpPath:
     """A path of the TCP over u in [0, 1].
 
     Attributes:
-        name: name of the planner, for messages.
+        name: planner name, for messages.
         poses: function from shares u, shape (n,), to the poses in the base frame, shape (n, 7). Each row is a
             position x, y, z, m, and a quaternion w, x, y, z.
         length_m, angle_rad: distance and rotation of the TCP.

@@ -98,11 +98,11 @@ def time_optimal(
 ) -> Timed:
     """Time a path from rest to rest, close to the time optimum.
 
-    The limits of the joints apply, the limits of the TCP if they are given, and the effort limits of the
-    drives with the model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used,
-    even if `limits` are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`.
-    Efforts take part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`.
-    `zones` are parts of the path with lower limits.
+    The joint limits apply, the TCP limits if they are given, and the effort limits of the drives with the
+    model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, even if `limits`
+    are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`. Efforts take
+    part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`. `zones` are
+    parts of the path with lower limits.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or the limits are too

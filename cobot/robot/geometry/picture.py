@@ -50,7 +50,7 @@ and 1.5 GB of memory.
 MAX_MESHES = 64
 """Maximum number of meshes that are kept in memory for the next pictures."""
 _MESHES: dict[tuple[Path, bytes, tuple[float, ...]], list[Facets]] = {}
-"""Meshes by file, hash of the file's content, and scale."""
+"""Meshes by file, hash of the file content, and scale."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ form.
 
 
 class Axes:
-    """The axes of the joints at one joint position, in the base frame.
+    """The joint axes at one joint position, in the base frame.
 
     Attributes:
         directions, points: unit vector along each axis, and a point on it, m, shape (dof, 3) each. The point

@@ -16,7 +16,7 @@ class CobotArmConfig:
     Attributes:
         url: service URL, or of one of its robots: http://HOST:8007/robots/NAME.
         token: access token, if the service requires one. Default: the environment variable COBOT_TOKEN.
-        joints: names of the robot's joints, in their order.
+        joints: the robot's joint names, in their order.
         gripper: whether the gripper is observed and moved too. The robot must then have a gripper.
         rate_hz: rate of LeRobot's loop, 1 to 1000.
         interpolation: interpolation between two actions: quintic, ruckig or linear.

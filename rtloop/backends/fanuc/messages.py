@@ -96,7 +96,7 @@ class StatusPacket:
         time_ms: time on the controller's clock.
         pose: pose of the face plate: x, y, z in mm and w, p, r in degrees, in the world frame.
         joints: joint positions, degrees, for linear axes mm, shape (AXES,).
-        currents: motor currents, in units of the controller.
+        currents: motor currents, in controller units.
         safety_scale: share of the speed that the collaborative speed clamp permits.
         io: bytes of the configured blocks of inputs and outputs.
     """

@@ -22,9 +22,9 @@ from rtloop.backends.protocols import BackendError
 
 CLOSE_S = 2.0
 START_S = 10.0
-"""Timeout for the first answer of the process, s. A slow computer needs several seconds to start it."""
+"""Timeout for the first answer from the process, s. A slow computer needs several seconds to start it."""
 ANSWER_S = 3.0
-"""Timeout for an answer of the process, in addition to the driver's own timeout, s."""
+"""Timeout for an answer from the process, in addition to the driver's own timeout, s."""
 MAX_LINE = 1 << 21
 ENDED = "the process that speaks ROS 2 has ended or does not answer; a reset starts it again"
 
@@ -69,7 +69,7 @@ class Facts:
         controller: the controller that accepts the goals; "" if it is unknown.
         age_s: age of the last joint state, s; None before the first one.
         rate_hz: rate of joint states, Hz.
-        names: names of the joints in the joint state.
+        names: joint names in the joint state.
         missing: joints of the arm that the joint state does not contain.
         position, velocity, effort: measured values in the arm's order; None if the joint state lacks them.
         goal: the newest goal; None before the first one and after `forget`.

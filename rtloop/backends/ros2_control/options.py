@@ -41,9 +41,9 @@ class Ros2ControlOptions(BackendOptions):
         controller: name of the joint trajectory controller; None for the active controller that moves these
             joints.
         action: name of its action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
-        controller_manager: name of the controller manager below the namespace.
+        controller_manager: controller manager name below the namespace.
         joint_states: topic of the joint states; below the namespace if it does not begin with a slash.
-        joints: names of the arm's joints in ROS, in the arm's order; None for the names in the model.
+        joints: the arm's joint names in ROS, in the arm's order; None for the names in the model.
         prefix: prefix of each joint name in ROS.
         measured: quantities that joint_states contains besides positions.
         path_tolerance_rad, goal_tolerance_rad, goal_time_s: tolerances that are sent with each goal. With
@@ -60,8 +60,8 @@ class Ros2ControlOptions(BackendOptions):
             seen, otherwise 1, because drivers differ.
         io: where the inputs and outputs are: at a GPIO controller of ros2_controllers, or at a driver with
             its own services.
-        gpio_controller: name of the GPIO controller, or the beginning of the names of the driver's services;
-            None for the usual name.
+        gpio_controller: the GPIO controller's name, or the name prefix of the driver's services; None for the
+            usual name.
         inputs, outputs: interfaces by the names that cobot gives them. An interface is written as
             GPIO/INTERFACE, or as defined in `cobot.ros.driver_io`.
         analog: names of inputs and outputs whose values are numbers; the others are true or false.
@@ -114,7 +114,7 @@ class Ros2ControlOptions(BackendOptions):
 
     @property
     def io_names_begin(self) -> str:
-        """The whole name of the GPIO controller, or the beginning of the names of the driver's services."""
+        """The GPIO controller's full name, or the name prefix of the driver's services."""
         usual = CONTROLLER if self.io == GPIO else DRIVERS[self.io].below
         name = self.gpio_controller or usual
         return self.namespace if name is None else self.below(name)
@@ -128,7 +128,7 @@ class Ros2ControlOptions(BackendOptions):
 
 
 def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
-    """Return the names of the arm's joints in ROS, in the arm's order.
+    """Return the arm's joint names in ROS, in the arm's order.
 
     Raises:
         ConfigError: the number of names is wrong, or a name occurs twice.
@@ -145,7 +145,7 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
 
 
 def client_settings(options: Ros2ControlOptions, settings: Settings, names: list[str]) -> dict[str, Any]:
-    """Make the settings of the process that speaks DDS.
+    """Make the settings for the process that speaks DDS.
 
     Raises:
         ConfigError: the namespace is the same as for cobot's own topics.

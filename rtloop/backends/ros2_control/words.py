@@ -40,7 +40,7 @@ class Expectation:
 
     Attributes:
         topic: topic of the joint states.
-        names: names of the joints in ROS, in the arm's order.
+        names: joint names in ROS, in the arm's order.
         low, high: joint limits, shape (dof,), rad.
         measured: quantities that joint states contain besides positions.
         timeout_s, min_rate_hz: see the options.

@@ -35,7 +35,7 @@ def serve(
     """Run a simulated controller until SIGTERM or Ctrl-C.
 
     Args:
-        device: name of the device, as given to `cobot simulate`.
+        device: device name, as given to `cobot simulate`.
         chosen: command-line arguments, including `priority`.
         made: function that creates the server.
         said: the printed line with the address of the server.

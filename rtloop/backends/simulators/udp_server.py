@@ -76,7 +76,7 @@ class SteppedController(Protocol):
 
     Attributes:
         period_s: time between two of its packets, s.
-        events: descriptions of events, the newest last.
+        events: event descriptions, newest last.
     """
 
     period_s: float

@@ -16,7 +16,7 @@ class UrOptions(BackendOptions):
     """Options of a Universal Robots arm.
 
     Attributes:
-        address: IP address or name of the controller.
+        address: the controller's IP address or host name.
         port: TCP port of this computer to which the program on the controller connects; 0 for a free one.
         callback: address of this computer as the controller sees it; None for the address that the connection
             to the controller uses.

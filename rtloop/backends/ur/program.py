@@ -26,14 +26,14 @@ TORQUE_SCALE = 1e6
 """Integer that represents 1 N·m in a message."""
 END, POSITION, PAYLOAD, GUIDE, WAIT, EXERT = 0, 1, 2, 3, 4, 5
 PARTS = ("freedrive", "torque")
-"""Options that control lines of the program. A line that ends with the name of one of them is left out if the
-option is off.
+"""Options that control program lines. A line that ends with the name of one of them is left out if the option
+is off.
 """
 MAX_PERIODS = 1000
 
 
 def script(options: UrOptions, limits: JointLimits, host: str, port: int, token: int, period_s: float) -> str:
-    """Return the text of the program."""
+    """Return the program text."""
     text = files("rtloop.backends.ur").joinpath("control.script").read_text(encoding="utf-8")
     values = {
         "HOST": host,
@@ -143,7 +143,7 @@ class MotionProgram:
         return [self._stream] if self._stream is not None else []
 
     def poll(self) -> None:
-        """Accept the connection of the program, and detect its end."""
+        """Accept the program's connection, and detect its end."""
         if self._stream is not None:
             try:
                 self._stream.receive()

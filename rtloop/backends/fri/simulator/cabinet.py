@@ -60,10 +60,10 @@ class Cabinet:
 
     Attributes:
         arm: the simulated arm.
-        options: options of the cabinet.
+        options: cabinet options.
         connection: quality of the connection to its client.
         state, safety, mode: states of the session, the safety controller and the operator's key switch.
-        events: descriptions of events, the newest last.
+        events: event descriptions, newest last.
         motions: number of motions so far in which the overlay became active.
         below_good: number of times that the quality of a session has fallen below GOOD.
         io: inputs and outputs by name.

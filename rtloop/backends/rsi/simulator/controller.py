@@ -73,13 +73,13 @@ class RsiController:
 
     Attributes:
         arm: the simulated arm.
-        options: options of the controller.
+        options: controller options.
         ipoc: the controller's time stamp, ms.
         is_stopped: whether a safety stop is active. The drives are then off.
         mode: position of the operator's key switch.
         inputs, outputs: values of the inputs and outputs, in the order of the layout.
         starts_again: whether the operator starts the program again when nothing prevents it.
-        events: descriptions of events, the newest last.
+        events: event descriptions, newest last.
         wire: positions that the client has commanded, rad.
     """
 

@@ -48,7 +48,7 @@ class UrController:
     Attributes:
         time_s: time since the controller was switched on, s.
         robot_mode, safety, runtime: modes and program state as RTDE reports them.
-        events: descriptions of events, the newest last.
+        events: event descriptions, newest last.
         owners: sessions that have claimed RTDE inputs, by the names of these inputs.
         messages: error messages that are still to be sent over the primary interface.
         blocked: reason why a protective stop cannot be unlocked; "" if nothing prevents it.
